@@ -1,0 +1,69 @@
+# Stancekit: everything a newcomer types. A plain `make` lists the targets.
+
+SHELL := /bin/bash
+.SHELLFLAGS := -euo pipefail -c
+.DEFAULT_GOAL := help
+MAKEFLAGS += --no-print-directory
+
+PYTHON ?= python3
+VENV ?= .venv
+WORKERS ?= 2
+PINS ?= constraints.txt
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.stancekit-installed
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check --no-input
+FLOORS := $(addprefix typings/stancekit/,planners envs learners cli)
+BENCHMARKS := $(filter-out benchmarks/_%,$(wildcard benchmarks/*.py))
+
+# One thread a process: the problems are small, and the work is spread over processes.
+test demo bench: export OMP_NUM_THREADS = 1
+test demo bench: export OPENBLAS_NUM_THREADS = 1
+
+.PHONY: help setup lint test demo bench wheel clean
+
+help:  ## list these targets
+	@grep -E '^[a-z]+:.*## ' Makefile | sed -E 's/^([a-z]+):.*## (.*)/make \1\t\2/' | expand -t 14
+
+setup: $(STAMP)  ## make .venv and install what is needed (again only when the requirements change)
+
+$(STAMP): pyproject.toml setup.py constraints.txt
+	@command -v $(PYTHON) >/dev/null || { echo "Python 3.11 or newer is needed, and there is no $(PYTHON); try: make $(or $(MAKECMDGOALS),setup) PYTHON=/path/to/python"; exit 1; }
+	@$(PYTHON) -c 'import platform, sys; sys.exit(sys.version_info < (3, 11) and f"Python 3.11 or newer is needed, and $(PYTHON) is {platform.python_version()}; try: make $(or $(MAKECMDGOALS),setup) PYTHON=/path/to/python")'
+	@echo "setup 1/4: an environment in $(VENV)"
+	@$(PYTHON) -m venv $(VENV)
+	@$(PIP) install -c $(PINS) "setuptools>=77"
+	@echo "setup 2/4: stancekit and what it runs on (numpy, cvxpy, clarabel, casadi, gymnasium, ...)"
+	@$(PIP) install -c $(PINS) --no-build-isolation -e .
+	@echo "setup 3/4: torch and the other exact solvers (the largest download, some minutes on a slow line)"
+	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[exact,rl]"
+	@echo "setup 4/4: tools for testing and checking"
+	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[dev]"
+	@touch $@
+	@echo "setup done: $(BIN)/stancekit"
+
+lint: setup  ## ruff, mypy --strict, and the direction of imports
+	@echo "ruff"
+	@$(BIN)/ruff check
+	@echo "mypy"
+	@$(BIN)/mypy $(FLOORS)
+	@echo "import-linter"
+	@PYTHONPATH=typings $(BIN)/lint-imports
+
+test: lint  ## lint, then every test
+	@echo "pytest"
+	@$(BIN)/python -m pytest -n $(WORKERS)
+
+demo: setup  ## plan on sampled terrain and write pictures and files to out/demo
+	@$(BIN)/stancekit demo --out out/demo
+
+bench: setup  ## run every script in benchmarks/
+	@test -n "$(BENCHMARKS)" || { echo "there is no script in benchmarks/"; exit 1; }
+	@for script in $(BENCHMARKS); do echo "$$script"; $(BIN)/python "$$script"; done
+
+wheel: setup  ## build the wheel into dist/
+	@rm -rf build
+	@$(BIN)/python -m build --wheel --no-isolation --outdir dist
+
+clean:  ## remove what was built and cached; .venv and out/ stay
+	@rm -rf build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	@find . -path './$(VENV)' -prune -o -type d -name __pycache__ -exec rm -rf {} +

@@ -1,0 +1,1 @@
+"""The command ``stancekit``: one file a verb; the only floor that prints."""

@@ -1,0 +1,68 @@
+"""``stancekit label``: make a data set of exactly labelled posture problems."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from .console import emit, out, progress
+
+
+@dataclass
+class LabelPostures:
+    """Sample terrains and label them exactly (paper E, Algorithm 1) into a data set folder.
+
+    Half of the default rows are feasible, each with a verified posture; half are infeasible, each with a re-checked
+    proof. What is infeasible even without its moment balance is counted apart. A run that is stopped, however hard,
+    goes on where it was when it is started again; the rows do not depend on the number of workers.
+    """
+
+    problem: Annotated[str, tyro.conf.Positional]
+    """Distribution: ground-3, wall-3 or wall-5."""
+    folder: Annotated[Path, tyro.conf.Positional]
+    """Folder of the data set."""
+    feasible: int = 500
+    """Feasible rows."""
+    infeasible: int = 500
+    """Infeasible rows, none of them trivial."""
+    natural: bool = False
+    """Keep the first feasible + infeasible samples as they come instead, whatever their label."""
+    seed: int = 0
+    """Seed; use another one for training than for testing."""
+    shard_size: int = 250
+    """Rows a file: what an interruption can lose."""
+    workers: int = max(os.cpu_count() or 1, 1)
+    """Processes."""
+    json: bool = False
+    """Print the summary as one JSON object."""
+
+    def run(self) -> int:
+        """Label and sum up."""
+        from stancekit.learners.labelling import LabelPlan, Progress, label
+
+        plan = LabelPlan(
+            distribution=self.problem,
+            feasible=self.feasible,
+            infeasible=self.infeasible,
+            natural=self.natural,
+            seed=self.seed,
+            shard_size=self.shard_size,
+        )
+        with progress(f"label {self.problem}") as bar:
+
+            def told(state: Progress) -> None:
+                bar(state.rows, plan.rows)
+
+            summary = label(plan, self.folder, workers=self.workers, progress=told)
+        record = summary.to_json()
+        if self.json:
+            emit(record)
+        else:
+            out.print(f"[bold]{self.folder}[/bold]")
+            for name, value in record.items():
+                out.print(f"  {name:24} {value}")
+        return 0

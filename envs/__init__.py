@@ -1,0 +1,11 @@
+"""The world as an agent sees it: terrains, Gymnasium environments, pictures.
+
+Importing this package registers the environments, so ``gymnasium.register_envs(stancekit.envs)`` works, and so does
+``gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")``.
+"""
+
+import gymnasium
+
+gymnasium.register(
+    id="stancekit/EnvelopeSelection-v0", entry_point="stancekit.envs.selection:EnvelopeSelectionEnv", order_enforce=True
+)

@@ -1,0 +1,95 @@
+"""Where an environment's scenes come from: labelled posture problems, drawn at random or listed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from stancekit.planners.contact.exact import ExactPlanner
+from stancekit.planners.contact.stages import Stages
+from stancekit.planners.outcome import InvalidInput, Outcome, PlanningFailed, Posture, Status
+from stancekit.planners.scene import PostureProblem
+
+from .terrains import PostureDistribution
+
+MAX_DRAWS = 10_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scene:
+    """One problem with the expert's answer.
+
+    feasible: the label. posture: the expert's witness, None where infeasible. lower_bound: what the expert's
+    certificate proves where infeasible. expert_seconds: 0 where the label was read from a data set.
+    """
+
+    problem: PostureProblem
+    feasible: bool
+    posture: Posture | None
+    lower_bound: float = 0.0
+    expert_seconds: float = 0.0
+
+    @classmethod
+    def of(cls, problem: PostureProblem, outcome: Outcome) -> Scene:
+        """A problem that the expert decided."""
+        return cls(
+            problem=problem,
+            feasible=outcome.status is Status.FEASIBLE,
+            posture=outcome.posture,
+            lower_bound=outcome.lower_bound,
+            expert_seconds=outcome.seconds,
+        )
+
+
+class SceneSource(Protocol):
+    """Anything that hands out scenes."""
+
+    def draw(self, rng: np.random.Generator) -> Scene:
+        """Return the next scene."""
+        ...
+
+
+class SampledScenes:
+    """Scenes sampled from a distribution and labelled on the spot by the exact planner.
+
+    balanced: toss a coin for the label and draw until it comes, leaving out what is infeasible even without its moment
+    balance; else scenes come at their natural rates. Undecided problems are drawn again.
+    """
+
+    def __init__(
+        self, distribution: PostureDistribution, *, balanced: bool = True, stages: Stages | None = None
+    ) -> None:
+        self._distribution = distribution
+        self._balanced = balanced
+        self._expert = ExactPlanner(stages=stages)
+
+    def draw(self, rng: np.random.Generator) -> Scene:
+        """Draw a scene. Raises PlanningFailed where a label does not come up in MAX_DRAWS draws."""
+        wanted = bool(rng.integers(2))
+        for _ in range(MAX_DRAWS):
+            problem = self._distribution.sample(rng)
+            outcome = self._expert.solve(problem)
+            if outcome.status is Status.UNDECIDED:
+                continue
+            scene = Scene.of(problem, outcome)
+            if not self._balanced or (scene.feasible == wanted and not outcome.details["trivial"]):
+                return scene
+        raise PlanningFailed(f"{self._distribution.name}: no scene of the wanted label in {MAX_DRAWS} draws")
+
+
+class ListedScenes:
+    """Given scenes in their order, over and over; for evaluation."""
+
+    def __init__(self, scenes: Sequence[Scene]) -> None:
+        if not scenes:
+            raise InvalidInput("scenes: expected one or more, got none")
+        self._scenes = tuple(scenes)
+        self._next = 0
+
+    def draw(self, rng: np.random.Generator) -> Scene:
+        """Return the next scene of the list; ``rng`` is not used."""
+        scene = self._scenes[self._next % len(self._scenes)]
+        self._next += 1
+        return scene

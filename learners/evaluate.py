@@ -1,0 +1,198 @@
+"""Compare selectors: one rollout for all, Table I's shares with confidence intervals, and the paper's figures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from stancekit.envs.scenes import ListedScenes, Scene
+from stancekit.envs.selection import ADMITTED, EnvelopeSelectionEnv
+from stancekit.planners.contact.planner import Acceptance
+from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.contact.stages import Projection, Stages
+from stancekit.planners.outcome import InvalidInput, Status
+
+from .dataset import Dataset
+from .selectors.selector import Selector
+
+Progress = Callable[[int, int], None]
+
+TABLE_I: Mapping[str, Mapping[str, tuple[float, float, float, float]]] = MappingProxyType(
+    {
+        "ground-3": {
+            "cluster": (0.9816, 0.7778, 0.8354, 0.9816),
+            "GA": (0.7008, 0.9124, 0.3740, 0.7008),
+            "heuristic": (0.9977, 0.5000, 0.8491, 0.9977),
+        },
+        "wall-3": {
+            "cluster": (0.9362, 0.8000, 0.6332, 0.9362),
+            "GA": (0.7785, 0.9772, 0.6707, 0.7785),
+            "heuristic": (0.7872, 0.5133, 0.6075, 0.7872),
+        },
+        "wall-5": {
+            "cluster": (0.9527, 0.7931, 0.9041, 0.9349),
+            "GA": (0.6821, 0.9868, 0.6270, 0.6821),
+            "heuristic": (0.9290, 0.7241, 0.8810, 0.9225),
+        },
+    }
+)
+"""Paper E's Table I: P1 correct feasible, P1 correct infeasible, P1 → P2 by fix-p, P1 → P2 by NLP."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Share:
+    """A share of counts with its Wilson 95 % interval."""
+
+    hits: int
+    of: int
+
+    @property
+    def value(self) -> float:
+        """hits / of; NaN of nothing."""
+        return self.hits / self.of if self.of else float("nan")
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Wilson score interval, 95 %."""
+        if not self.of:
+            return float("nan"), float("nan")
+        z, n, p = 1.96, self.of, self.value
+        middle, half = p + z * z / (2 * n), z * float(np.sqrt(p * (1 - p) / n + z * z / (4 * n * n)))
+        return (middle - half) / (1 + z * z / n), (middle + half) / (1 + z * z / n)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Score:
+    """One row of the comparison.
+
+    p1_feasible, p1_infeasible: shares that P1 answers as the expert does. projected: of the feasible problems, the
+    share for which P1 → P2 ends in a verified posture, by projection. The rest are medians over the feasible problems
+    that P1 admits: McCormick gap, and milliseconds of P1.
+    """
+
+    selector: str
+    p1_feasible: Share
+    p1_infeasible: Share
+    projected: Mapping[Projection, Share]
+    gap: float = float("nan")
+    p1_ms: float = float("nan")
+    notes: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def balanced(self) -> float:
+        """Mean of both P1 shares."""
+        return 0.5 * (self.p1_feasible.value + self.p1_infeasible.value)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the row as numbers, intervals as [low, high]."""
+        shares = {"p1_feasible": self.p1_feasible, "p1_infeasible": self.p1_infeasible}
+        shares |= {f"project_{way.replace('-', '_')}": share for way, share in self.projected.items()}
+        record: dict[str, Any] = {"selector": self.selector}
+        for name, share in shares.items():
+            record[name] = share.value if share.of else None
+            record[f"{name}_interval"] = list(share.interval) if share.of else None
+            record[f"{name}_of"] = share.of
+        return record | {"gap": _number(self.gap), "p1_ms": _number(self.p1_ms), **self.notes}
+
+
+def scenes_of(dataset: Dataset) -> list[Scene]:
+    """The data set's feasible and hard infeasible rows as scenes."""
+    return [
+        Scene(
+            problem=row.problem,
+            feasible=row.status is Status.FEASIBLE,
+            posture=row.posture,
+            lower_bound=row.lower_bound,
+        )
+        for row in dataset
+        if row.status is not Status.UNDECIDED and not row.trivial
+    ]
+
+
+def rollout(
+    selector: Selector, env: EnvelopeSelectionEnv, episodes: int, progress: Progress | None = None
+) -> list[dict[str, Any]]:
+    """Play one-step episodes and return the info of each."""
+    infos = []
+    for episode in range(episodes):
+        observation, _ = env.reset(seed=0 if episode == 0 else None)
+        action, _ = selector.predict(observation, deterministic=True)
+        infos.append(env.step(action)[4])
+        if progress is not None:
+            progress(episode + 1, episodes)
+    return infos
+
+
+def evaluate(
+    name: str,
+    selector: Selector,
+    scenes: Sequence[Scene],
+    *,
+    problem_class: str,
+    projections: tuple[Projection, ...],
+    boxes: int = 1,
+    progress: Progress | None = None,
+) -> Score:
+    """Roll a selector out over the scenes, through the environment."""
+    env = EnvelopeSelectionEnv(
+        problem_class, boxes=boxes, projections=projections, scenes=ListedScenes(scenes), timing=True
+    )
+    infos = rollout(selector, env, len(scenes), progress)
+    feasible = [info for info in infos if info["label"]]
+    infeasible = [info for info in infos if not info["label"]]
+    admitted = [info for info in feasible if info["p1_feasible"]]
+    return Score(
+        selector=name,
+        p1_feasible=Share(hits=len(admitted), of=len(feasible)),
+        p1_infeasible=Share(hits=sum(info["reward_agreement"] > 0 for info in infeasible), of=len(infeasible)),
+        projected={
+            way: Share(hits=sum(info[f"project_{way.replace('-', '_')}"] for info in feasible), of=len(feasible))
+            for way in projections
+        },
+        gap=float(np.median([info["gap"] for info in admitted])) if admitted else float("nan"),
+        p1_ms=float(np.median([1e3 * info["p1_seconds"] for info in infos])),
+    )
+
+
+def evaluate_lift(
+    scenes: Sequence[Scene], *, projections: tuple[Projection, ...], progress: Progress | None = None
+) -> Score:
+    """The same figures for the lift, which has no box to choose."""
+    stages, acceptance = Stages(), Acceptance(tolerance=ADMITTED)
+    right = {True: 0, False: 0}
+    hits = dict.fromkeys(projections, 0)
+    for index, scene in enumerate(scenes):
+        scaled = ScaledProblem.of(scene.problem)
+        lift = stages.lift(scaled)
+        admits = lift.solved and lift.bound <= acceptance.gap
+        right[scene.feasible] += lift.solved and admits == scene.feasible
+        for way in projections if admits and scene.feasible else ():
+            point = stages.project(way, scaled, lift.point)
+            if np.isfinite(point.residual):
+                posture = scaled.posture(com=point.com, rotation=point.rotation, toes=point.toes, forces=point.forces)
+                outcome = acceptance.outcome(scene.problem, method=way, begin=0.0, posture=posture)
+                hits[way] += outcome.status is Status.FEASIBLE
+        if progress is not None:
+            progress(index + 1, len(scenes))
+    feasible = sum(scene.feasible for scene in scenes)
+    return Score(
+        selector="lift",
+        p1_feasible=Share(hits=right[True], of=feasible),
+        p1_infeasible=Share(hits=right[False], of=len(scenes) - feasible),
+        projected={way: Share(hits=count, of=feasible) for way, count in hits.items()},
+    )
+
+
+def check_same_class(dataset: Dataset, problem_class: str, where: str) -> None:
+    """Raise InvalidInput where envelopes and data set were made for different problems."""
+    if dataset.problem_class != problem_class:
+        raise InvalidInput(
+            f"{where}: expected envelopes learned for {dataset.problem_class}, got some learned for {problem_class}"
+        )
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,0 +1,299 @@
+"""Algorithm 1 of paper E, DataGeneration: draw posture problems, decide them exactly, keep S and S̄ as a data set.
+
+Work comes in shards. A shard is drawn from a random stream of its own by a planner of its own, so its rows depend on
+nothing but the plan, and is written at once when its quotas are full, so a run that was killed goes on where it was.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, cast
+
+import joblib
+import numpy as np
+from stancekit.envs.terrains import PostureDistribution, distribution
+from stancekit.planners.arrays import Array
+from stancekit.planners.contact.exact import ExactPlanner
+from stancekit.planners.contact.planner import Acceptance
+from stancekit.planners.contact.relax import PostureWithoutMoment
+from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.outcome import Certificate, InvalidInput, Outcome, StancekitError, Status
+from stancekit.planners.scene import PostureProblem
+from stancekit.planners.verify import check_certificate, check_posture
+
+from . import ledger
+from .dataset import Dataset, LabelledPosture, finite, point_of, table_of
+from .dataset import Summary as Summary
+from .ledger import Counts, Header, Tally
+from .ledger import LabelPlan as LabelPlan
+
+Task = Callable[[], Tally]
+Executor = Callable[[Sequence[Task]], Iterable[Tally]]
+"""Runs independent tasks, in any order and anywhere that sees the folder, and gives back each one's answer."""
+ORPHANS_LIVE_S = 60
+"""Processes whose run was killed finish the shards that they were given, and end when idle for so long."""
+
+log = logging.getLogger(__name__)
+
+
+class LabellingFailed(StancekitError):
+    """The distribution does not give the rows that were planned."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """How far a run is. rows, drawn: of all shards that are done; rate: samples drawn per second in this run."""
+
+    shards_done: int
+    shards: int
+    rows: int
+    drawn: int
+    rate: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecheckReport:
+    """What the verifier says of all stored witnesses and certificates.
+
+    refused: indices of the rows whose proof is missing, is not accepted or proves less than its row says.
+    worst_residual: largest violation by a witness; smallest_bound: of what the certificates of rows that are not
+    trivial prove, both non-dimensional; NaN without any.
+    """
+
+    witnesses: int
+    certificates: int
+    refused: tuple[int, ...]
+    worst_residual: float
+    smallest_bound: float
+    seconds: float
+
+    @property
+    def accepted(self) -> bool:
+        """Whether all were."""
+        return not self.refused
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON-ready values; what is not finite becomes null."""
+        return {"accepted": self.accepted, **finite(asdict(self))}
+
+
+def label(
+    plan: LabelPlan,
+    path: str | Path,
+    *,
+    workers: int = 1,
+    progress: Callable[[Progress], None] | None = None,
+    source: PostureDistribution | None = None,
+    run: Executor | None = None,
+    draws_per_row: int = 10_000,
+) -> Summary:
+    """Make the planned data set in this folder, or what is missing of it.
+
+    workers: processes; the rows do not depend on them. progress: called once at the start and after every shard.
+    source: the distribution, where its name is not a registered one. run: runs the tasks in place of ``processes``.
+    draws_per_row: a shard gives up after this many draws a row.
+    Raises InvalidInput where the folder holds another data set, LabellingFailed where a shard gives up.
+    """
+    folder, source = Path(path), source or distribution(plan.distribution)
+    if source.name != plan.distribution:
+        raise InvalidInput(f"distribution: expected the planned {plan.distribution!r}, got {source.name!r}")
+    header = _begin(folder, plan, source)
+    there = ledger.Ledger.open(folder)
+    done, begin = dict(there.tallies), time.perf_counter()
+    earlier = sum(tally.drawn.total for tally in done.values())
+
+    def report() -> None:
+        drawn, rows = (sum(getattr(tally, name).total for tally in done.values()) for name in ("drawn", "rows"))
+        rate = (drawn - earlier) / max(time.perf_counter() - begin, 1e-9)
+        if progress is not None:
+            progress(Progress(shards_done=len(done), shards=plan.shards, rows=rows, drawn=drawn, rate=rate))
+
+    report()
+    tasks = [partial(label_shard, header, source, folder, shard, draws_per_row) for shard in there.missing]
+    for tally in (run or processes(workers))(tasks):
+        done[tally.shard] = tally
+        report()
+    return Dataset.open(folder).summary()
+
+
+def processes(workers: int) -> Executor:
+    """Run tasks on this many processes; on one, this process. Raises InvalidInput."""
+    if workers < 1:
+        raise InvalidInput(f"workers: expected 1 or more, got {workers}")
+
+    def run(tasks: Sequence[Task]) -> Iterable[Tally]:
+        if workers == 1 or len(tasks) < 2:
+            return (task() for task in tasks)
+        with joblib.parallel_config(backend="loky", inner_max_num_threads=1, idle_worker_timeout=ORPHANS_LIVE_S):
+            pool = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
+        return cast(Iterable[Tally], pool(joblib.delayed(task)() for task in tasks))
+
+    return run
+
+
+def recheck(dataset: Dataset) -> RecheckReport:
+    """Let the verifier judge every stored witness and certificate again: no solver takes part."""
+    begin, plan = time.perf_counter(), dataset.header.plan
+    refused, residuals, bounds, certificates = [], [], [], 0
+    for index, row in enumerate(dataset):
+        accepted = row.status is Status.UNDECIDED
+        if row.status is Status.FEASIBLE and row.posture is not None and row.point is not None:
+            report = check_posture(row.problem, row.posture, tolerance=plan.tolerance)
+            residuals.append(report.worst)
+            off = float(np.abs(point_of(row.problem, row.posture) - row.point).max())
+            accepted = report.accepted and off < 1e-9
+        elif row.status is Status.INFEASIBLE and row.certificate is not None:
+            proof = check_certificate(row.problem, row.certificate, tolerance=plan.gap)
+            certificates += 1
+            bounds += [] if row.trivial else [proof.lower_bound]
+            accepted = proof.accepted and proof.lower_bound >= (1.0 - 1e-9) * row.lower_bound
+        refused += [] if accepted else [index]
+    return RecheckReport(
+        witnesses=len(residuals),
+        certificates=certificates,
+        refused=tuple(refused),
+        worst_residual=max(residuals, default=math.nan),
+        smallest_bound=min(bounds, default=math.nan),
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def samples(plan: LabelPlan, shard: int, source: PostureDistribution | None = None) -> Iterator[PostureProblem]:
+    """The endless stream of samples that a shard is drawn from; a row's ``sample`` counts from 0."""
+    source = source or distribution(plan.distribution)
+    rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(shard,)))
+    while True:
+        yield source.sample(rng)
+
+
+def label_shard(header: Header, source: PostureDistribution, folder: Path, shard: int, draws_per_row: int) -> Tally:
+    """Draw one shard until its quotas are full, and write it."""
+    begin, plan = time.process_time(), header.plan
+    quota = plan.quota(shard)
+    room = Counter({"feasible": quota[0], "infeasible": quota[1]})
+    kept: list[LabelledPosture] = []
+    drawn: list[str] = []
+    solve_ms: list[float] = []
+    labeller = _Labeller(plan, shard)
+    for sample, problem in enumerate(samples(plan, shard, source)):
+        if len(kept) == sum(quota):
+            break
+        if sample >= draws_per_row * sum(quota):
+            lacks = " and ".join(f"{count} {kind}" for kind, count in room.items() if count > 0)
+            raise LabellingFailed(f"{plan.distribution}: shard {shard} lacks {lacks} rows after {sample} draws")
+        outcome = labeller.decide(problem)
+        row, kind = None, labeller.kind(outcome)
+        if plan.natural or room[kind] > 0:
+            row = labeller.row(problem, outcome, sample=sample, row=len(kept))
+            kind = row.kind
+        if row and (plan.natural or room[kind] > 0):
+            kept.append(row)
+            room[kind] -= 1
+        drawn.append(kind)
+        solve_ms.append(round(1e3 * outcome.seconds, 3))
+    undecided = [sample for sample, kind in enumerate(drawn) if kind == "undecided"]
+    if undecided:
+        log.warning("shard %d: %d of %d samples stayed undecided: %s", shard, len(undecided), len(drawn), undecided)
+    tally = Tally(
+        dataset=header.digest,
+        shard=shard,
+        rows=Counts(**Counter(row.kind for row in kept)),
+        drawn=Counts(**Counter(drawn)),
+        undecided_samples=undecided,
+        software=ledger.software(),
+    )
+    table, cpu_s = table_of(kept, len(header.legs)), time.process_time() - begin
+    ledger.write_shard(folder, table, tally, ledger.Timing(shard=shard, cpu_s=cpu_s, solve_ms=solve_ms))
+    return tally
+
+
+class _Labeller:
+    """Lines 4 to 11 of Algorithm 1. No clock takes part, so a slow machine labels as a fast one does."""
+
+    def __init__(self, plan: LabelPlan, shard: int) -> None:
+        self._shard = shard
+        self._acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
+        self._exact = ExactPlanner(acceptance=self._acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf)
+        self._without: dict[tuple[int, int], PostureWithoutMoment] = {}
+
+    def decide(self, problem: PostureProblem) -> Outcome:
+        """P, with a witness or a certificate."""
+        return self._exact.solve(problem)
+
+    @staticmethod
+    def kind(outcome: Outcome) -> str:
+        """The label, "trivial" set apart."""
+        trivial = outcome.status is Status.INFEASIBLE and outcome.details["trivial"] > 0.0
+        return "trivial" if trivial else str(outcome.status)
+
+    def row(self, problem: PostureProblem, outcome: Outcome, *, sample: int, row: int) -> LabelledPosture:
+        """The row as it will be kept; undecided if what is kept of the proof does not prove the label."""
+        status, trivial, posture = outcome.status, self.kind(outcome) == "trivial", outcome.posture
+        point = None if posture is None else point_of(problem, posture)
+        certificate, bound = None, 0.0
+        if outcome.certificate is not None:
+            multipliers = outcome.certificate.multipliers.astype(np.float32).astype(np.float64)
+            certificate = Certificate(tree=outcome.certificate.tree, multipliers=multipliers)
+            proof = check_certificate(problem, certificate, tolerance=self._acceptance.gap)
+            bound = proof.lower_bound
+            point = None if trivial else self._point_without(problem)
+            if not proof.accepted or (point is None and not trivial):
+                status, trivial, certificate, point, bound = Status.UNDECIDED, False, None, None, 0.0
+        return LabelledPosture(
+            shard=self._shard, row=row, sample=sample, problem=problem, status=status, trivial=trivial,
+            posture=posture, point=point, certificate=certificate, lower_bound=bound,
+            solves=outcome.solves, nodes=int(outcome.details["nodes"]),
+        )  # fmt: skip
+
+    def _point_without(self, problem: PostureProblem) -> Array | None:
+        """[p̄, f̄] of an answer of P̄ that violates nothing but the moment balance, or None."""
+        scaled = ScaledProblem.of(problem)
+        if scaled.size not in self._without:
+            self._without[scaled.size] = PostureWithoutMoment(*scaled.size)
+        found = self._without[scaled.size].solve(scaled)
+        if found is None:
+            return None
+        posture = scaled.posture(com=found.com, rotation=found.rotation, toes=found.toes, forces=found.forces)
+        worst = max(g.worst for g in check_posture(problem, posture).groups if g.group != "moment_balance")
+        return point_of(problem, posture) if worst <= self._acceptance.tolerance else None
+
+
+def _begin(folder: Path, plan: LabelPlan, source: PostureDistribution) -> Header:
+    """The header of a new data set, or that of the one begun here after checking that it is the same."""
+    first = next(samples(plan, 0, source))
+    header = Header(
+        problem_class=plan.distribution,
+        legs=list(first.legs),
+        plan=plan,
+        first_sample=hashlib.sha256(json.dumps(first.to_json()).encode()).hexdigest(),
+        software=ledger.software(),
+    )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"{folder}: expected a folder or room for one, got {error.strerror}") from None
+    ledger.remove_leftovers(folder)
+    if not (folder / ledger.HEADER).exists() and not any(folder.glob("shard-*.parquet")):
+        ledger.write_atomically(folder / ledger.HEADER, header.model_dump_json(indent=1).encode())
+        return header
+    there = ledger.read_header(folder)
+    where, begun = f"{folder / ledger.HEADER}", asdict(there.plan)
+    for key, planned in asdict(plan).items():
+        if planned != begun[key]:
+            raise InvalidInput(f"{where}: {key}: expected {planned!r} as planned, got {begun[key]!r}")
+    if there.digest != header.digest:
+        raise InvalidInput(f"{where}: first_sample: expected what {source.name!r} draws here and now, got another")
+    if there.software != header.software:
+        log.warning("%s was begun with %s, goes on with %s", folder, there.software, header.software)
+    return there
+
+

@@ -1,0 +1,299 @@
+"""The files of a data set, a JSON header and Parquet shards, each written whole or not at all.
+
+``header.json`` says what was planned; ``shard-00000.parquet`` holds rows and, in its metadata, how they were drawn.
+They follow from the plan to the last byte. How long it took does not, and is kept apart in ``timing-00000.json``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import astuple, dataclass, field, fields
+from functools import cached_property
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, ClassVar, Literal, TypeVar
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.scene.posture import pydantic_lines
+
+SHARD_FORMAT = "stancekit/shard/1"
+HEADER = "header.json"
+SOFTWARE = ("stancekit", "numpy", "clarabel", "cvxpy")
+STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LabelPlan:
+    """What to label. The rows follow from it to the last bit, whoever draws them (on processors of one kind).
+
+    distribution: name of the distribution of problems. feasible, infeasible: rows of each label; the infeasible ones
+    are never trivial, that is, infeasible even without the moment balance. natural: keep the first
+    ``feasible + infeasible`` samples as they come instead, whatever their label.
+    shard_size: rows a shard, give or take one: what is drawn and written at once, and so what an interruption loses;
+    a shard compiles its models anew, which takes about as long as 80 samples.
+    seed: the samples of shard k are the stream of ``SeedSequence(seed, spawn_key=(k,))``: sets for training and for
+    testing need different seeds. tolerance, gap, max_nodes: as in ``Acceptance`` and ``ExactPlanner``; more nodes
+    decide more of the hardest samples. Raises InvalidInput.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    distribution: str
+    feasible: int
+    infeasible: int
+    shard_size: int = 1000
+    seed: int = 0
+    natural: bool = False
+    tolerance: float = 1e-6
+    gap: float = 1e-4
+    max_nodes: int = 2000
+
+    def __post_init__(self) -> None:
+        for name, least in (("feasible", 0), ("infeasible", 0), ("shard_size", 1), ("seed", 0), ("max_nodes", 1)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < least:
+                raise InvalidInput(f"{name}: expected an integer of at least {least}, got {value!r}")
+        for name in ("tolerance", "gap"):
+            if not 0.0 < getattr(self, name) < 1.0:
+                raise InvalidInput(f"{name}: expected a number between 0 and 1, got {getattr(self, name)!r}")
+        if not self.rows:
+            raise InvalidInput("feasible, infeasible: expected one row or more, got none")
+
+    @property
+    def rows(self) -> int:
+        """Rows of the whole set."""
+        return self.feasible + self.infeasible
+
+    @property
+    def shards(self) -> int:
+        """How many shards the rows are spread over."""
+        return -(-self.rows // self.shard_size)
+
+    def quota(self, shard: int) -> tuple[int, int]:
+        """(feasible, infeasible) rows of one shard; with ``natural`` only their sum counts."""
+
+        def share(count: int, k: int) -> int:
+            return (k + 1) * count // self.shards - k * count // self.shards
+
+        return share(self.feasible, shard), share(self.infeasible, self.shards - 1 - shard)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Counts:
+    """How many of each kind; ``infeasible`` leaves out the trivially infeasible."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = STRICT
+
+    feasible: int = 0
+    infeasible: int = 0
+    trivial: int = 0
+    undecided: int = 0
+
+    @property
+    def total(self) -> int:
+        """All of them."""
+        return sum(astuple(self))
+
+    def __add__(self, other: Counts) -> Counts:
+        return Counts(**{f.name: getattr(self, f.name) + getattr(other, f.name) for f in fields(self)})
+
+
+class Header(BaseModel):
+    """``header.json``: the plan, and what else is true of every row. legs: of the contacts, in their order.
+
+    first_sample: SHA-256 of the first problem drawn, to know the distribution by. software: versions at the beginning.
+    """
+
+    model_config = STRICT
+    format: Literal["stancekit/dataset/1"] = "stancekit/dataset/1"
+    problem_class: str
+    legs: list[str] = Field(min_length=1)
+    plan: LabelPlan
+    first_sample: str
+    software: dict[str, str]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything but the software: what ties a shard to its data set."""
+        return hashlib.sha256(self.model_dump_json(exclude={"software"}).encode()).hexdigest()
+
+
+class Tally(BaseModel):
+    """What a shard says of itself in its metadata. dataset: the header's digest; rows: kept; drawn: kept or not.
+
+    undecided_samples: sample numbers of the undecided. software: versions that the shard was made with.
+    """
+
+    model_config = STRICT
+    format: Literal["stancekit/shard/1"] = "stancekit/shard/1"
+    dataset: str
+    shard: int
+    rows: Counts
+    drawn: Counts
+    undecided_samples: list[int]
+    software: dict[str, str]
+
+
+class Timing(BaseModel):
+    """``timing-00000.json``. cpu_s: processor time of the shard; solve_ms: of every sample drawn, wall clock [ms]."""
+
+    model_config = STRICT
+    format: Literal["stancekit/timing/1"] = "stancekit/timing/1"
+    shard: int
+    cpu_s: float
+    solve_ms: list[float]
+
+
+def software() -> dict[str, str]:
+    """Versions of what the labels depend on."""
+    return {name: version(name) for name in SOFTWARE}
+
+
+def shard_schema(contacts: int) -> pa.Schema:
+    """Columns of a shard of problems with N contacts; ``problem`` is JSON. What a row does not have is null."""
+    body, feet, point = (pa.fixed_shape_tensor(pa.float64(), s) for s in ([3], [contacts, 3], [contacts, 6]))
+    int32, int64, float64, text = pa.int32(), pa.int64(), pa.float64(), pa.string()
+    of_all = {"shard": int32, "row": int32, "sample": int64, "problem": text, "label": text, "trivial": pa.bool_()}
+    of_all |= {"lower_bound": float64, "solves": int32, "nodes": int32}
+    of_some = {"com_m": body, "rotation_rad": body, "toes_m": feet, "forces_n": feet, "point": point}
+    of_some |= {"tree": pa.list_(float64), "multipliers": pa.list_(pa.float32())}  # 4 a node; 6 + 3N a leaf
+    columns = [pa.field(name, kind, nullable=False) for name, kind in of_all.items()]
+    return pa.schema(columns + [pa.field(name, kind) for name, kind in of_some.items()])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ledger:
+    """What there is of one data set. tallies: by shard number."""
+
+    folder: Path
+    header: Header
+    tallies: Mapping[int, Tally] = field(default_factory=dict)
+
+    @classmethod
+    def open(cls, folder: Path) -> Ledger:
+        """Read header and metadata of all shards that are there. Raises InvalidInput."""
+        header = read_header(folder)
+        tallies = [read_tally(path, header) for path in sorted(folder.glob("shard-*.parquet"))]
+        return cls(folder=folder, header=header, tallies={tally.shard: tally for tally in tallies})
+
+    @cached_property
+    def starts(self) -> list[int]:
+        """How many rows come before every shard and, last, how many there are; where none is missing."""
+        return list(itertools.accumulate((self.tallies[k].rows.total for k in range(len(self.tallies))), initial=0))
+
+    @property
+    def missing(self) -> list[int]:
+        """Numbers of the shards that are not there."""
+        return [shard for shard in range(self.header.plan.shards) if shard not in self.tallies]
+
+    def read(self, shard: int, columns: list[str] | None = None) -> pa.Table:
+        """All rows of a shard, of these columns only if given. Raises InvalidInput for a damaged file."""
+        path = self.folder / shard_name(shard)
+        try:
+            return pq.read_table(path, columns=columns, page_checksum_verification=True, use_threads=False)
+        except (pa.ArrowException, OSError) as error:
+            raise InvalidInput(f"{path}: expected a whole Parquet file, got {_line(error)}") from None
+
+    def timings(self) -> list[Timing]:
+        """Times of the shards, of those that have any."""
+        paths = (self.folder / timing_name(shard) for shard in self.tallies)
+        return [_read_json(path, Timing) for path in paths if path.exists()]
+
+
+def write_shard(folder: Path, table: pa.Table, tally: Tally, timing: Timing) -> None:
+    """Commit a shard: once its file is there, it counts."""
+    write_atomically(folder / timing_name(tally.shard), timing.model_dump_json().encode())
+    sink = pa.BufferOutputStream()
+    table = table.replace_schema_metadata({"stancekit": tally.model_dump_json()})
+    pq.write_table(table, sink, compression="zstd", write_page_checksum=True)
+    write_atomically(folder / shard_name(tally.shard), sink.getvalue())
+
+
+def read_header(folder: Path) -> Header:
+    """The header of the data set in this folder. Raises InvalidInput."""
+    if not folder.is_dir():
+        found = "a file" if folder.exists() else "nothing"
+        raise InvalidInput(f"{folder}: expected the folder of a data set, found {found}")
+    path = folder / HEADER
+    if not path.exists():
+        raise InvalidInput(f"{path}: expected the header of a data set, found nothing")
+    return _read_json(path, Header)
+
+
+def read_tally(path: Path, header: Header) -> Tally:
+    """Metadata of a shard, checked against the header. Raises InvalidInput."""
+    try:
+        file = pq.ParquetFile(path)
+    except (pa.ArrowException, OSError) as error:
+        raise InvalidInput(f"{path}: expected a whole Parquet file, got {_line(error)}") from None
+    with file:
+        schema, rows = file.schema_arrow, file.metadata.num_rows
+    try:
+        tally = Tally.model_validate_json((schema.metadata or {}).get(b"stancekit", b""))
+    except ValidationError:
+        raise InvalidInput(f"{path}: expected a shard ({SHARD_FORMAT}), got another Parquet file") from None
+    if tally.dataset != header.digest or path.name != shard_name(tally.shard) or tally.shard >= header.plan.shards:
+        raise InvalidInput(f"{path}: expected a shard of this data set, got shard {tally.shard} of another")
+    if rows != tally.rows.total or not schema.remove_metadata().equals(shard_schema(len(header.legs))):
+        raise InvalidInput(f"{path}: expected {tally.rows.total} rows of the columns of {SHARD_FORMAT}, got others")
+    return tally
+
+
+def write_atomically(path: Path, content: bytes | pa.Buffer) -> None:
+    """Put a file in its place whole or not at all, also when the machine stops."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with open(temporary, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Remove what killed runs were writing."""
+    for name in (HEADER, "shard-*", "timing-*"):
+        for path in folder.glob(f".{name}.*.tmp"):
+            path.unlink(missing_ok=True)
+
+
+def shard_name(shard: int) -> str:
+    """File name of a shard."""
+    return f"shard-{shard:05d}.parquet"
+
+
+def timing_name(shard: int) -> str:
+    """File name of a shard's times."""
+    return f"timing-{shard:05d}.json"
+
+
+def _read_json(path: Path, model: type[Model]) -> Model:
+    expected = model.model_fields["format"].default
+    try:
+        content = path.read_bytes()
+        data: Any = json.loads(content)
+    except (OSError, ValueError, RecursionError) as error:
+        raise InvalidInput(f"{path}: expected JSON of format {expected!r}, got {_line(error)}") from None
+    if not isinstance(data, dict) or data.get("format") != expected:
+        got = data.get("format") if isinstance(data, dict) else data
+        raise InvalidInput(f"{path}: format: expected {expected!r}, got {got!r:.60}")
+    try:
+        return model.model_validate_json(content)
+    except ValidationError as error:
+        raise InvalidInput(f"{path}: " + "; ".join(pydantic_lines(error))) from None
+
+
+def _line(error: Exception) -> str:
+    """The first line of what another library says."""
+    return (str(error) or type(error).__name__).splitlines()[0]

@@ -1,0 +1,1 @@
+"""Selectors: scene in, envelopes out."""

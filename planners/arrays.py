@@ -1,0 +1,57 @@
+"""Read-only arrays for value classes, with the shape and the range checked once where a value enters the house."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .outcome import InvalidInput
+
+Array = NDArray[np.float64]
+
+LARGEST = 1e6
+"""No length [m], mass [kg], force [N] or ratio of a legged robot exceeds this; a larger one is a mistake in units."""
+
+
+def frozen(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Array:
+    """Return a read-only float copy of ``value`` after checking shape, finiteness and magnitude.
+
+    ``shape`` has ``None`` where any length will do; ``where`` names the key in error messages.
+    Raises InvalidInput.
+    """
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{where}: expected numbers of shape {_shape_text(shape)}, got {value!r:.80}") from None
+    if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        raise InvalidInput(f"{where}: expected shape {_shape_text(shape)}, got {array.shape}")
+    largest = float(abs(array).max()) if array.size else 0.0
+    if not largest <= LARGEST:  # also false for NaN
+        if not np.all(np.isfinite(array)):
+            raise InvalidInput(f"{where}: expected finite numbers, got {array.tolist()!r:.80}")
+        raise InvalidInput(f"{where}: expected magnitudes up to {LARGEST:g}, got {largest:g}")
+    array.setflags(write=False)
+    return array
+
+
+def checked(
+    value: Any, where: str, *, least: float = -LARGEST, above: float | None = None, most: float = LARGEST
+) -> float:
+    """Return ``value`` as a float in [least, most], or in (above, most] with ``above``. Raises InvalidInput."""
+    number = float(frozen(value, (), where))
+    if above is not None and not number > above:
+        raise InvalidInput(f"{where}: expected a number above {above:g}, got {number:g}")
+    if not least <= number <= most:
+        raise InvalidInput(f"{where}: expected a number in [{least:g}, {most:g}], got {number:g}")
+    return number
+
+
+def cross(a: Array, b: Array) -> Array:
+    """a × b of single vectors, shape (3,); an order of magnitude faster than ``np.cross``."""
+    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def _shape_text(shape: tuple[int | None, ...]) -> str:
+    return "(" + ", ".join("any" if n is None else str(n) for n in shape) + ("," if len(shape) == 1 else "") + ")"

@@ -1,0 +1,132 @@
+"""P1 lift: the relaxation that needs no learned box.
+
+With p_w = Σ λ_u v_u and f_u := λ_u f the moment Σ p_w × f is Σ_u v_u × f_u, linear; Σ_u f_u = f holds by definition,
+and each f_u lies in the friction cone and in λ_u times the force box. Only toe-in-patch times force is relaxed; the
+centre of mass is not, since Σ f is fixed (see ``terms.Equilibrium``). Minimising the moment residual over the lift
+gives a lower bound on the residual of the posture problem, and multipliers that prove it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cvxpy as cp
+import numpy as np
+
+from ..arrays import Array
+from ..conic import ConicModel, ConicSolution, ConicStatus
+from .project import Point
+from .scaled import ScaledProblem, side_by_side, skew
+from .terms import Body, Equilibrium, Residual, Toes, friction_cones
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LiftAnswer:
+    """One solve of the lift.
+
+    bound: least moment residual over the relaxation, inf where it is infeasible even without the moment balance.
+    multipliers: a certificate's row for this bound, shape (6 + 3N,). The rest is there where the bound is finite:
+    toes: shape (N, 3); forces: Σ_u f_u, shape (N, 3); by_vertex: f_u, shape (N, U, 3); weights: λ, shape (N, U).
+    solved: False where the solver gave up; then the bound is 0, which proves nothing.
+    """
+
+    solved: bool
+    bound: float
+    multipliers: Array
+    toes: Array
+    forces: Array
+    by_vertex: Array
+    weights: Array
+    com: Array
+    rotation: Array
+
+    @property
+    def point(self) -> Point:
+        """The answer as a point to project from; only where ``bound`` is finite."""
+        return Point(com=self.com, rotation=self.rotation, toes=self.toes, forces=self.forces, residual=self.bound)
+
+
+class LiftModel:
+    """The lift for N contacts and U vertices a patch, compiled.
+
+    whole_box: keep every row of the force box. Where ``ScaledProblem.box_implied`` holds they are implied by the cones
+    and the normal-force limit, and the model without them is half the size.
+    """
+
+    def __init__(self, contacts: int, vertices: int, *, whole_box: bool) -> None:
+        self._whole_box = whole_box
+        body, toes = Body(contacts), Toes(contacts, vertices)
+        lifted = cp.Variable(3 * contacts * vertices, name="lifted")
+        by_vertex = cp.reshape(lifted, (contacts * vertices, 3), order="C")
+        share = cp.vec(toes.weights, order="C")
+        equilibrium = Equilibrium(3 * contacts * vertices)
+        friction = cp.Parameter(contacts * vertices, name="friction")
+        low = cp.Parameter((contacts * vertices, 3), name="force_min")
+        high = cp.Parameter((contacts * vertices, 3), name="force_max")
+        residual = Residual(equilibrium.moment(lifted, body))
+        balance, reach = equilibrium.of_forces(lifted), body.within_reach(toes.position())
+        one, positive = toes.on_patches()
+        if whole_box:
+            box = [by_vertex[:, k] <= cp.multiply(high[:, k], share) for k in range(3)]
+            box += [by_vertex[:, k] >= cp.multiply(low[:, k], share) for k in range(3)]
+            box.append(positive)
+        else:
+            box = [by_vertex[:, 0] <= cp.multiply(high[:, 0], share)]
+        constraints = [balance, one, *residual.rows(), friction_cones(by_vertex, friction), *box, reach]
+        self._model = ConicModel(
+            cp.Problem(cp.Minimize(residual.slack), constraints + body.within_limits()),
+            equilibrate=lift_values(ScaledProblem.typical(contacts, vertices)),
+            duals={"balance": balance, "above": residual.above, "below": residual.below, "reach": reach},
+        )
+
+    def solve(self, scaled: ScaledProblem) -> LiftAnswer:
+        """Least moment residual over the lift."""
+        solution = self._model.solve(lift_values(scaled))
+        multipliers = self._multipliers(solution, scaled.size[0])
+        if solution.status is ConicStatus.INFEASIBLE:
+            return _without_point(float("inf"), multipliers, solved=True)
+        if solution.status is ConicStatus.FAILED:
+            return _without_point(0.0, multipliers, solved=False)
+        weights = np.maximum(self._model.value("weights", solution), 0.0)
+        weights = weights / weights.sum(axis=1, keepdims=True)
+        by_vertex = self._model.value("lifted", solution).reshape(*scaled.size, 3)
+        return LiftAnswer(
+            solved=True,
+            bound=max(0.0, float(self._model.value("residual", solution))),
+            multipliers=multipliers,
+            toes=np.matmul(weights[:, None, :], scaled.vertices)[:, 0],
+            forces=by_vertex.sum(axis=1),
+            by_vertex=by_vertex,
+            weights=weights,
+            com=self._model.value("com", solution),
+            rotation=self._model.value("rotation", solution),
+        )
+
+    def _multipliers(self, solution: ConicSolution, contacts: int) -> Array:
+        """ν_F, ν_M and r of the certificate's Lagrangian, from the solver's duals."""
+        dual = self._model.dual
+        reach = dual("reach", solution)[contacts:].reshape(3, contacts)
+        return np.concatenate(
+            [-dual("balance", solution), dual("above", solution) - dual("below", solution), -reach.T.ravel()]
+        )
+
+
+def lift_values(scaled: ScaledProblem) -> dict[str, Array | float]:
+    """Data of the lift."""
+    vertices = scaled.size[1]
+    arms = np.matmul(skew(scaled.vertices), scaled.frames[:, None])  # [v_u]× R_WC, shape (N, U, 3, 3)
+    return scaled.values() | {
+        "force_map": side_by_side(np.broadcast_to(scaled.frames[:, None], arms.shape)),
+        "moment_map": side_by_side(arms),
+        "friction": np.repeat(scaled.friction, vertices),
+        "force_min": np.repeat(scaled.force_min, vertices, axis=0),
+        "force_max": np.repeat(scaled.force_max, vertices, axis=0),
+    }
+
+
+def _without_point(bound: float, multipliers: Array, *, solved: bool) -> LiftAnswer:
+    none = np.zeros(0)
+    return LiftAnswer(
+        solved=solved, bound=bound, multipliers=multipliers, toes=none, forces=none, by_vertex=none, weights=none,
+        com=none, rotation=none,
+    )  # fmt: skip

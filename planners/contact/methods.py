@@ -1,0 +1,60 @@
+"""The posture planners by name, and what each of them needs."""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+from ..outcome import InvalidInput
+from .envelope import EnvelopeSet
+from .exact import ExactPlanner
+from .planner import Acceptance, Planner
+from .stages import Projection, Stages
+from .twostage import TwoStagePlanner
+
+Method = Literal["exact", "p1", "lift", "two-stage", "nlp", "micp"]
+METHODS: tuple[Method, ...] = get_args(Method)
+
+
+def make_planner(
+    method: Method,
+    *,
+    envelopes: EnvelopeSet | None = None,
+    projection: Projection = "scp",
+    solver: str = "highs",
+    intervals: int = 4,
+    time_limit_s: float = 30.0,
+    acceptance: Acceptance = Acceptance(),
+    stages: Stages | None = None,
+) -> Planner:
+    """Make a planner. ``two-stage`` uses the envelopes, or the lift where there are none; ``p1`` needs envelopes.
+
+    solver, intervals: of ``micp``. time_limit_s: of one problem, for the methods that search.
+    Raises InvalidInput for an unknown method, an envelope that is missing, or a solver that is not installed.
+    """
+    if method == "exact":
+        return ExactPlanner(acceptance=acceptance, time_limit_s=time_limit_s, stages=stages)
+    if method == "p1":
+        if envelopes is None:
+            raise InvalidInput("envelope: expected an envelope file for the method p1, got none")
+        return TwoStagePlanner(envelopes=envelopes, projection=None, acceptance=acceptance, stages=stages)
+    if method == "lift":
+        return TwoStagePlanner(envelopes=None, projection=None, acceptance=acceptance, stages=stages)
+    if method == "two-stage":
+        return TwoStagePlanner(envelopes=envelopes, projection=projection, acceptance=acceptance, stages=stages)
+    if method == "nlp":
+        from .nlp import NlpPlanner
+
+        return NlpPlanner(acceptance=acceptance, time_limit_s=time_limit_s)
+    if method == "micp":
+        from .micp import MicpPlanner
+
+        if envelopes is not None and len(envelopes.envelopes) > 1:
+            raise InvalidInput(f"envelope: expected one envelope for micp, got {len(envelopes.envelopes)}")
+        return MicpPlanner(
+            solver=solver,
+            intervals=intervals,
+            envelope=None if envelopes is None else envelopes.envelopes[0],
+            time_limit_s=time_limit_s,
+            acceptance=acceptance,
+        )
+    raise InvalidInput(f"method: expected one of {', '.join(METHODS)}, got {method!r}")

@@ -1,0 +1,187 @@
+"""Reading and writing the house's JSON files: clear errors on the way in, atomic on the way out."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from .contact.envelope import EnvelopeSet
+from .outcome import Certificate, InvalidInput, Outcome, Posture
+from .scene import PostureProblem, Robot
+
+UNBOUNDED = 1e6
+"""Stands in files for a lower bound of infinity: the problem has no answer even without its moment balance."""
+
+
+def read_text(path: str | Path) -> str:
+    """Return a file's text. Raises InvalidInput for a file that is missing, no file, empty or not UTF-8."""
+    path = Path(path)
+    if not path.exists():
+        raise InvalidInput(f"{path}: expected a file, found nothing there")
+    if path.is_dir():
+        raise InvalidInput(f"{path}: expected a file, found a folder")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError as error:
+        raise InvalidInput(f"{path}: expected UTF-8 text, byte {error.start} is not") from None
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
+    if not text.strip():
+        raise InvalidInput(f"{path}: expected JSON, the file is empty")
+    return text
+
+
+def parse_json(text: str, where: str) -> Any:
+    """Parse one JSON document. Raises InvalidInput with line and column."""
+    try:
+        return json.loads(text)
+    except json.JSONDecodeError as error:
+        raise InvalidInput(
+            f"{where}: expected JSON, broken at line {error.lineno} column {error.colno}: {error.msg}"
+        ) from None
+    except (RecursionError, ValueError) as error:
+        raise InvalidInput(f"{where}: expected JSON: {error}") from None
+
+
+def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInput]]:
+    """Yield (where, value) for every record in a text that is one JSON object, an array of them, or JSON lines.
+
+    A record that cannot be parsed is yielded as its InvalidInput, and the rest still come.
+    """
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
+    if len(lines) > 1 and _is_json(lines[0][1]):
+        for number, line in lines:
+            yield from _record(line, f"{where} line {number}")
+        return
+    try:
+        whole = parse_json(text, where)
+    except InvalidInput as error:
+        yield where, error
+        return
+    if not isinstance(whole, list):
+        yield where, whole
+        return
+    if not whole:
+        yield where, InvalidInput(f"{where}: expected one or more problems, got an empty array")
+    for index, item in enumerate(whole):
+        yield f"{where}[{index}]", item
+
+
+def read_problems(
+    text: str, where: str, *, robot: Robot | None = None
+) -> Iterator[tuple[str, PostureProblem | InvalidInput]]:
+    """Yield (where, problem or its InvalidInput) for every posture problem in a text, in order."""
+    for place, item in json_records(text, where):
+        if isinstance(item, InvalidInput):
+            yield place, item
+            continue
+        try:
+            yield place, PostureProblem.from_json(item, robot=robot)
+        except InvalidInput as error:
+            yield place, InvalidInput(f"{place}: {error}")
+
+
+def read_envelopes(path: str | Path) -> EnvelopeSet:
+    """Read an envelope file. Raises InvalidInput."""
+    return _located(path, lambda: EnvelopeSet.from_json(parse_json(read_text(path), str(path))))
+
+
+def outcome_to_json(outcome: Outcome, *, proof: bool = False) -> dict[str, Any]:
+    """One line of answers: see ``stancekit solve --help``. proof: with the certificate of an infeasible verdict."""
+    record: dict[str, Any] = {
+        "status": outcome.status.value,
+        "method": outcome.method,
+        "residual_nm": _finite(outcome.residual_nm),
+        "residual": _finite(outcome.residual),
+        "lower_bound": min(outcome.lower_bound, UNBOUNDED),
+        "seconds": outcome.seconds,
+        "solves": outcome.solves,
+    }
+    if outcome.posture is not None:
+        record |= outcome.posture.to_json()
+    if outcome.claim:
+        record["claim"] = outcome.claim
+    if outcome.message:
+        record["message"] = outcome.message
+    if outcome.details:
+        record["details"] = {name: _finite(value) for name, value in outcome.details.items()}
+    if proof and outcome.certificate is not None:
+        record["certificate"] = outcome.certificate.to_json()
+    return record
+
+
+def answer_from_json(data: Any) -> Posture | Certificate | None:
+    """Read what a line of answers claims: a posture, a certificate, or nothing to check. Raises InvalidInput."""
+    if not isinstance(data, dict):
+        raise InvalidInput(f"expected a JSON object, got {type(data).__name__}")
+    if data.get("certificate") is not None:
+        return Certificate.from_json(data["certificate"])
+    names = ("com_m", "rotation_rad", "toes_m", "forces_n")
+    if not any(name in data for name in names):
+        return None
+    missing = [name for name in names if name not in data]
+    if missing:
+        raise InvalidInput(f"{missing[0]}: expected this key, got nothing")
+    try:
+        return Posture(**{name: data[name] for name in names})
+    except (TypeError, ValueError):
+        raise InvalidInput(f"{', '.join(names)}: expected lists of numbers") from None
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file whole or not at all."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: str | Path, content: bytes) -> None:
+    """Write a file whole or not at all: to a temporary file in the same folder, then renamed."""
+    path = Path(path)
+    if not path.parent.is_dir():
+        raise InvalidInput(f"{path}: expected an existing folder {path.parent}")
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise
+
+
+def write_envelopes(path: str | Path, envelopes: EnvelopeSet) -> None:
+    """Write an envelope file."""
+    write_text(path, json.dumps(envelopes.to_json(), indent=1) + "\n")
+
+
+def _record(line: str, where: str) -> Iterator[tuple[str, Any | InvalidInput]]:
+    try:
+        yield where, parse_json(line, where)
+    except InvalidInput as error:
+        yield where, error
+
+
+def _is_json(line: str) -> bool:
+    try:
+        json.loads(line)
+    except (ValueError, RecursionError):
+        return False
+    return True
+
+
+def _located(path: str | Path, read: Callable[[], EnvelopeSet]) -> EnvelopeSet:
+    try:
+        return read()
+    except InvalidInput as error:
+        text = str(error)
+        raise InvalidInput(text if text.startswith(str(path)) else f"{path}: {text}") from None
+
+
+def _finite(value: float) -> float | None:
+    return value if abs(value) < float("inf") else None

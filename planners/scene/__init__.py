@@ -1,0 +1,7 @@
+"""Scenes: robots, patches and the posture problem."""
+
+from .patch import Patch
+from .posture import Contact, PostureProblem
+from .robot import Limb, Robot, hexapod
+
+__all__ = ["Contact", "Limb", "Patch", "PostureProblem", "Robot", "hexapod"]

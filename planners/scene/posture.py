@@ -1,0 +1,187 @@
+"""The posture problem (paper E §II), the currency of contact planning, and its JSON form ``stancekit/posture/1``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..arrays import Array, checked, frozen
+from ..outcome import InvalidInput
+from .patch import Patch
+from .robot import Robot, hexapod
+
+FORMAT = "stancekit/posture/1"
+GRAVITY_M_S2 = 9.81
+TILT_LIMIT_RAD = 0.2618  # 15°, the range of the linearised rotation (paper E §II)
+UP = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contact:
+    """One limb on one patch.
+
+    shoulder_m: shoulder in the body frame, shape (3,) [m]; reach_m: workspace radius [m];
+    force_min, force_max: bounds on (f_n, f_y, f_z), in units of the problem's force scale, shape (3,).
+    """
+
+    leg: str
+    shoulder_m: Array
+    reach_m: float
+    patch: Patch
+    force_min: Array
+    force_max: Array
+
+    def __post_init__(self) -> None:
+        for name in ("shoulder_m", "force_min", "force_max"):
+            object.__setattr__(self, name, frozen(getattr(self, name), (3,), name))
+        object.__setattr__(self, "reach_m", checked(self.reach_m, "reach_m", above=0.0))
+        if np.any(self.force_min > self.force_max):
+            raise InvalidInput(
+                f"force_min: expected at most force_max {self.force_max.tolist()}, got {self.force_min.tolist()}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PostureProblem:
+    """Can the robot hold still with these limbs on these patches, and how?
+
+    Unknown are the centre of mass c, a small body rotation Θ, a toe on every patch and a force at every toe.
+    com_nominal_m: shape (3,) [m]; force_scale_n, length_scale_m: characteristic quantities of eqs. 3 and 4.
+    """
+
+    contacts: tuple[Contact, ...]
+    mass_kg: float
+    com_nominal_m: Array
+    com_radius_m: float
+    gravity_m_s2: float = GRAVITY_M_S2
+    force_scale_n: float | None = None
+    length_scale_m: float = 0.6
+    tilt_limit_rad: float = TILT_LIMIT_RAD
+
+    def __post_init__(self) -> None:
+        if not self.contacts:
+            raise InvalidInput("contacts: expected one or more, got none")
+        legs = [contact.leg for contact in self.contacts]
+        if len(set(legs)) != len(legs):
+            raise InvalidInput(f"contacts: expected every leg once, got {legs}")
+        put = object.__setattr__
+        put(self, "contacts", tuple(self.contacts))
+        put(self, "mass_kg", checked(self.mass_kg, "mass_kg", above=0.0))
+        put(self, "gravity_m_s2", checked(self.gravity_m_s2, "gravity_m_s2", above=0.0))
+        scale = self.mass_kg * self.gravity_m_s2 if self.force_scale_n is None else self.force_scale_n
+        put(self, "force_scale_n", checked(scale, "force_scale_n", above=0.0))
+        put(self, "length_scale_m", checked(self.length_scale_m, "length_scale_m", above=0.0))
+        put(self, "com_nominal_m", frozen(self.com_nominal_m, (3,), "com_nominal_m"))
+        put(self, "com_radius_m", checked(self.com_radius_m, "com_radius_m", least=0.0))
+        put(self, "tilt_limit_rad", checked(self.tilt_limit_rad, "tilt_limit_rad", least=0.0, most=0.5 * np.pi))
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """Names of the limbs in contact, in the order of the contacts."""
+        return tuple(contact.leg for contact in self.contacts)
+
+    @property
+    def weight_n(self) -> float:
+        """m·g [N]."""
+        return self.mass_kg * self.gravity_m_s2
+
+    @property
+    def moment_scale_nm(self) -> float:
+        """Unit of the non-dimensional moment: force scale times length scale [Nm]."""
+        assert self.force_scale_n is not None
+        return self.force_scale_n * self.length_scale_m
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the problem in its JSON form; ``from_json`` gives it back to the last bit."""
+        return {
+            "format": FORMAT,
+            "mass_kg": self.mass_kg,
+            "gravity_m_s2": self.gravity_m_s2,
+            "force_scale_n": self.force_scale_n,
+            "length_scale_m": self.length_scale_m,
+            "com_nominal_m": self.com_nominal_m.tolist(),
+            "com_radius_m": self.com_radius_m,
+            "tilt_limit_rad": self.tilt_limit_rad,
+            "contacts": [
+                {
+                    "leg": contact.leg,
+                    "shoulder_m": contact.shoulder_m.tolist(),
+                    "reach_m": contact.reach_m,
+                    "vertices_m": contact.patch.vertices_m.tolist(),
+                    "normal": contact.patch.normal.tolist(),
+                    "shear_reference": contact.patch.shear_reference.tolist(),
+                    "friction": contact.patch.friction,
+                    "force_min": contact.force_min.tolist(),
+                    "force_max": contact.force_max.tolist(),
+                }
+                for contact in self.contacts
+            ],
+        }
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any], *, robot: Robot | None = None) -> PostureProblem:
+        """Read the JSON form; legs must be limbs of ``robot`` (default: the hexapod).
+
+        Raises InvalidInput whose message lists every key that is wrong, separated by "; ".
+        """
+        if not isinstance(data, Mapping):
+            raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
+        try:
+            raw = _PostureJson.model_validate(data)
+        except ValidationError as error:
+            raise InvalidInput("; ".join(pydantic_lines(error))) from None
+        known = robot or hexapod()
+        contacts, wrong = [], []
+        for index, item in enumerate(raw.contacts):
+            try:
+                known.select([item.leg])
+                patch = Patch(**item.model_dump(include={"vertices_m", "normal", "shear_reference", "friction"}))
+                rest = item.model_dump(include={"leg", "shoulder_m", "reach_m", "force_min", "force_max"})
+                contacts.append(Contact(patch=patch, **rest))
+            except InvalidInput as error:
+                wrong.append(f"contacts[{index}].{error}")
+        if wrong:
+            raise InvalidInput("; ".join(wrong))
+        return cls(contacts=tuple(contacts), **raw.model_dump(exclude={"format", "contacts"}))
+
+
+class _ContactJson(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+    leg: str
+    shoulder_m: list[float]
+    reach_m: float
+    vertices_m: list[list[float]]
+    normal: list[float]
+    shear_reference: list[float]
+    friction: float
+    force_min: list[float]
+    force_max: list[float]
+
+
+class _PostureJson(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+    format: Literal["stancekit/posture/1"]
+    mass_kg: float
+    gravity_m_s2: float
+    force_scale_n: float
+    length_scale_m: float
+    com_nominal_m: list[float]
+    com_radius_m: float
+    tilt_limit_rad: float
+    contacts: list[_ContactJson] = Field(min_length=1)
+
+
+def pydantic_lines(error: ValidationError) -> Iterator[str]:
+    """One "key: what was expected, got what" for everything wrong in a file."""
+    for item in error.errors():
+        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).lstrip(".")
+        if item["type"] == "missing":
+            yield f"{key}: expected this key, got nothing"
+        elif item["type"] == "extra_forbidden":
+            yield f"{key}: unknown key"
+        else:
+            yield f"{key}: {item['msg']}, got {item['input']!r:.60}"
