@@ -66,6 +66,7 @@ class Demo:
         envelopes = result.sets[result.best.selector]
         planner = TwoStagePlanner(envelopes=envelopes, projection="fix-toes")
         for row in result.test:
+            planner.solve(row.problem)  # compiles
             outcome = planner.solve(row.problem)
             if outcome.status is Status.FEASIBLE and outcome.posture is not None:
                 break

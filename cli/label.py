@@ -33,7 +33,7 @@ class LabelPostures:
     """Keep the first feasible + infeasible samples as they come instead, whatever their label."""
     seed: int = 0
     """Seed; use another one for training than for testing."""
-    shard_size: int = 250
+    shard_size: int = 500
     """Rows a file: what an interruption can lose."""
     workers: int = max(os.cpu_count() or 1, 1)
     """Processes."""

@@ -89,11 +89,12 @@ class Painter:
         stations = np.linspace(0.0, 1.0, 7)[:, None]
         line, wide = start + stations * (end - start), (radii[0] + stations * (radii[1] - radii[0])) * side
         angles = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 8)
+        behind = max(radii) + abs(self.near(end) - self.near(start)) / 6.0  # a rim never covers the next piece
         for k in range(6):
             (a, b), (r, s) = line[k : k + 2], wide[k : k + 2]
             depth, extra = self.near(0.5 * (a + b)), 0.0022 * side
             rims = np.array([a + r + extra, b + s + extra, b - s - extra, a - r - extra])
-            self.face(rims, rim, layer, depth=depth - float(np.linalg.norm(r)))
+            self.face(rims, rim, layer, depth=depth - behind)
             for low, high in pairwise(angles):
                 middle, (i, j) = 0.5 * (low + high), np.sin([low, high])
                 fill = self.lit(colour, np.sin(middle) * side + np.cos(middle) * out)

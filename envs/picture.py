@@ -216,8 +216,8 @@ def _draw_shadow(painter: Painter, scene: _Scene, level: float) -> None:
     lines = [scene.body(0.97, 0.0)]
     for joints in scene.legs():
         for a, b in pairwise(joints):
-            aside = 0.035 * scene.unit * unit(np.cross(UP, b - a) + 1e-9)
-            lines.append(np.array([a + aside, b + aside, b - aside, a - aside]))
+            aside, on = 0.035 * scene.unit * unit(np.cross(UP, b - a)), 0.02 * scene.unit * unit(b - a)
+            lines.append(np.array([a - on + aside, b + on + aside, b + on - aside, a - on - aside]))
     for line in lines:
         shade = line.copy()
         shade[:, 2] = level

@@ -36,8 +36,8 @@ class LabelledPosture:
     trivial: infeasible even without the moment balance (P̄ infeasible, too). posture: the witness, where feasible.
     certificate: where infeasible; its multipliers are rounded to float32, and lower_bound is what they still prove
     (0 where nothing is proved).
-    point: [p, f], shape (N, 6), non-dimensional, see ``point_of``: of the witness where feasible, of an answer of P̄
-    where infeasible (line 11 of Algorithm 1), None where trivial or undecided.
+    point: [p, f], shape (N, 6), non-dimensional, see ``ScaledProblem.point``: of the witness where feasible, of an
+    answer of P̄ where infeasible (line 11 of Algorithm 1), None where trivial or undecided.
     solves, nodes: convex problems solved and nodes visited to decide.
     """
 
@@ -100,14 +100,6 @@ class Summary:
 def finite(values: dict[str, Any]) -> dict[str, Any]:
     """The same with None for numbers that JSON has not."""
     return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
-
-
-def point_of(problem: PostureProblem, posture: Posture) -> Array:
-    """[p, f] of a posture, shape (N, 6): p = (toe − com) / length scale, world axes; f contact frame / force scale."""
-    position = (posture.toes_m - posture.com_m) / problem.length_scale_m
-    frames = np.stack([contact.patch.frame for contact in problem.contacts])
-    force = np.einsum("njk,nj->nk", frames, posture.forces_n) / float(problem.force_scale_n or 1.0)
-    return np.concatenate([position, force], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)

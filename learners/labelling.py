@@ -1,11 +1,13 @@
 """Algorithm 1 of paper E, DataGeneration: draw posture problems, decide them exactly, keep S and S̄ as a data set.
 
-Work comes in shards. A shard is drawn from a random stream of its own by a planner of its own, so its rows depend on
-nothing but the plan, and is written at once when its quotas are full, so a run that was killed goes on where it was.
+Work comes in shards. A shard is drawn from a random stream of its own and the planner's answers do not depend on what
+it answered before, so its rows depend on nothing but the plan. It is written at once when its quotas are full, so a
+run that was killed goes on where it was.
 """
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import json
 import logging
@@ -24,14 +26,15 @@ from stancekit.envs.terrains import PostureDistribution, distribution
 from stancekit.planners.arrays import Array
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.contact.planner import Acceptance
-from stancekit.planners.contact.relax import PostureWithoutMoment
 from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.outcome import Certificate, InvalidInput, Outcome, StancekitError, Status
+from stancekit.planners.contact.stages import Stages
+from stancekit.planners.files import write_bytes
+from stancekit.planners.outcome import InvalidInput, Outcome, StancekitError, Status
 from stancekit.planners.scene import PostureProblem
 from stancekit.planners.verify import check_certificate, check_posture
 
 from . import ledger
-from .dataset import Dataset, LabelledPosture, finite, point_of, table_of
+from .dataset import Dataset, LabelledPosture, finite, table_of
 from .dataset import Summary as Summary
 from .ledger import Counts, Header, Tally
 from .ledger import LabelPlan as LabelPlan
@@ -149,7 +152,7 @@ def recheck(dataset: Dataset) -> RecheckReport:
         if row.status is Status.FEASIBLE and row.posture is not None and row.point is not None:
             report = check_posture(row.problem, row.posture, tolerance=plan.tolerance)
             residuals.append(report.worst)
-            off = float(np.abs(point_of(row.problem, row.posture) - row.point).max())
+            off = float(np.abs(ScaledProblem.of(row.problem).point(row.posture) - row.point).max())
             accepted = report.accepted and off < 1e-9
         elif row.status is Status.INFEASIBLE and row.certificate is not None:
             proof = check_certificate(row.problem, row.certificate, tolerance=plan.gap)
@@ -222,8 +225,9 @@ class _Labeller:
     def __init__(self, plan: LabelPlan, shard: int) -> None:
         self._shard = shard
         self._acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
-        self._exact = ExactPlanner(acceptance=self._acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf)
-        self._without: dict[tuple[int, int], PostureWithoutMoment] = {}
+        self._exact = ExactPlanner(
+            acceptance=self._acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, stages=_compiled()
+        )
 
     def decide(self, problem: PostureProblem) -> Outcome:
         """P, with a witness or a certificate."""
@@ -236,35 +240,34 @@ class _Labeller:
         return "trivial" if trivial else str(outcome.status)
 
     def row(self, problem: PostureProblem, outcome: Outcome, *, sample: int, row: int) -> LabelledPosture:
-        """The row as it will be kept; undecided if what is kept of the proof does not prove the label."""
-        status, trivial, posture = outcome.status, self.kind(outcome) == "trivial", outcome.posture
-        point = None if posture is None else point_of(problem, posture)
-        certificate, bound = None, 0.0
-        if outcome.certificate is not None:
-            multipliers = outcome.certificate.multipliers.astype(np.float32).astype(np.float64)
-            certificate = Certificate(tree=outcome.certificate.tree, multipliers=multipliers)
-            proof = check_certificate(problem, certificate, tolerance=self._acceptance.gap)
-            bound = proof.lower_bound
-            point = None if trivial else self._point_without(problem)
-            if not proof.accepted or (point is None and not trivial):
-                status, trivial, certificate, point, bound = Status.UNDECIDED, False, None, None, 0.0
+        """The row as it will be kept; undecided if P̄ has no answer to keep although it should have one."""
+        status, trivial, scaled = outcome.status, self.kind(outcome) == "trivial", ScaledProblem.of(problem)
+        point = None if outcome.posture is None else scaled.point(outcome.posture)
+        certificate, bound = outcome.certificate, outcome.lower_bound
+        if status is Status.INFEASIBLE and not trivial:
+            point = self._point_without(problem, scaled)
+            if point is None:
+                status, certificate, bound = Status.UNDECIDED, None, 0.0
         return LabelledPosture(
             shard=self._shard, row=row, sample=sample, problem=problem, status=status, trivial=trivial,
-            posture=posture, point=point, certificate=certificate, lower_bound=bound,
+            posture=outcome.posture, point=point, certificate=certificate, lower_bound=bound,
             solves=outcome.solves, nodes=int(outcome.details["nodes"]),
         )  # fmt: skip
 
-    def _point_without(self, problem: PostureProblem) -> Array | None:
+    def _point_without(self, problem: PostureProblem, scaled: ScaledProblem) -> Array | None:
         """[p̄, f̄] of an answer of P̄ that violates nothing but the moment balance, or None."""
-        scaled = ScaledProblem.of(problem)
-        if scaled.size not in self._without:
-            self._without[scaled.size] = PostureWithoutMoment(*scaled.size)
-        found = self._without[scaled.size].solve(scaled)
+        found = self._exact.stages.without_moment(scaled)
         if found is None:
             return None
         posture = scaled.posture(com=found.com, rotation=found.rotation, toes=found.toes, forces=found.forces)
         worst = max(g.worst for g in check_posture(problem, posture).groups if g.group != "moment_balance")
-        return point_of(problem, posture) if worst <= self._acceptance.tolerance else None
+        return scaled.point(posture) if worst <= self._acceptance.tolerance else None
+
+
+@functools.cache
+def _compiled() -> Stages:
+    """The models of this process, compiled once for all of its shards: no answer depends on what was solved before."""
+    return Stages()
 
 
 def _begin(folder: Path, plan: LabelPlan, source: PostureDistribution) -> Header:
@@ -283,7 +286,7 @@ def _begin(folder: Path, plan: LabelPlan, source: PostureDistribution) -> Header
         raise InvalidInput(f"{folder}: expected a folder or room for one, got {error.strerror}") from None
     ledger.remove_leftovers(folder)
     if not (folder / ledger.HEADER).exists() and not any(folder.glob("shard-*.parquet")):
-        ledger.write_atomically(folder / ledger.HEADER, header.model_dump_json(indent=1).encode())
+        write_bytes(folder / ledger.HEADER, header.model_dump_json(indent=1).encode())
         return header
     there = ledger.read_header(folder)
     where, begun = f"{folder / ledger.HEADER}", asdict(there.plan)

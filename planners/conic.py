@@ -192,8 +192,8 @@ class ConicModel:
             self._rows[name] = (np.abs(flat).round().astype(int) - 1, np.sign(flat))
 
 
-def solver_settings(*, time_limit_s: float = 10.0) -> clarabel.DefaultSettings:
-    """Clarabel's settings for small models on one thread with data updates."""
+def solver_settings() -> clarabel.DefaultSettings:
+    """Clarabel's settings for small models on one thread with data updates; no clock ends a solve, iterations do."""
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
@@ -201,5 +201,4 @@ def solver_settings(*, time_limit_s: float = 10.0) -> clarabel.DefaultSettings:
     settings.chordal_decomposition_enable = False
     settings.iterative_refinement_enable = False
     settings.equilibrate_max_iter = 2
-    settings.time_limit = time_limit_s
     return settings

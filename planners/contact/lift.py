@@ -103,12 +103,19 @@ class LiftModel:
         )
 
     def _multipliers(self, solution: ConicSolution, contacts: int) -> Array:
-        """ν_F, ν_M and r of the certificate's Lagrangian, from the solver's duals."""
+        """ν_F, ν_M and r of the certificate's Lagrangian, from the solver's duals, in single precision.
+
+        A ray that refutes the lift whatever the moment residual has no ν_M, and any length.
+        """
         dual = self._model.dual
         reach = dual("reach", solution)[contacts:].reshape(3, contacts)
-        return np.concatenate(
+        found = np.concatenate(
             [-dual("balance", solution), dual("above", solution) - dual("below", solution), -reach.T.ravel()]
         )
+        if solution.status is ConicStatus.INFEASIBLE:
+            found[3:6] = 0.0
+            found = found / max(float(np.max(np.abs(found))), 1e-300)
+        return np.asarray(found.astype(np.float32).astype(np.float64))
 
 
 def lift_values(scaled: ScaledProblem) -> dict[str, Array | float]:

@@ -143,9 +143,7 @@ class MicpPlanner:
         time_limit_s: float = 60.0,
         acceptance: Acceptance | None = None,
     ) -> None:
-        check_options(intervals=intervals, encoding=encoding, grid=grid, solver=solver)
-        if envelope_use not in ("rows", "shrink"):
-            raise InvalidInput(f"envelope_use: expected 'rows' or 'shrink', got {envelope_use!r}")
+        check_options(intervals=intervals, encoding=encoding, grid=grid, solver=solver, envelope_use=envelope_use)
         self.solver, self.envelope, self.envelope_use = solver, envelope, envelope_use
         self.time_limit_s = checked(time_limit_s, "time_limit_s", above=0.0)
         self.acceptance = acceptance or Acceptance()
@@ -219,10 +217,8 @@ class _Cells:
 
     def values(self, domain: Envelope) -> dict[str, Array | float]:
         """Breakpoints that cut every side of the domain evenly, and their products."""
-        p, f = (
-            np.linspace(low, high, count + 1, axis=-1)
-            for (low, high), count in zip((domain.position, domain.force), self._counts, strict=True)
-        )
+        boxes = zip((domain.position, domain.force), self._counts, strict=True)
+        p, f = (np.linspace(low, high, count + 1, axis=-1) for (low, high), count in boxes)
         m = p[:, :, None, :, None] * f[:, None, :, None, :]  # i, j, k, a, b
         flat = {"p": p.reshape(-1, p.shape[-1]), "f": f.reshape(-1, f.shape[-1]), "m": m.reshape(9 * len(m), -1)}
         return {f"breaks_{name}": breaks for name, breaks in flat.items()}
@@ -261,13 +257,13 @@ def domain_of(scaled: ScaledProblem) -> Envelope:
     high = np.hstack([np.minimum(toes.max(axis=1) + scaled.com_radius, scaled.shoulders + reach), scaled.force_max])
     low[:, 3:] = np.maximum(low[:, 3:], cone * [0.0, -1.0, -1.0])
     high[:, 3:] = np.minimum(high[:, 3:], cone)
-    return Envelope.from_vector(np.concatenate([low.ravel(), high.ravel()]))
+    return Envelope.from_vector(np.concatenate([low, high], axis=None))
 
 
 def meet(first: Envelope, second: Envelope) -> Envelope:
     """The common part of two boxes; on a side where they have none, the gap between them."""
-    low, high = np.maximum(first.low, second.low), np.minimum(first.high, second.high)
-    return Envelope.from_vector(np.concatenate([low.ravel(), high.ravel()]))
+    ends = (np.maximum(first.low, second.low), np.minimum(first.high, second.high))
+    return Envelope.from_vector(np.concatenate(ends, axis=None))
 
 
 def without_cones(constraint: cp.Constraint) -> list[cp.Constraint]:
@@ -287,12 +283,13 @@ def without_cones(constraint: cp.Constraint) -> list[cp.Constraint]:
     return [circle @ vectors[:2] <= every @ inner, outer]
 
 
-def check_options(*, intervals: int, encoding: str, grid: str, solver: str) -> None:
+def check_options(*, intervals: int, encoding: str, grid: str, solver: str, envelope_use: str = "rows") -> None:
     """Raise InvalidInput for options that there are not, and for a solver that is not installed."""
-    known = {"encoding": ("log", "unary"), "grid": ("both", "position"), "solver": tuple(_SOLVERS)}
-    for name, value in (("encoding", encoding), ("grid", grid), ("solver", solver)):
-        if value not in known[name]:
-            raise InvalidInput(f"{name}: expected one of {', '.join(known[name])}, got {value!r}")
+    given = {"encoding": encoding, "grid": grid, "envelope_use": envelope_use, "solver": solver}
+    known = (("log", "unary"), ("both", "position"), ("rows", "shrink"), tuple(_SOLVERS))
+    for (name, value), values in zip(given.items(), known, strict=True):
+        if value not in values:
+            raise InvalidInput(f"{name}: expected one of {', '.join(values)}, got {value!r}")
     if intervals < 1 or (encoding == "log" and intervals & (intervals - 1)):
         raise InvalidInput(f"intervals: expected 1 or more, and a power of two for 'log', got {intervals}")
     if util.find_spec(_SOLVERS[solver][0]) is None:

@@ -58,12 +58,12 @@ class PostureWithoutMoment:
         terms = _Posture(contacts, vertices)
         self._model = ConicModel(
             cp.Problem(cp.Minimize(0), terms.constraints),
-            equilibrate=_values(ScaledProblem.typical(contacts, vertices)),
+            equilibrate=ScaledProblem.typical(contacts, vertices).values(),
         )
 
     def solve(self, scaled: ScaledProblem) -> Point | None:
         """A point of P̄ in the middle of its feasible set, or None where there is none or the solver gave up."""
-        solution = self._model.solve(_values(scaled))
+        solution = self._model.solve(scaled.values())
         return _point(self._model, solution, scaled)[0] if solution.status is ConicStatus.SOLVED else None
 
 
@@ -81,13 +81,12 @@ class McCormick:
         constraints = [*terms.constraints, position == legs, axes @ cp.vec(moments, order="C") == 0, *envelope]
         typical = ScaledProblem.typical(contacts, vertices)
         box = Envelope(low=-np.ones((contacts, 6)), high=np.ones((contacts, 6)))
-        self.model = ConicModel(
-            cp.Problem(cp.Minimize(margin), constraints), equilibrate=_values(typical) | box_values(box)
-        )
+        self.problem = cp.Problem(cp.Minimize(margin), constraints)
+        self.model = ConicModel(self.problem, equilibrate=p1_values(typical, box))
 
     def solve(self, scaled: ScaledProblem, envelope: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
         """Signed margin of the problem over this box."""
-        solution = self.model.solve(_values(scaled) | box_values(envelope))
+        solution = self.model.solve(p1_values(scaled, envelope))
         if solution.status is not ConicStatus.SOLVED:
             infeasible = solution.status is ConicStatus.INFEASIBLE
             return RelaxationAnswer(margin=float("inf") if infeasible else float("nan"), seconds=solution.seconds)
@@ -186,9 +185,10 @@ def box_values(envelope: Envelope) -> dict[str, Array | float]:
     }  # fmt: skip
 
 
-def _values(scaled: ScaledProblem) -> dict[str, Array | float]:
+def p1_values(scaled: ScaledProblem, envelope: Envelope) -> dict[str, Array | float]:
     """Data of P1: P_j × F_k of eq. 9 is the column 9i + 3j + k of the moment axes, and k of [P_j]× R_WC."""
-    return scaled.values() | {"moment_axes": side_by_side(np.matmul(skew(np.eye(3)), scaled.frames[:, None]))}
+    axes = side_by_side(np.matmul(skew(np.eye(3)), scaled.frames[:, None]))
+    return scaled.values() | {"moment_axes": axes} | box_values(envelope)
 
 
 class _Posture:

@@ -1,0 +1,258 @@
+"""Who decides hard postures, how fast, and do they agree? The exact planner against its peers, one thread each.
+
+python benchmarks/oracles.py --problem wall-3 --count 60 --seed 0 --json
+
+Half of the postures have a witness and half a certificate, both from the exact planner and both verified; those whose
+convex part alone is infeasible are left out. The solvers take turns on every posture, in an order that rotates.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import bilinear
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+from stancekit.envs.terrains import distribution
+from stancekit.planners.contact.exact import ExactPlanner
+from stancekit.planners.contact.micp import MicpPlanner
+from stancekit.planners.contact.nlp import NlpPlanner
+from stancekit.planners.contact.planner import Planner
+from stancekit.planners.contact.project import Projector
+from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.scene import PostureProblem
+from stancekit.planners.verify import check_posture
+from threadpoolctl import threadpool_limits
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Which postures, and for how long."""
+
+    problem: str = "wall-3"
+    """Distribution of the postures."""
+    count: int = 60
+    """How many postures, half of them feasible."""
+    seed: int = 0
+    time_limit_s: float = 10.0
+    """Of every solver, a posture."""
+    solvers: tuple[str, ...] = ("exact", "gurobi", "scip", "highs-micp", "ipopt")
+    intervals: int = 4
+    """Pieces of each p_j and f_k in the mixed-integer grid."""
+    json: bool = False
+    """One object a line on standard output, a solver each."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Said:
+    """What one solver said of one posture.
+
+    label: feasible, infeasible, unknown or size limit. verified: its point, projected, passed the verifier.
+    residual_nm: net moment at the point itself, before projection. solver_ms: without building the model.
+    """
+
+    label: str
+    verified: bool = False
+    residual_nm: float = float("nan")
+    ms: float
+    solver_ms: float
+
+
+@dataclass(kw_only=True)
+class Score:
+    """One solver's answers, beside the exact planner's, by posture."""
+
+    said: list[Said] = field(default_factory=list)
+    ours: list[Status] = field(default_factory=list)
+
+    def add(self, said: Said, ours: Status) -> None:
+        """Note one answer."""
+        self.said.append(said)
+        self.ours.append(ours)
+
+    def summary(self, base_ms: float) -> dict[str, Any]:
+        """The row of the table. base_ms: median of the exact planner, whole call."""
+        whole, alone = (np.array([getattr(said, name) for said in self.said]) for name in ("ms", "solver_ms"))
+        alone = np.where(np.isnan(alone), whole, alone)
+        pairs = list(zip(self.said, self.ours, strict=True))
+        labels = Counter(said.label for said in self.said)
+        false_yes = [s for s, ours in pairs if ours is Status.INFEASIBLE and s.label == "feasible" and not s.verified]
+        residuals = [s.residual_nm for s in false_yes if np.isfinite(s.residual_nm)]
+        return {
+            "median_ms": float(np.median(whole)),
+            "p90_ms": float(np.quantile(whole, 0.9)),
+            "max_ms": float(np.max(whole)),
+            "solver_median_ms": float(np.median(alone)),
+            "solver_p90_ms": float(np.quantile(alone, 0.9)),
+            "feasible_ms": _median([s.solver_ms for s, ours in pairs if ours is Status.FEASIBLE]),
+            "infeasible_ms": _median([s.solver_ms for s, ours in pairs if ours is Status.INFEASIBLE]),
+            "ratio": float(np.median(alone)) / base_ms,
+            "feasible": labels["feasible"],
+            "infeasible": labels["infeasible"],
+            "unknown": labels["unknown"] + labels["size limit"],
+            "size_limit": labels["size limit"],
+            "contradictions": sum(
+                (ours is Status.FEASIBLE and s.label == "infeasible") or (ours is Status.INFEASIBLE and s.verified)
+                for s, ours in pairs
+            ),
+            "claims_against_certificate": len(false_yes),
+            "their_residual_nm": [float(f(residuals)) for f in (np.min, np.median, np.max)] if residuals else None,
+        }
+
+
+Ask = Callable[[PostureProblem], Said]
+
+
+def solver(name: str, options: Options) -> Ask:
+    """The solver of this name. Raises InvalidInput where there is none or it is not installed."""
+    limit = options.time_limit_s
+    if name == "exact":
+        return partial(ask_planner, ExactPlanner(time_limit_s=limit))
+    if name == "ipopt":
+        return partial(ask_planner, NlpPlanner(time_limit_s=limit))
+    if name.endswith("-micp"):
+        micp = MicpPlanner(solver=name.removesuffix("-micp"), intervals=options.intervals, time_limit_s=limit)
+        return partial(ask_planner, micp)
+    if name not in bilinear.MODULES:
+        raise InvalidInput(f"solvers: expected exact, ipopt, highs-micp, scip-micp, gurobi or scip, got {name!r}")
+    if not bilinear.installed(name):
+        raise InvalidInput(f"{name} is not installed: pip install stancekit[exact]")
+    return partial(ask_bilinear, name, {}, limit)
+
+
+def ask_planner(planner: Planner, problem: PostureProblem) -> Said:
+    """Ask a planner, whose call includes projection and verification."""
+    begin = time.perf_counter()
+    outcome = planner.solve(problem)
+    ms = 1e3 * (time.perf_counter() - begin)
+    label = outcome.claim if planner.name == "micp" else str(outcome.status)
+    return Said(
+        label="unknown" if label == Status.UNDECIDED else label,
+        verified=outcome.status is Status.FEASIBLE,
+        residual_nm=outcome.details.get("claimed_residual_nm", outcome.residual_nm),
+        ms=ms,
+        solver_ms=1e3 * outcome.details.get("solver_seconds", 1e-3 * ms),
+    )
+
+
+def ask_bilinear(
+    name: str, projectors: dict[tuple[int, int], Projector], limit_s: float, problem: PostureProblem
+) -> Said:
+    """Ask a spatial branch and bound; its point is projected and verified outside the clock."""
+    begin = time.perf_counter()
+    scaled = ScaledProblem.of(problem)
+    answer = bilinear.solve(name, scaled, time_limit_s=limit_s)
+    ms, solver_ms = 1e3 * (time.perf_counter() - begin), 1e3 * answer.seconds
+    if answer.point is None:
+        return Said(label=answer.label, ms=ms, solver_ms=solver_ms)
+    projector = projectors.setdefault(scaled.size, Projector(*scaled.size))
+    claimed, projected = answer.point, projector.scp(scaled, answer.point)
+    reports = [
+        check_posture(problem, scaled.posture(com=p.com, rotation=p.rotation, toes=p.toes, forces=p.forces))
+        for p in (claimed, projected)
+    ]
+    return Said(
+        label=answer.label,
+        verified=reports[1].accepted,
+        residual_nm=reports[0].residual_nm,
+        ms=ms,
+        solver_ms=solver_ms,
+    )
+
+
+def hard_postures(options: Options) -> tuple[list[tuple[PostureProblem, Status]], Counter[str]]:
+    """Draw until both halves are full; also what was drawn and left out."""
+    planner, rng = ExactPlanner(time_limit_s=options.time_limit_s), np.random.default_rng(options.seed)
+    drawn, out = distribution(options.problem), Counter[str]()
+    room = {Status.FEASIBLE: options.count - options.count // 2, Status.INFEASIBLE: options.count // 2}
+    postures: list[tuple[PostureProblem, Status]] = []
+    while any(room.values()):
+        problem = drawn.sample(rng)
+        outcome = planner.solve(problem)
+        if outcome.details["trivial"]:
+            out["trivially infeasible"] += 1
+        elif outcome.status is Status.UNDECIDED:
+            out["undecided"] += 1
+        elif not room[outcome.status]:
+            out["more than half"] += 1
+        else:
+            room[outcome.status] -= 1
+            postures.append((problem, outcome.status))
+    return postures, out
+
+
+def run(options: Options, solvers: dict[str, Ask]) -> tuple[dict[str, dict[str, Any]], Counter[str]]:
+    """Every solver's row. The solvers take turns on each posture, and who begins rotates."""
+    postures, out = hard_postures(options)
+    names = list(solvers)
+    scores = {name: Score() for name in names}
+    for ask in solvers.values():
+        ask(postures[0][0])  # compiled models and loaded libraries are not what is compared
+    for index, (problem, status) in enumerate(track(postures, console=Console(stderr=True), transient=True)):
+        turn = index % len(names)
+        for name in names[turn:] + names[:turn]:
+            scores[name].add(solvers[name](problem), status)
+    base_ms = float(np.median([said.ms for said in scores[names[0]].said]))
+    return {name: score.summary(base_ms) for name, score in scores.items()}, out
+
+
+def table(options: Options, rows: dict[str, dict[str, Any]]) -> Table:
+    """The rows for people. Times in ms; a peer's ratio is that of its solver alone to our whole call."""
+    shown = Table(title=f"{options.problem}, {options.count} hard postures, seed {options.seed}, one thread")
+    titles = "solver|call median|p90|max|solver alone|on feas.|on infeas.|ratio|feas./infeas./unknown|contra-|refuted"
+    for title in titles.split("|"):
+        shown.add_column(title, justify="left" if title == "solver" else "right")
+    for name, row in rows.items():
+        keys = ("median_ms", "p90_ms", "max_ms", "solver_median_ms", "feasible_ms", "infeasible_ms")
+        labels = f"{row['feasible']}/{row['infeasible']}/{row['unknown']}"
+        labels += " (size limit)" if row["size_limit"] else ""
+        residuals = row["their_residual_nm"]
+        spread = f" ({residuals[0]:.2g}-{residuals[2]:.2g} Nm)" if residuals else ""
+        shown.add_row(
+            name, *(f"{row[key]:.3g}" for key in keys), f"{row['ratio']:.2g}", labels, str(row["contradictions"]),
+            f"{row['claims_against_certificate']}{spread}",
+        )  # fmt: skip
+    return shown
+
+
+def main(options: Options) -> None:
+    """Run and print."""
+    solvers: dict[str, Ask] = {}
+    errors = Console(stderr=True)
+    for name in dict.fromkeys(("exact", *options.solvers)):
+        try:
+            solvers[name] = solver(name, options)
+        except InvalidInput as error:
+            errors.print(f"left out: {error}")
+    with threadpool_limits(1):
+        rows, out = run(options, solvers)
+    if options.json:
+        for name, row in rows.items():
+            head = {"problem": options.problem, "count": options.count, "seed": options.seed, "solver": name}
+            print(json.dumps(head | row))
+        return
+    console = Console(width=max(Console().width, 150))
+    console.print(table(options, rows))
+    console.print(
+        "contra-: says infeasible where we have a verified witness, or has a point that verifies against a certificate."
+        "\nrefuted: says feasible where we have a certificate, and its point does not verify (net moment there)."
+        f"\ndrawn and left out: {', '.join(f'{count} {what}' for what, count in out.items()) or 'none'}."
+    )
+
+
+def _median(values: list[float]) -> float:
+    return float(np.median(values)) if values else float("nan")
+
+
+if __name__ == "__main__":
+    main(tyro.cli(Options))
