@@ -1,7 +1,8 @@
 """The posture problem with its true bilinear moment, written for solvers that branch in space: Gurobi and SCIP.
 
-Toes, p and m are eliminated: left are c, Θ, and U − 1 weights, three forces and the vector from shoulder to toe a limb.
-A product of a weight and a force is all that is bilinear, since Σ f is fixed and the centre of mass enters linearly.
+In the form "eliminated" toes, p and m are gone: left are c, Θ, and U − 1 weights, three forces and the vector from
+shoulder to toe a limb. A product of a weight and a force is all that is bilinear, since Σ f is fixed and the centre of
+mass enters linearly. The form "paper" keeps p and m as variables with m = p f (eqs. 2, 8, 9), in their plain bounds.
 """
 
 from __future__ import annotations
@@ -12,18 +13,20 @@ from importlib.util import find_spec
 from typing import Any, Literal
 
 import numpy as np
+
 from stancekit.planners.arrays import Array
 from stancekit.planners.contact.micp import domain_of
 from stancekit.planners.contact.project import Point
 from stancekit.planners.contact.scaled import ScaledProblem
 
 MODULES = {"gurobi": "gurobipy", "scip": "pyscipopt"}
+Form = Literal["eliminated", "paper"]
 Label = Literal["feasible", "infeasible", "unknown", "size limit"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class BilinearAnswer:
-    """What a solver says, its point, and its own time without the model's building [s]."""
+    """What a solver says, its point, and its own CPU time without the model's building [s]."""
 
     label: Label
     point: Point | None
@@ -32,13 +35,18 @@ class BilinearAnswer:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Unknowns:
-    """The solver's variables, as object arrays: c, Θ (3,), weights (N, U − 1), forces and legs (N, 3)."""
+    """The solver's variables, as object arrays: c, Θ (3,), weights (N, U − 1), forces and legs (N, 3).
+
+    position (N, 3) and moments (N, 3, 3) in the paper's form only.
+    """
 
     com: Any
     rotation: Any
     weights: Any
     forces: Any
     legs: Any
+    position: Any = None
+    moments: Any = None
 
     def point(self, scaled: ScaledProblem, value: Any) -> Point:
         """The point at which ``value`` gives every variable's value."""
@@ -51,9 +59,9 @@ class _Unknowns:
         return Point(com=com[0], rotation=rotation[0], toes=toes, forces=forces, residual=float("nan"))
 
 
-def solve(solver: str, scaled: ScaledProblem, *, time_limit_s: float) -> BilinearAnswer:
+def solve(solver: str, scaled: ScaledProblem, *, form: Form, time_limit_s: float) -> BilinearAnswer:
     """Solve on one thread."""
-    return {"gurobi": _gurobi, "scip": _scip}[solver](scaled, time_limit_s)
+    return {"gurobi": _gurobi, "scip": _scip}[solver](scaled, form, time_limit_s)
 
 
 def installed(solver: str) -> bool:
@@ -61,27 +69,27 @@ def installed(solver: str) -> bool:
     return find_spec(MODULES[solver]) is not None
 
 
-def _gurobi(scaled: ScaledProblem, time_limit_s: float) -> BilinearAnswer:
+def _gurobi(scaled: ScaledProblem, form: Form, time_limit_s: float) -> BilinearAnswer:
     import gurobipy as gp
 
     with gp.Env(params={"OutputFlag": 0}) as env, gp.Model(env=env) as model:
         model.setParam("Threads", 1)
         model.setParam("NonConvex", 2)
         model.setParam("TimeLimit", time_limit_s)
-        unknowns = _unknowns(scaled, lambda low, high: model.addVar(lb=low, ub=high))
+        unknowns = _unknowns(scaled, form, lambda low, high: model.addVar(lb=low, ub=high))
         model.update()
         for row in _equal_zero(scaled, unknowns):
             model.addConstr(row == 0.0)
         for row in _at_most_zero(scaled, unknowns):
             model.addConstr(row <= 0.0)
-        begin = time.perf_counter()
+        begin = time.process_time()
         try:
             model.optimize()
         except gp.GurobiError as error:
             if error.errno != gp.GRB.Error.SIZE_LIMIT_EXCEEDED:
                 raise
             return BilinearAnswer(label="size limit", point=None, seconds=float("nan"))
-        seconds = time.perf_counter() - begin
+        seconds = time.process_time() - begin
         if model.SolCount:
             point = unknowns.point(scaled, lambda variable: variable.X)
             return BilinearAnswer(label="feasible", point=point, seconds=seconds)
@@ -89,20 +97,20 @@ def _gurobi(scaled: ScaledProblem, time_limit_s: float) -> BilinearAnswer:
         return BilinearAnswer(label="infeasible" if proved else "unknown", point=None, seconds=seconds)
 
 
-def _scip(scaled: ScaledProblem, time_limit_s: float) -> BilinearAnswer:
+def _scip(scaled: ScaledProblem, form: Form, time_limit_s: float) -> BilinearAnswer:
     import pyscipopt
 
     model = pyscipopt.Model()
     model.hideOutput()
     model.setParam("limits/time", time_limit_s)
-    unknowns = _unknowns(scaled, lambda low, high: model.addVar(lb=low, ub=high))
+    unknowns = _unknowns(scaled, form, lambda low, high: model.addVar(lb=low, ub=high))
     for row in _equal_zero(scaled, unknowns):
         model.addCons(row == 0.0)
     for row in _at_most_zero(scaled, unknowns):
         model.addCons(row <= 0.0)
-    begin = time.perf_counter()
+    begin = time.process_time()
     model.optimize()
-    seconds = time.perf_counter() - begin
+    seconds = time.process_time() - begin
     if model.getNSols():
         point = unknowns.point(scaled, model.getVal)
         return BilinearAnswer(label="feasible", point=point, seconds=seconds)
@@ -110,10 +118,14 @@ def _scip(scaled: ScaledProblem, time_limit_s: float) -> BilinearAnswer:
     return BilinearAnswer(label="infeasible" if proved else "unknown", point=None, seconds=seconds)
 
 
-def _unknowns(scaled: ScaledProblem, add: Any) -> _Unknowns:
-    """Variables with the tightest plain bounds: those of the centre of mass' ball, the cones and the reach."""
+def _unknowns(scaled: ScaledProblem, form: Form, add: Any) -> _Unknowns:
+    """Variables with the tightest plain bounds: those of the centre of mass' ball, the cones and the reach.
+
+    In the paper's form the forces have their own box, and p and m lie in [−1, 1].
+    """
     contacts, vertices = scaled.size
-    f_low, f_high = domain_of(scaled).force
+    f_low, f_high = (scaled.force_min, scaled.force_max) if form == "paper" else domain_of(scaled).force
+    one = np.ones((contacts, 3))
 
     def block(low: Array, high: Array) -> Any:
         made = [add(float(a), float(b)) for a, b in zip(low.ravel(), high.ravel(), strict=True)]
@@ -127,6 +139,8 @@ def _unknowns(scaled: ScaledProblem, add: Any) -> _Unknowns:
         weights=block(weights, weights + 1.0),
         forces=block(f_low, f_high),
         legs=block(-reach, reach),
+        position=block(-one, one) if form == "paper" else None,
+        moments=block(-np.ones((contacts, 3, 3)), np.ones((contacts, 3, 3))) if form == "paper" else None,
     )
 
 
@@ -144,12 +158,34 @@ def _equal_zero(scaled: ScaledProblem, unknowns: _Unknowns) -> list[Any]:
     for i in range(scaled.size[0]):
         toe = _toe(scaled, unknowns, i)
         f = [sum(scaled.frames[i, j, k] * unknowns.forces[i, k] for k in range(3)) for j in range(3)]
-        moment = [m + c for m, c in zip(moment, _cross(toe, f), strict=True)]
+        if unknowns.moments is None:
+            moment = [m + c for m, c in zip(moment, _cross(toe, f), strict=True)]
         force = [a + b for a, b in zip(force, f, strict=True)]
         shoulder = scaled.shoulders[i]
         turned = _cross(unknowns.rotation, shoulder)
         rows += [toe[j] - com[j] - shoulder[j] - turned[j] - unknowns.legs[i, j] for j in range(3)]
+        if unknowns.moments is not None:
+            rows += [toe[j] - com[j] - unknowns.position[i, j] for j in range(3)]
+    if unknowns.moments is not None:
+        moment = _moment_of_products(scaled, unknowns)
+        rows += [
+            unknowns.moments[i, j, k] - unknowns.position[i, j] * unknowns.forces[i, k]
+            for i in range(scaled.size[0])
+            for j in range(3)
+            for k in range(3)
+        ]
     return [*force, *moment, *rows]
+
+
+def _moment_of_products(scaled: ScaledProblem, unknowns: _Unknowns) -> list[Any]:
+    """Σ m_ijk P_j × F_ik (eq. 9), about the centre of mass."""
+    total: list[Any] = [0.0, 0.0, 0.0]
+    for i in range(scaled.size[0]):
+        for j in range(3):
+            for k in range(3):
+                axis = np.cross(np.eye(3)[j], scaled.frames[i, :, k])
+                total = [t + float(a) * unknowns.moments[i, j, k] for t, a in zip(total, axis, strict=True)]
+    return total
 
 
 def _at_most_zero(scaled: ScaledProblem, unknowns: _Unknowns) -> list[Any]:

@@ -18,6 +18,7 @@ from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Ellipse, FancyArrow, Rectangle, Wedge
 from numpy.typing import NDArray
+
 from stancekit.planners.arrays import Array
 from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.outcome import InvalidInput

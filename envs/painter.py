@@ -11,6 +11,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb as rgb
 from matplotlib.patheffects import withStroke
 from scipy.spatial import ConvexHull
+
 from stancekit.planners.arrays import Array
 
 GROUND, TERRAIN, ROBOT, VEIL, FORCE = range(5)

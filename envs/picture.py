@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import to_rgb as rgb
 from matplotlib.figure import Figure
+
 from stancekit.planners.arrays import Array, frozen
 from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.outcome import InvalidInput, Posture

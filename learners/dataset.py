@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
+
 from stancekit.planners.arrays import Array, frozen
 from stancekit.planners.outcome import Certificate, InvalidInput, Posture, Status
 from stancekit.planners.scene import Limb, PostureProblem, Robot

@@ -19,6 +19,7 @@ from typing import Any, ClassVar, Literal, TypeVar
 import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
 from stancekit.planners.files import write_bytes
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.scene.posture import pydantic_lines
@@ -207,6 +208,15 @@ class Ledger:
         """Times of the shards, of those that have any."""
         paths = (self.folder / timing_name(shard) for shard in self.tallies)
         return [_read_json(path, Timing) for path in paths if path.exists()]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shard:
+    """A shard as it comes from where it was drawn; ``write_shard`` makes files of it."""
+
+    table: pa.Table
+    tally: Tally
+    timing: Timing
 
 
 def write_shard(folder: Path, table: pa.Table, tally: Tally, timing: Timing) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,7 @@ def frozen(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Array
     """
     try:
         array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput(f"{where}: expected numbers of shape {_shape_text(shape)}, got {value!r:.80}") from None
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         raise InvalidInput(f"{where}: expected shape {_shape_text(shape)}, got {array.shape}")
@@ -46,6 +47,18 @@ def checked(
     if not least <= number <= most:
         raise InvalidInput(f"{where}: expected a number in [{least:g}, {most:g}], got {number:g}")
     return number
+
+
+def gathered(*checks: Callable[[], object]) -> None:
+    """Run every check and raise one InvalidInput that says all that is wrong, separated by "; "."""
+    wrong = []
+    for check in checks:
+        try:
+            check()
+        except InvalidInput as error:
+            wrong.append(str(error))
+    if wrong:
+        raise InvalidInput("; ".join(wrong))
 
 
 def cross(a: Array, b: Array) -> Array:

@@ -17,6 +17,7 @@ import cvxpy as cp
 import numpy as np
 import scipy.sparse as sp
 from cvxpy.reductions.solvers.conic_solvers.clarabel_conif import dims_to_solver_cones
+from numpy.typing import NDArray
 
 from .arrays import Array
 from .outcome import StancekitError
@@ -108,11 +109,15 @@ class ConicModel:
         self._load(values)
         self._solver.update(q=self._q(), A=self._a_values(), b=self._b())
         answer = self._solver.solve()
+        if answer.status not in _STATUS:  # rare: ask again with a scaling of its own and refined steps
+            careful = solver_settings(careful=True)
+            args = (self._hessian, self._q(), self._matrix(), self._b(), self._cones, careful)
+            answer = clarabel.DefaultSolver(*args).solve()
         return ConicSolution(
             status=_STATUS.get(answer.status, ConicStatus.FAILED),
             x=np.array(answer.x),
             z=np.array(answer.z),
-            objective=float(answer.obj_val),
+            objective=float(answer.obj_val) + float((self._offset_tensor @ self._theta)[0]),
             iterations=int(answer.iterations),
             seconds=float(answer.solve_time),
         )
@@ -126,6 +131,19 @@ class ConicModel:
         rows, signs = self._rows[name]
         return np.asarray(signs * solution.z[rows])
 
+    def lagrangian(self, solution: ConicSolution) -> tuple[float, Array]:
+        """The Lagrangian  z'(A x − b)  as a function of x: its constant −b'z and its slope A'z, shape (n,).
+
+        Of the data that was solved last, objective left out: no x that satisfies the constraints makes it positive.
+        """
+        weights = solution.z[self._a_row] * self._a_values()
+        slope: Array = np.bincount(self._a_col, weights=weights, minlength=self._n).astype(np.float64)
+        return -float(self._b() @ solution.z), slope
+
+    def columns(self, name: str) -> NDArray[np.int_]:
+        """Where in x the variable of this name is, in its own shape."""
+        return np.asarray(self._columns[name])
+
     def gradient(self, solution: ConicSolution, names: tuple[str, ...]) -> dict[str, Array]:
         """Derivative of the optimal value in the parameters of these names (envelope theorem), in their shapes.
 
@@ -133,6 +151,7 @@ class ConicModel:
         """
         weights = solution.z[self._a_row] * solution.x[self._a_col]
         by_theta = self._a_tensor.T @ weights - self._b_tensor.T @ solution.z + self._q_tensor.T @ solution.x
+        by_theta = by_theta + np.ravel(self._offset_tensor.toarray())
         found = {}
         for name in names:
             where, shape = self._slots[name]
@@ -176,6 +195,7 @@ class ConicModel:
         self._a_indptr = np.searchsorted(self._a_col, np.arange(self._n + 1))
         self._b_tensor = sp.csr_matrix(tensor[m * self._n :])
         self._q_tensor = sp.csr_matrix(q_tensor[: self._n])
+        self._offset_tensor = sp.csr_matrix(q_tensor[self._n :])
 
     def _index(self, problem: cp.Problem, chain: object, inverse: object, duals: Mapping[str, cp.Constraint]) -> None:
         """Find the columns of every variable and the rows of every named constraint by sending a ruler back through."""
@@ -192,13 +212,16 @@ class ConicModel:
             self._rows[name] = (np.abs(flat).round().astype(int) - 1, np.sign(flat))
 
 
-def solver_settings() -> clarabel.DefaultSettings:
-    """Clarabel's settings for small models on one thread with data updates; no clock ends a solve, iterations do."""
+def solver_settings(*, careful: bool = False) -> clarabel.DefaultSettings:
+    """Clarabel's settings for small models on one thread with data updates; no clock ends a solve, iterations do.
+
+    careful: slower, for the rare problem that the fast settings end on without an answer.
+    """
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.max_threads = 1
     settings.presolve_enable = False
     settings.chordal_decomposition_enable = False
-    settings.iterative_refinement_enable = False
-    settings.equilibrate_max_iter = 2
+    settings.iterative_refinement_enable = careful
+    settings.equilibrate_max_iter = 10 if careful else 2
     return settings

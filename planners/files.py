@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 from collections.abc import Callable, Iterator
@@ -19,29 +20,41 @@ UNBOUNDED = 1e6
 def read_text(path: str | Path) -> str:
     """Return a file's text. Raises InvalidInput for a file that is missing, no file, empty or not UTF-8."""
     path = Path(path)
-    if not path.exists():
-        raise InvalidInput(f"{path}: expected a file, found nothing there")
-    if path.is_dir():
-        raise InvalidInput(f"{path}: expected a file, found a folder")
     try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise InvalidInput(f"{path}: expected UTF-8 text, byte {error.start} is not") from None
+        content = path.read_bytes()
+    except IsADirectoryError:
+        raise InvalidInput(f"{path}: expected a file, found a folder") from None
     except OSError as error:
+        if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG):
+            raise InvalidInput(f"{path}: expected a file, found nothing there") from None
         raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
+    text = decoded(content, str(path))
     if not text.strip():
         raise InvalidInput(f"{path}: expected JSON, the file is empty")
     return text
 
 
-def parse_json(text: str, where: str) -> Any:
-    """Parse one JSON document. Raises InvalidInput with line and column."""
+def decoded(content: bytes, where: str) -> str:
+    """Return UTF-8 bytes as text, without the byte order mark that some editors begin a file with.
+
+    Raises InvalidInput for anything else.
+    """
     try:
-        return json.loads(text)
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InvalidInput(f"{where}: expected UTF-8 text, byte {error.start} is not") from None
+
+
+def parse_json(text: str, where: str) -> Any:
+    """Parse one JSON document. Raises InvalidInput with line and column, and for a key that an object has twice."""
+    try:
+        return json.loads(text, object_pairs_hook=_object)
     except json.JSONDecodeError as error:
         raise InvalidInput(
             f"{where}: expected JSON, broken at line {error.lineno} column {error.colno}: {error.msg}"
         ) from None
+    except InvalidInput as error:
+        raise InvalidInput(f"{where}: {error}") from None
     except (RecursionError, ValueError) as error:
         raise InvalidInput(f"{where}: expected JSON: {error}") from None
 
@@ -49,17 +62,19 @@ def parse_json(text: str, where: str) -> Any:
 def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInput]]:
     """Yield (where, value) for every record in a text that is one JSON object, an array of them, or JSON lines.
 
-    A record that cannot be parsed is yielded as its InvalidInput, and the rest still come.
+    A record that cannot be parsed is yielded as its InvalidInput, and the rest still come. A text that is no JSON as a
+    whole is taken for JSON lines where a line that is not indented is an object, unless it begins as an array does.
     """
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
-    if len(lines) > 1 and _is_json(lines[0][1]):
-        for number, line in lines:
-            yield from _record(line, f"{where} line {number}")
-        return
     try:
         whole = parse_json(text, where)
     except InvalidInput as error:
-        yield where, error
+        lines = [(f"{where} line {n}", line) for n, line in enumerate(text.split("\n"), 1) if line.strip()]
+        objects = (line for _, line in lines if line[0] == "{" and isinstance(_parsed(line, where), dict))
+        if len(lines) < 2 or text.lstrip()[0] == "[" or not any(objects):
+            yield where, error
+            return
+        for place, line in lines:
+            yield place, _parsed(line, place)
         return
     if not isinstance(whole, list):
         yield where, whole
@@ -127,7 +142,7 @@ def answer_from_json(data: Any) -> Posture | Certificate | None:
         raise InvalidInput(f"{missing[0]}: expected this key, got nothing")
     try:
         return Posture(**{name: data[name] for name in names})
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise InvalidInput(f"{', '.join(names)}: expected lists of numbers") from None
 
 
@@ -139,22 +154,36 @@ def write_text(path: str | Path, text: str) -> None:
 def write_bytes(path: str | Path, content: bytes) -> None:
     """Write a file whole or not at all, also when the machine stops: beside it first, then renamed.
 
-    What a killed process leaves beside it is named ``.NAME.PID.tmp``. Raises InvalidInput where there is no folder.
+    What a killed process leaves beside it is named ``.NAME.PID.tmp``. A link stays a link, and a device or a pipe is
+    written to as it is. Raises InvalidInput where nothing can be written.
     """
-    path = Path(path)
-    if not path.parent.is_dir():
-        raise InvalidInput(f"{path}: expected an existing folder {path.parent}")
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    check_writable(path)
+    target = Path(path).resolve()
+    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
+        if target.exists() and not target.is_file():
+            target.write_bytes(content)
+            return
         with open(temporary, "wb") as stream:
             stream.write(content)
             stream.flush()
             os.fsync(stream.fileno())
-        os.replace(temporary, path)
+        os.replace(temporary, target)
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from None
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def check_writable(path: str | Path) -> None:
+    """Raise InvalidInput where no file can be written; ask before the work whose result goes there."""
+    path = Path(path)
+    if path.is_dir():
+        raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EISDIR)}")
+    if not path.parent.is_dir():
+        raise InvalidInput(f"{path}: expected an existing folder {path.parent}")
+    if not os.access(path if path.exists() and not path.is_file() else path.resolve().parent, os.W_OK):
+        raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EACCES)}")
 
 
 def write_envelopes(path: str | Path, envelopes: EnvelopeSet) -> None:
@@ -162,19 +191,20 @@ def write_envelopes(path: str | Path, envelopes: EnvelopeSet) -> None:
     write_text(path, json.dumps(envelopes.to_json(), indent=1) + "\n")
 
 
-def _record(line: str, where: str) -> Iterator[tuple[str, Any | InvalidInput]]:
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise InvalidInput(f"{twice}: expected this key once, got it {names.count(twice)} times")
+    return found
+
+
+def _parsed(text: str, where: str) -> Any | InvalidInput:
     try:
-        yield where, parse_json(line, where)
+        return parse_json(text, where)
     except InvalidInput as error:
-        yield where, error
-
-
-def _is_json(line: str) -> bool:
-    try:
-        json.loads(line)
-    except (ValueError, RecursionError):
-        return False
-    return True
+        return error
 
 
 def _located(path: str | Path, read: Callable[[], EnvelopeSet]) -> EnvelopeSet:

@@ -98,7 +98,7 @@ class Certificate:
         try:
             tree = np.array(data["tree"], dtype=np.float64)
             multipliers = np.array(data["multipliers"], dtype=np.float64)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise InvalidInput("certificate: expected two tables of numbers") from None
         if tree.ndim != 2 or tree.shape[1] != 4 or multipliers.ndim != 2:
             raise InvalidInput(

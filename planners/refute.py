@@ -1,4 +1,4 @@
-"""Independent check of infeasibility certificates, and what they say of the reason: matrix-vector work, no solver.
+"""Independent check of infeasibility certificates: matrix-vector work, no solver.
 
 All numbers here are non-dimensional: lengths over the length scale, forces over the force scale. For contact i let v_u
 be the vertices of its patch, C_i its frame (eq. 3), μ its friction, B its force box, s its shoulder, ρ its reach; let w
@@ -15,8 +15,7 @@ least over the vertices v_u of r·v_u + min {a·f : f in B and in the friction c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -30,11 +29,6 @@ SLACK = 1e-6
 """A certificate must also refute postures that break constraints by this much: ``check_posture`` accepts those."""
 GUARD = 1e-12
 """Every leaf's bound is lowered by this share of its terms: far more than they can lose by rounding."""
-FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = 10.0, 1.0, 10.0, 1.0, 0.5 * math.pi
-"""``explain`` looks no further: largest friction and tilt, largest growth of reach, force (in its scale), radius."""
-BISECTIONS = 30
-
-
 @dataclass(frozen=True, kw_only=True)
 class CertificateReport:
     """Whether a certificate refutes a problem.
@@ -55,39 +49,6 @@ class CertificateReport:
         return {**vars(self), "lower_bound": bound}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Relaxation:
-    """The least value of one parameter, the others as they are, at which a certificate stops refuting its problem.
-
-    It is necessary, not sufficient: below ``needed`` the problem stays infeasible. needed: inf beyond the caps.
-    leg: empty for parameters of the body. now, needed: in ``unit`` (SI; 1 for friction).
-    """
-
-    parameter: str
-    leg: str
-    now: float
-    needed: float
-    unit: str
-
-    @property
-    def relative(self) -> float:
-        """Growth over the value now; inf where that is 0."""
-        return (self.needed - self.now) / self.now if self.now > 0.0 else math.inf
-
-
-@dataclass(frozen=True, kw_only=True)
-class Explanation:
-    """Why a problem is infeasible: what each single parameter would have to become, the cheapest growth first."""
-
-    relaxations: tuple[Relaxation, ...]
-    message: str
-
-    def to_json(self) -> dict[str, Any]:
-        """Return JSON-ready values; an infinite ``needed`` becomes null."""
-        rows = [{**vars(r), "needed": r.needed if math.isfinite(r.needed) else None} for r in self.relaxations]
-        return {"relaxations": rows, "message": self.message}
-
-
 def check_certificate(
     problem: PostureProblem, certificate: Certificate, *, tolerance: float = 1e-4
 ) -> CertificateReport:
@@ -96,10 +57,10 @@ def check_certificate(
     Accepted when every leaf's bound exceeds ``tolerance`` (non-dimensional moment, not below 0).
     """
     try:
-        leaves = _replay(problem, certificate)
+        leaves = replay(problem, certificate)
     except InvalidInput as error:
         return CertificateReport(accepted=False, lower_bound=0.0, leaves=0, weakest=-1, message=f"rejected: {error}")
-    bounds = _bounds(_numbers(problem), leaves)
+    bounds = leaf_bounds(numbers_of(problem), leaves)
     weakest = int(np.argmin(bounds))
     bound = float(bounds[weakest])
     accepted = bound > max(tolerance, 0.0)
@@ -113,60 +74,6 @@ def check_certificate(
         moment_nm = bound * problem.moment_scale_nm
         message = f"refuted at all leaves ({len(bounds)}): {moment_nm:.3g} Nm of moment or more are left over"
     return CertificateReport(accepted=accepted, lower_bound=bound, leaves=len(bounds), weakest=weakest, message=message)
-
-
-def explain(problem: PostureProblem, certificate: Certificate, *, tolerance: float = 1e-4) -> Explanation:
-    """Say how far each single parameter must grow before the certificate stops refuting the problem.
-
-    Parameters: friction, reach and largest normal force of each contact, COM radius, tilt limit. A certificate that
-    is not accepted explains nothing: no relaxations and a message that says why.
-    """
-    report = check_certificate(problem, certificate, tolerance=tolerance)
-    if not report.accepted:
-        return Explanation(relaxations=(), message=f"nothing to explain: {report.message}")
-    numbers, leaves, least = _numbers(problem), _replay(problem, certificate), max(tolerance, 0.0)
-    length, force = problem.length_scale_m, problem.moment_scale_nm / problem.length_scale_m
-    found = []
-
-    def search(name: str, leg: str, unit: str, now: float, cap: float, grow: Callable[[float], Array]) -> None:
-        """Bisect on the growth in (0, cap]; the bounds fall as it grows."""
-        low, high = 0.0, cap
-        if cap <= 0.0 or np.all(grow(cap) > least):
-            low = math.inf
-        else:
-            for _ in range(BISECTIONS):
-                middle = 0.5 * (low + high)
-                low, high = (middle, high) if np.all(grow(middle) > least) else (low, middle)
-        found.append(Relaxation(parameter=name, leg=leg, now=now, needed=now + low, unit=unit))
-
-    for i, contact in enumerate(problem.contacts):
-        one = np.eye(len(problem.contacts))[i]
-        outermost = np.zeros(leaves.upper.shape, dtype=bool)
-        outermost[:, i, 0] = leaves.upper[:, i, 0] == contact.force_max[0]
-
-        def friction(by: float, one: Array = one) -> Array:
-            return _bounds(replace(numbers, friction=numbers.friction + by * one), leaves)
-
-        def reach(by: float, one: Array = one) -> Array:
-            return _bounds(replace(numbers, reach=numbers.reach + by / length * one), leaves)
-
-        def normal_force(by: float, outermost: NDArray[np.bool_] = outermost) -> Array:
-            return _bounds(numbers, replace(leaves, upper=leaves.upper + by / force * outermost))
-
-        mu = contact.patch.friction
-        search("friction", contact.leg, "1", mu, FRICTION_CAP - mu, friction)
-        search("reach", contact.leg, "m", contact.reach_m, REACH_CAP_M, reach)
-        search("force_max", contact.leg, "N", float(contact.force_max[0]) * force, FORCE_CAP * force, normal_force)
-    search(
-        "com_radius", "", "m", problem.com_radius_m, RADIUS_CAP_M,
-        lambda by: _bounds(replace(numbers, com_radius=numbers.com_radius + by / length), leaves),
-    )  # fmt: skip
-    search(
-        "tilt_limit", "", "rad", problem.tilt_limit_rad, TILT_CAP_RAD - problem.tilt_limit_rad,
-        lambda by: _bounds(replace(numbers, tilt=numbers.tilt + by), leaves),
-    )  # fmt: skip
-    found.sort(key=lambda r: (math.isinf(r.needed), r.relative, r.needed - r.now))
-    return Explanation(relaxations=tuple(found), message=_cheapest(found[0]))
 
 
 def contact_frames(problem: PostureProblem) -> Array:
@@ -190,7 +97,7 @@ def cross(a: Array, b: Array) -> Array:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Numbers:
+class Numbers:
     """What the bounds need of a problem, non-dimensional, N contacts."""
 
     frames: Array  # (N, 3, 3)
@@ -204,7 +111,7 @@ class _Numbers:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Leaves:
+class Leaves:
     """The leaves of a tree, M of them with V vertices in all, non-dimensional.
 
     pair: contact plus N times leaf of every vertex, ascending, shape (V,). sag: how far a toe may be off the pieces.
@@ -218,9 +125,10 @@ class _Leaves:
     multipliers: Array  # (M, 6 + 3N), the largest entry of each row ±1
 
 
-def _numbers(problem: PostureProblem) -> _Numbers:
+def numbers_of(problem: PostureProblem) -> Numbers:
+    """A problem in non-dimensional numbers, frames recomputed."""
     length = problem.length_scale_m
-    return _Numbers(
+    return Numbers(
         frames=contact_frames(problem),
         friction=np.array([contact.patch.friction for contact in problem.contacts]),
         reach=np.array([contact.reach_m for contact in problem.contacts]) / length,
@@ -232,7 +140,7 @@ def _numbers(problem: PostureProblem) -> _Numbers:
     )
 
 
-def _replay(problem: PostureProblem, certificate: Certificate) -> _Leaves:
+def replay(problem: PostureProblem, certificate: Certificate) -> Leaves:
     """Grow the tree from the problem's own patches and force boxes, so that the leaves cover. Raises InvalidInput."""
     tree, multipliers, count = certificate.tree, certificate.multipliers, len(problem.contacts)
     if tree.ndim != 2 or tree.shape[1] != 4 or multipliers.ndim != 2 or multipliers.shape[1] != 6 + 3 * count:
@@ -280,7 +188,7 @@ def _replay(problem: PostureProblem, certificate: Certificate) -> _Leaves:
     if len(leaves) != len(multipliers):
         raise InvalidInput(f"multipliers: expected a row for each of {len(leaves)} leaves, got {len(multipliers)}")
     largest = np.abs(multipliers).max(axis=1, keepdims=True)
-    return _Leaves(
+    return Leaves(
         lower=np.array([leaf[1] for leaf in leaves]),
         upper=np.array([leaf[2] for leaf in leaves]),
         vertices=np.concatenate([piece for leaf in leaves for piece in leaf[0]]),
@@ -346,7 +254,7 @@ def sag(polygon: Array) -> float:
     return float(np.ptp(flat[:, 2])) + 2.0 * depth
 
 
-def _bounds(numbers: _Numbers, leaves: _Leaves) -> Array:
+def leaf_bounds(numbers: Numbers, leaves: Leaves) -> Array:
     """Proved lower bound on the moment residual at every leaf, shape (M,); 0 where nothing is proved.
 
     Nothing is proved against postures within ``SLACK`` of the constraints, so that no problem has both an accepted
@@ -359,7 +267,7 @@ def _bounds(numbers: _Numbers, leaves: _Leaves) -> Array:
         return np.where(_misses_cone(leaves, numbers.friction).any(axis=1), np.inf, bounds)
 
 
-def _least_lagrangian(numbers: _Numbers, leaves: _Leaves, slack: float) -> Array:
+def _least_lagrangian(numbers: Numbers, leaves: Leaves, slack: float) -> Array:
     """Least value ℓ of the Lagrangian over a leaf, every constraint widened by ``slack``, rounded down; shape (M,)."""
     count, w = len(numbers.friction), numbers.weight
     nu_F, nu_M = leaves.multipliers[:, :3], leaves.multipliers[:, 3:6]
@@ -401,7 +309,7 @@ def _least_lagrangian(numbers: _Numbers, leaves: _Leaves, slack: float) -> Array
     return np.asarray(value - GUARD * (1.0 + terms))
 
 
-def _misses_cone(leaves: _Leaves, friction: Array) -> NDArray[np.bool_]:
+def _misses_cone(leaves: Leaves, friction: Array) -> NDArray[np.bool_]:
     """Where no force is within ``SLACK`` of both force box and friction cone: the leaf is empty, shape (M, N)."""
     nearest = np.linalg.norm(np.maximum(np.maximum(leaves.lower[..., 1:], -leaves.upper[..., 1:]), 0.0), axis=-1)
     most = friction * (leaves.upper[..., 0] + SLACK) + SLACK  # largest shear
@@ -449,13 +357,3 @@ def least_work(a: Array, lower: Array, upper: Array, friction: Array, *, slack: 
         pulling = np.minimum(slack / np.maximum(mu, 1e-300), low - lower[:, :1])  # f_n ≥ −slack / μ
         value -= slack * (k + np.abs(dn) + np.abs(dy) + np.abs(dz)) + pulling * np.abs(dn)
     return np.asarray(value.max(axis=1))
-
-
-def _cheapest(first: Relaxation) -> str:
-    if math.isinf(first.needed):
-        return "infeasible for more than one reason: no single parameter, however large, lifts this proof"
-    name = first.parameter + (f" of {first.leg}" if first.leg else "")
-    unit = "" if first.unit == "1" else f" {first.unit}"
-    change = f" ({100.0 * first.relative:+.2g} %)" if math.isfinite(first.relative) else ""
-    values = f"from {first.now:.4g}{unit} to at least {first.needed:.4g}{unit}"
-    return f"infeasible: the cheapest single change is {name}, {values}{change}"

@@ -17,16 +17,9 @@ from typing import Any
 import numpy as np
 
 from .arrays import Array
+from .explain import Explanation, Relaxation, explain
 from .outcome import Posture
-from .refute import (
-    CertificateReport,
-    Explanation,
-    Relaxation,
-    check_certificate,
-    contact_frames,
-    cross,
-    explain,
-)
+from .refute import CertificateReport, check_certificate, contact_frames, cross
 from .scene import PostureProblem
 
 __all__ = [

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ..arrays import Array, frozen
+from ..arrays import Array, checked, frozen
 from ..outcome import InvalidInput
 from ..scene import PostureProblem
 from ..scene.posture import pydantic_lines
@@ -30,11 +30,11 @@ class Envelope:
     high: Array
 
     def __post_init__(self) -> None:
-        low = frozen(self.low, (None, 6), "envelope low")
-        high = frozen(self.high, (len(low), 6), "envelope high")
+        low = frozen(self.low, (None, 6), "low")
+        high = frozen(self.high, (len(low), 6), "high")
         if np.any(low > high):
             i, d = np.argwhere(low > high)[0]
-            raise InvalidInput(f"envelope[{i}][{d}]: expected low <= high, got {low[i, d]:g} > {high[i, d]:g}")
+            raise InvalidInput(f"low[{i}][{d}]: expected at most high, got {low[i, d]:g} > {high[i, d]:g}")
         object.__setattr__(self, "low", low)
         object.__setattr__(self, "high", high)
 
@@ -103,8 +103,16 @@ class EnvelopeSet:
 
     def __post_init__(self) -> None:
         count = len(self.legs)
+        if not count or len(set(self.legs)) != count:
+            raise InvalidInput(f"legs: expected one or more different ones, got {list(self.legs)}")
+        for name in ("force_scale_n", "length_scale_m"):
+            object.__setattr__(self, name, checked(getattr(self, name), name, above=0.0))
         object.__setattr__(self, "normals", frozen(self.normals, (count, 3), "normals"))
         object.__setattr__(self, "tilt_rad", frozen(self.tilt_rad, (count,), "tilt_rad"))
+        if np.any(np.abs(np.linalg.norm(self.normals, axis=1) - 1.0) > 1e-3):
+            raise InvalidInput(f"normals: expected unit vectors, got {self.normals.tolist()}")
+        if np.any(self.tilt_rad < 0.0):
+            raise InvalidInput(f"tilt_rad: expected no negative angle, got {self.tilt_rad.tolist()}")
         if not self.envelopes:
             raise InvalidInput("envelopes: expected one or more, got none")
         for index, envelope in enumerate(self.envelopes):
@@ -178,8 +186,13 @@ class EnvelopeSet:
         except ValidationError as error:
             raise InvalidInput("; ".join(pydantic_lines(error))) from None
         rest = raw.model_dump(exclude={"format", "envelopes", "legs"})
-        envelopes = tuple(Envelope(**box.model_dump()) for box in raw.envelopes)
-        return cls(envelopes=envelopes, legs=tuple(raw.legs), **rest)
+        envelopes = []
+        for index, box in enumerate(raw.envelopes):
+            try:
+                envelopes.append(Envelope(**box.model_dump()))
+            except InvalidInput as error:
+                raise InvalidInput(f"envelopes[{index}].{error}") from None
+        return cls(envelopes=tuple(envelopes), legs=tuple(raw.legs), **rest)
 
 
 class _EnvelopeJson(BaseModel):

@@ -60,7 +60,7 @@ class NlpModel:
         if not np.isfinite(point.residual):
             return point, status
         polished = self._fix_toes.solve(scaled, point.toes)
-        return polished if polished.residual <= max(SURFACE, point.residual) else point, status
+        return polished if np.isfinite(polished.residual) else point, status
 
 
 class NlpPlanner:
@@ -184,7 +184,7 @@ def posture_program(contacts: int, vertices: int) -> dict[str, Any]:
 def _options(max_iterations: int, time_limit_s: float) -> dict[str, Any]:
     ipopt = {
         "print_level": 0, "sb": "yes", "max_iter": max_iterations, "max_wall_time": time_limit_s,
-        "tol": 1e-8, "constr_viol_tol": 1e-8, "acceptable_iter": 0,
+        "tol": 1e-9, "constr_viol_tol": 1e-9, "acceptable_iter": 0, "bound_relax_factor": 0.0,
     }  # fmt: skip
     return {"ipopt": ipopt, "print_time": False, "show_eval_warnings": False, "calc_lam_p": False}
 

@@ -8,7 +8,7 @@ derivative of t in every bound of the box.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cvxpy as cp
 import numpy as np
@@ -37,6 +37,7 @@ class RelaxationAnswer:
     point: Point | None = None
     gap: float = float("nan")
     chosen: int = 0
+    solves: int = 1
     seconds: float = 0.0
     gradient: tuple[Array, Array] | None = None
 
@@ -49,6 +50,25 @@ class RelaxationAnswer:
     def known(self) -> bool:
         """Whether the solver came to an end."""
         return not np.isnan(self.margin)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evidence:
+    """What one solve of P1 tells about every other box over the same problem.
+
+    margin: as in ``RelaxationAnswer``; the rest is None where there is none.
+    point: [p, f], shape (N, 6), and excess = m − p f, shape (N, 3, 3), indices contact, j, k: a primal solution.
+    rows: u ≥ 0, multipliers of the four envelope rows low-low, high-high, low-high, high-low, shape (4, N, 3, 3).
+    slope, constant: what the Lagrangian  slope · [p, f] + constant  of all other constraints but [p, f] ∈ B and
+    t is, shape (N, 6), minimised over what else there is, a lower bound that holds for every answer of the problem.
+    """
+
+    margin: float
+    point: Array | None = None
+    excess: Array | None = None
+    rows: Array | None = None
+    slope: Array | None = None
+    constant: float = 0.0
 
 
 class PostureWithoutMoment:
@@ -82,7 +102,8 @@ class McCormick:
         typical = ScaledProblem.typical(contacts, vertices)
         box = Envelope(low=-np.ones((contacts, 6)), high=np.ones((contacts, 6)))
         self.problem = cp.Problem(cp.Minimize(margin), constraints)
-        self.model = ConicModel(self.problem, equilibrate=p1_values(typical, box))
+        rows = dict(zip(_ROWS, envelope, strict=True))
+        self.model = ConicModel(self.problem, equilibrate=p1_values(typical, box), duals=rows)
 
     def solve(self, scaled: ScaledProblem, envelope: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
         """Signed margin of the problem over this box."""
@@ -100,17 +121,47 @@ class McCormick:
             gradient=self._gradient(solution, envelope) if gradient else None,
         )
 
+    def examine(self, scaled: ScaledProblem, envelope: Envelope) -> Evidence:
+        """Signed margin over this box, and what its solution and multipliers say about other boxes."""
+        model, n = self.model, envelope.contacts
+        solution = model.solve(p1_values(scaled, envelope))
+        if solution.status is not ConicStatus.SOLVED:
+            return Evidence(margin=float("inf") if solution.status is ConicStatus.INFEASIBLE else float("nan"))
+        position, forces = model.value("position", solution), model.value("forces", solution)
+        excess = model.value("moments", solution).reshape(n, 3, 3) - position[:, :, None] * forces[:, None, :]
+        rows = np.stack([model.dual(name, solution).reshape(n, 3, 3) for name in _ROWS[:4]])
+        sides = [model.dual(name, solution) for name in _ROWS[4:]]
+        constant, slope = model.lagrangian(solution)
+        by_p, by_f, by_m = (slope[model.columns(name)] for name in ("position", "forces", "moments"))
+        # Take the rows of the box out: they are linear in its bounds, and come back at another box.
+        (p_low, p_high), (f_low, f_high) = envelope.position, envelope.force
+        constant -= bound_constant(rows, envelope) + float(
+            np.sum(sides[0] * p_low) - np.sum(sides[1] * p_high) + np.sum(sides[2] * f_low) - np.sum(sides[3] * f_high)
+        )
+        over_p, over_f = bound_slopes(rows, envelope)
+        own = np.concatenate([by_p - over_p + sides[0] - sides[1], by_f - over_f + sides[2] - sides[3]], axis=1)
+        # What is left of the other columns, the solver's dual residual, at its worst over their ranges.
+        com, turn, weights = (slope[model.columns(name)] for name in ("com", "rotation", "weights"))
+        constant += float(com @ scaled.com - scaled.com_radius * np.linalg.norm(com) - scaled.tilt * np.abs(turn).sum())
+        constant += float(np.minimum(weights, 0.0).sum())
+        left = by_m.reshape(n, 3, 3)  # of m: made up for by the rows low-low (−m) and low-high (+m)
+        rows = np.maximum(rows, 0.0) + np.stack([np.maximum(left, 0), 0 * left, np.maximum(-left, 0), 0 * left])
+        return Evidence(
+            margin=float(model.value("margin", solution)),
+            point=np.concatenate([position, forces], axis=1),
+            excess=excess,
+            rows=rows,
+            slope=own,
+            constant=constant,
+        )
+
     def solve_any(self, scaled: ScaledProblem, envelopes: Sequence[Envelope]) -> RelaxationAnswer:
         """P1 with one binary an envelope: the box of least margin. One posture has few boxes, so each is tried."""
-        best: RelaxationAnswer | None = None
-        for index, envelope in enumerate(envelopes):
-            answer = self.solve(scaled, envelope)
-            if best is None or np.isnan(best.margin) or answer.margin < best.margin:
-                best = RelaxationAnswer(
-                    margin=answer.margin, point=answer.point, gap=answer.gap, chosen=index, seconds=answer.seconds
-                )
-        assert best is not None
-        return best
+        answers = [self.solve(scaled, envelope) for envelope in envelopes]
+        chosen = int(np.nanargmin([answer.margin if answer.known else np.inf for answer in answers]))
+        best = replace(answers[chosen], chosen=chosen, solves=len(answers))
+        all_known = all(answer.known for answer in answers)
+        return best if best.feasible or all_known else RelaxationAnswer(margin=float("nan"), solves=len(answers))
 
     def _gradient(self, solution: ConicSolution, envelope: Envelope) -> tuple[Array, Array]:
         """∂t/∂low and ∂t/∂high: the envelope theorem, with the chain rule through the products of bounds."""
@@ -127,6 +178,29 @@ class McCormick:
             by["f_high"] + _over_p(hh, p_high) + _over_p(lh, p_low),
         ]
         return np.concatenate(low, axis=1), np.concatenate(high, axis=1)
+
+
+_ROWS = ("low_low_rows", "high_high_rows", "low_high_rows", "high_low_rows", "p_above", "p_below", "f_above", "f_below")
+"""Names of what ``mccormick_rows`` returns, for their multipliers."""
+
+
+def bound_constant(rows: Array, envelope: Envelope) -> float:
+    """−b'u of the envelope rows (``Evidence.rows``) over a box."""
+    (p_low, p_high), (f_low, f_high) = envelope.position, envelope.force
+    ends = ((p_low, f_low), (p_high, f_high), (p_low, f_high), (p_high, f_low))
+    low_low, high_high, low_high, high_low = (
+        float(np.einsum("njk,nj,nk->", u, p, f)) for u, (p, f) in zip(rows, ends, strict=True)
+    )
+    return low_high + high_low - low_low - high_high
+
+
+def bound_slopes(rows: Array, envelope: Envelope) -> tuple[Array, Array]:
+    """A'u of the envelope rows over a box: the coefficients of p and of f, each of shape (N, 3)."""
+    (p_low, p_high), (f_low, f_high) = envelope.position, envelope.force
+    u = rows
+    by_p = np.einsum("njk,nk->nj", u[0] - u[3], f_low) + np.einsum("njk,nk->nj", u[1] - u[2], f_high)
+    by_f = np.einsum("njk,nj->nk", u[0] - u[2], p_low) + np.einsum("njk,nj->nk", u[1] - u[3], p_high)
+    return by_p, by_f
 
 
 def _over_f(by_product: Array, force: Array) -> Array:
@@ -186,9 +260,13 @@ def box_values(envelope: Envelope) -> dict[str, Array | float]:
 
 
 def p1_values(scaled: ScaledProblem, envelope: Envelope) -> dict[str, Array | float]:
-    """Data of P1: P_j × F_k of eq. 9 is the column 9i + 3j + k of the moment axes, and k of [P_j]× R_WC."""
-    axes = side_by_side(np.matmul(skew(np.eye(3)), scaled.frames[:, None]))
-    return scaled.values() | {"moment_axes": axes} | box_values(envelope)
+    """Data of P1."""
+    return scaled.values() | {"moment_axes": moment_axes(scaled)} | box_values(envelope)
+
+
+def moment_axes(scaled: ScaledProblem) -> Array:
+    """P_j × F_k of eq. 9 in the column 9i + 3j + k, shape (3, 9N): the moment balance is  moment_axes · m = 0."""
+    return side_by_side(np.matmul(skew(np.eye(3)), scaled.frames[:, None]))
 
 
 class _Posture:

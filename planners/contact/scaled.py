@@ -101,7 +101,8 @@ class ScaledProblem:
         normal = self.force_max[:, 0]
         shear = self.friction * normal
         return bool(
-            np.all(self.force_min[:, 0] <= 0.0)
+            np.all(self.friction > 1e-3)  # on ice the cone says nothing of f_n
+            and np.all(self.force_min[:, 0] <= 0.0)
             and np.all(normal > 0.0)
             and np.all(shear <= np.minimum(self.force_max[:, 1:], -self.force_min[:, 1:]).min(axis=1))
         )

@@ -55,11 +55,11 @@ class TwoStagePlanner:
         answer = self._relax(scaled) if lift is None else _as_relaxation(lift)
         if not answer.known:
             return self.acceptance.outcome(
-                problem, method=self.name, begin=begin, solves=1, message="the relaxation was not solved"
+                problem, method=self.name, begin=begin, solves=answer.solves, message="the relaxation was not solved"
             )
         details = {"margin": answer.margin, "gap": answer.gap, "chosen": float(answer.chosen)}
         if not (answer.feasible if lift is None else answer.margin <= self.acceptance.gap) or answer.point is None:
-            return self._refuse(problem, scaled, begin, lift, details)
+            return self._refuse(problem, scaled, begin, lift, answer.solves, details)
         point = self._stages.project(self.projection, scaled, answer.point) if self.projection else answer.point
         posture = _posture(scaled, point)
         return self.acceptance.outcome(
@@ -67,7 +67,7 @@ class TwoStagePlanner:
             method=self.name,
             begin=begin,
             posture=posture,
-            solves=1 + (point.solves if self.projection else 0),
+            solves=answer.solves + (point.solves if self.projection else 0),
             claim="feasible",
             message="" if posture is not None else f"{self.projection} found no answer from P1's point",
             details=details,
@@ -83,11 +83,12 @@ class TwoStagePlanner:
         scaled: ScaledProblem,
         begin: float,
         lift: LiftAnswer | None,
+        solves: int,
         details: dict[str, float],
     ) -> Outcome:
         """The relaxation is infeasible. Where that holds whatever the box, the lift's certificate says so."""
         if lift is None and np.isinf(details["margin"]):
-            lift = self._stages.lift(scaled)
+            lift, solves = self._stages.lift(scaled), solves + 1
         proof = lift is not None and lift.solved and lift.bound > self.acceptance.gap
         certificate = Certificate(tree=np.array([LEAF]), multipliers=lift.multipliers[None]) if lift and proof else None
         return self.acceptance.outcome(
@@ -95,7 +96,7 @@ class TwoStagePlanner:
             method=self.name,
             begin=begin,
             certificate=certificate,
-            solves=1,
+            solves=solves,
             claim="infeasible",
             message="the relaxation is infeasible; over a learned box that is no proof",
             details=details,

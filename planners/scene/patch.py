@@ -80,6 +80,7 @@ def _check_polygon(vertices: Array, normal: Array, shear: Array) -> None:
         raise InvalidInput(
             f"vertices_m: expected a plane with the given normal, got vertices {1e3 * off_plane:.3g} mm off it"
         )
+    y, z = _without_doubles(y, z, diameter)
     following = [*range(1, len(y)), 0]
     area = 0.5 * float(np.sum(y * z[following] - z * y[following]))
     if abs(area) < 1e-4 * diameter**2:
@@ -89,3 +90,9 @@ def _check_polygon(vertices: Array, normal: Array, shear: Array) -> None:
     turned = np.arctan2(turns, dy * dy[following] + dz * dz[following]).sum()
     if np.min(turns * np.sign(area)) < -1e-6 * diameter**2 or round(abs(float(turned)) / (2.0 * np.pi)) != 1:
         raise InvalidInput("vertices_m: expected a convex polygon, its vertices in order around the border")
+
+
+def _without_doubles(y: Array, z: Array, diameter: float) -> tuple[Array, Array]:
+    """The border without corners that are given twice in a row."""
+    new = np.hypot(y - np.roll(y, 1), z - np.roll(z, 1)) > 1e-9 * diameter
+    return (y, z) if new.all() else (y[new], z[new])

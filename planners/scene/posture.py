@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, cast
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ..arrays import Array, checked, frozen
+from ..arrays import Array, checked, frozen, gathered
 from ..outcome import InvalidInput
 from .patch import Patch
 from .robot import Robot, hexapod
@@ -36,9 +36,13 @@ class Contact:
     force_max: Array
 
     def __post_init__(self) -> None:
-        for name in ("shoulder_m", "force_min", "force_max"):
-            object.__setattr__(self, name, frozen(getattr(self, name), (3,), name))
-        object.__setattr__(self, "reach_m", checked(self.reach_m, "reach_m", above=0.0))
+        put = object.__setattr__
+        gathered(
+            lambda: put(self, "shoulder_m", frozen(self.shoulder_m, (3,), "shoulder_m")),
+            lambda: put(self, "reach_m", checked(self.reach_m, "reach_m", above=0.0)),
+            lambda: put(self, "force_min", frozen(self.force_min, (3,), "force_min")),
+            lambda: put(self, "force_max", frozen(self.force_max, (3,), "force_max")),
+        )
         if np.any(self.force_min > self.force_max):
             raise InvalidInput(
                 f"force_min: expected at most force_max {self.force_max.tolist()}, got {self.force_min.tolist()}"
@@ -70,14 +74,19 @@ class PostureProblem:
             raise InvalidInput(f"contacts: expected every leg once, got {legs}")
         put = object.__setattr__
         put(self, "contacts", tuple(self.contacts))
-        put(self, "mass_kg", checked(self.mass_kg, "mass_kg", above=0.0))
-        put(self, "gravity_m_s2", checked(self.gravity_m_s2, "gravity_m_s2", above=0.0))
-        scale = self.mass_kg * self.gravity_m_s2 if self.force_scale_n is None else self.force_scale_n
-        put(self, "force_scale_n", checked(scale, "force_scale_n", above=0.0))
-        put(self, "length_scale_m", checked(self.length_scale_m, "length_scale_m", above=0.0))
-        put(self, "com_nominal_m", frozen(self.com_nominal_m, (3,), "com_nominal_m"))
-        put(self, "com_radius_m", checked(self.com_radius_m, "com_radius_m", least=0.0))
-        put(self, "tilt_limit_rad", checked(self.tilt_limit_rad, "tilt_limit_rad", least=0.0, most=0.5 * np.pi))
+        positive = ("mass_kg", "gravity_m_s2", "length_scale_m")
+        gathered(
+            *(lambda name=name: put(self, name, checked(getattr(self, name), name, above=0.0)) for name in positive),
+            lambda: put(self, "com_nominal_m", frozen(self.com_nominal_m, (3,), "com_nominal_m")),
+            lambda: put(self, "com_radius_m", checked(self.com_radius_m, "com_radius_m", least=0.0)),
+            lambda: put(
+                self, "tilt_limit_rad", checked(self.tilt_limit_rad, "tilt_limit_rad", least=0.0, most=0.5 * np.pi)
+            ),
+            lambda: put(self, "force_scale_n", checked(self._scale(), "force_scale_n", above=0.0)),
+        )
+
+    def _scale(self) -> Any:
+        return self.mass_kg * self.gravity_m_s2 if self.force_scale_n is None else self.force_scale_n
 
     @property
     def legs(self) -> tuple[str, ...]:
@@ -134,19 +143,33 @@ class PostureProblem:
             raw = _PostureJson.model_validate(data)
         except ValidationError as error:
             raise InvalidInput("; ".join(pydantic_lines(error))) from None
-        known = robot or hexapod()
-        contacts, wrong = [], []
-        for index, item in enumerate(raw.contacts):
-            try:
-                known.select([item.leg])
-                patch = Patch(**item.model_dump(include={"vertices_m", "normal", "shear_reference", "friction"}))
-                rest = item.model_dump(include={"leg", "shoulder_m", "reach_m", "force_min", "force_max"})
-                contacts.append(Contact(patch=patch, **rest))
-            except InvalidInput as error:
-                wrong.append(f"contacts[{index}].{error}")
-        if wrong:
-            raise InvalidInput("; ".join(wrong))
-        return cls(contacts=tuple(contacts), **raw.model_dump(exclude={"format", "contacts"}))
+        known, contacts = robot or hexapod(), list[Contact]()
+        body = raw.model_dump(exclude={"format", "contacts"})
+        gathered(
+            *(lambda i=i, item=item: contacts.append(_contact(item, i, known)) for i, item in enumerate(raw.contacts)),
+            lambda: cls(contacts=tuple(contacts), **body) if contacts else None,
+        )
+        return cls(contacts=tuple(contacts), **body)
+
+
+def _contact(item: _ContactJson, index: int, robot: Robot) -> Contact:
+    """One contact of the JSON form. Raises InvalidInput with everything that is wrong with it."""
+    surface = item.model_dump(include={"vertices_m", "normal", "shear_reference", "friction"})
+    rest = item.model_dump(include={"leg", "shoulder_m", "reach_m", "force_min", "force_max"})
+    patches = list[Patch]()
+    wrong = []
+    for check in (
+        lambda: robot.select([item.leg]),
+        lambda: patches.append(Patch(**surface)),
+        lambda: Contact(patch=cast(Patch, patches[:1]), **rest),  # the limb's own numbers, whatever the patch
+    ):
+        try:
+            check()
+        except InvalidInput as error:
+            wrong += str(error).split("; ")
+    if wrong:
+        raise InvalidInput("; ".join(f"contacts[{index}].{text}" for text in wrong))
+    return Contact(patch=patches[0], **rest)
 
 
 class _ContactJson(BaseModel):

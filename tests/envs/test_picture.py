@@ -12,6 +12,7 @@ import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 from numpy.typing import NDArray
+
 from stancekit.envs.painter import Painter
 from stancekit.envs.picture import ComparisonBar, draw_comparison, draw_posture, save, to_rgb
 from stancekit.envs.terrains import DISTRIBUTIONS

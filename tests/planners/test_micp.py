@@ -203,7 +203,7 @@ def test_an_envelope_out_of_reach_has_no_point(feasible: Scenes, use: str) -> No
 
 def test_an_envelope_of_other_limbs_is_refused(feasible: Scenes) -> None:
     envelope = Envelope(low=-np.ones((5, 6)), high=np.ones((5, 6)))
-    with pytest.raises(InvalidInput, match="^contacts: expected 5 for this envelope, got 3$"):
+    with pytest.raises(InvalidInput, match=r"^contacts: expected 5 for this envelope, got 3$"):
         MicpPlanner(envelope=envelope).solve(feasible[0][0])
 
 

@@ -77,6 +77,22 @@ def test_as_a_projection_it_lands_on_the_bilinear_surface_or_says_inf(
         assert point.residual < 1e-6 if exact.status is Status.FEASIBLE else point.residual == np.inf
 
 
+def test_a_point_on_the_surface_keeps_every_other_constraint_too() -> None:
+    # A limb that hardly pushes: (μ f_n)² forgives 1e-4 of shear for a tolerance of 1e-8, as in the ninth of these.
+    rng, model, looked_at = np.random.default_rng(0), NlpModel(5, 3), 0
+    for _ in range(9):
+        problem = DISTRIBUTIONS["wall-5"].sample(rng)
+        scaled = ScaledProblem.of(problem)
+        for start in starting_points(scaled, 2, seed=0):
+            point = model.solve(scaled, start)
+            if np.isfinite(point.residual):
+                parts = {"com": point.com, "rotation": point.rotation, "toes": point.toes, "forces": point.forces}
+                worst = check_posture(problem, scaled.posture(**parts)).worst
+                assert worst < 1e-6 or worst < 2.0 * point.residual
+                looked_at += 1
+    assert looked_at > 10
+
+
 def test_the_programs_rows_vanish_at_a_witness_and_say_how_far_off_another_point_is(
     scenes: list[tuple[PostureProblem, Outcome]],
 ) -> None:
@@ -179,7 +195,7 @@ def test_it_prints_nothing(scenes: list[tuple[PostureProblem, Outcome]], capfd: 
 
 
 def test_options_that_make_no_sense_are_refused() -> None:
-    with pytest.raises(InvalidInput, match="^starts: expected 1 or more, got 0$"):
+    with pytest.raises(InvalidInput, match=r"^starts: expected 1 or more, got 0$"):
         NlpPlanner(starts=0)
-    with pytest.raises(InvalidInput, match="^time_limit_s: expected a number above 0, got -1$"):
+    with pytest.raises(InvalidInput, match=r"^time_limit_s: expected a number above 0, got -1$"):
         NlpPlanner(time_limit_s=-1.0)

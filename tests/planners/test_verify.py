@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
+
 from stancekit.envs.terrains import DISTRIBUTIONS
 from stancekit.planners.outcome import Certificate, Posture
 from stancekit.planners.refute import cut, least_work, sag

@@ -1,0 +1,137 @@
+"""What tests share: drawn and made-up scenes, the compiled stages, and the model of paper E written a second time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from stancekit.envs.terrains import DISTRIBUTIONS
+from stancekit.planners.contact.stages import Stages
+from stancekit.planners.scene import Contact, Patch, PostureProblem, hexapod
+
+settings.register_profile("the same examples in every run", derandomize=True, deadline=None)
+settings.load_profile("the same examples in every run")
+
+
+@pytest.fixture(scope="session")
+def stages() -> Stages:
+    """The compiled models, once a process."""
+    return Stages()
+
+
+@pytest.fixture(scope="session")
+def drawn() -> Callable[[str, int], PostureProblem]:
+    """``drawn(name, seed)``: the first problem that a distribution draws from this seed."""
+    return cache(lambda name, seed: DISTRIBUTIONS[name].sample(np.random.default_rng(seed)))
+
+
+@pytest.fixture(scope="session")
+def mixed() -> Callable[[int, tuple[int, ...]], PostureProblem]:
+    """``mixed(seed, corners)``: limbs on uneven ground, one polygon of so many corners each."""
+    return cache(_mixed)
+
+
+@pytest.fixture(scope="session")
+def written() -> Callable[[PostureProblem], Written]:
+    """Paper E §II written from the problem's own numbers, contact by contact, sharing no line with the planners."""
+    return Written
+
+
+def _mixed(seed: int, corners: tuple[int, ...]) -> PostureProblem:
+    rng = np.random.default_rng(seed)
+    contacts = []
+    for limb, count in zip(hexapod().select(("RF", "LR", "LF", "RR", "RM", "LM")), corners, strict=False):
+        normal = np.array([*rng.uniform(-0.5, 0.5, 2), 1.0])
+        normal = normal / np.linalg.norm(normal)
+        first = np.cross(normal, [0.3, 1.0, 0.2])
+        first = first / np.linalg.norm(first)
+        angle = 2.0 * np.pi * (np.arange(count) + rng.uniform(-0.2, 0.2, count)) / count
+        border = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(normal, first))
+        centre = 1.8 * limb.shoulder_m + [0.0, 0.0, -0.2] + rng.uniform(-0.12, 0.12, 3)
+        patch = Patch(
+            vertices_m=centre + rng.uniform(0.03, 0.08) * border,
+            normal=normal,
+            shear_reference=rng.normal(size=3) * [1.0, 1.0, 0.3],
+            friction=rng.uniform(0.1, 0.8),
+        )
+        shear = rng.uniform(0.2, 1.0, 4)
+        contacts.append(
+            Contact(
+                leg=limb.name,
+                shoulder_m=limb.shoulder_m,
+                reach_m=limb.reach_m,
+                patch=patch,
+                force_min=[0.0, *-shear[:2]],
+                force_max=[rng.uniform(0.5, 1.0), *shear[2:]],
+            )
+        )
+    return PostureProblem(contacts=tuple(contacts), mass_kg=10.0, com_nominal_m=np.zeros(3), com_radius_m=0.05)
+
+
+@dataclass(eq=False)
+class Written:
+    """Variables and convex constraints of one posture problem (all but the bilinear one), non-dimensional.
+
+    positions: p of eq. 2, shape (N, 3); forces: f of eq. 3, shape (N, 3). ``on_patches`` is separate, for toes held.
+    """
+
+    problem: PostureProblem
+    com: cp.Variable = field(default_factory=lambda: cp.Variable(3))
+    rotation: cp.Variable = field(default_factory=lambda: cp.Variable(3))
+
+    def __post_init__(self) -> None:
+        problem, length = self.problem, self.problem.length_scale_m
+        count = len(problem.contacts)
+        self.weight = problem.mass_kg * problem.gravity_m_s2 / problem.force_scale_n
+        self.toes, self.forces = cp.Variable((count, 3)), cp.Variable((count, 3))
+        self.shares = [cp.Variable(len(contact.patch.vertices_m)) for contact in problem.contacts]
+        self.vertices = [contact.patch.vertices_m / length for contact in problem.contacts]
+        self.frames = [frame_of(contact.patch) for contact in problem.contacts]
+        self.body = [
+            cp.norm(self.com - problem.com_nominal_m / length) <= problem.com_radius_m / length,
+            cp.abs(self.rotation) <= problem.tilt_limit_rad,
+        ]
+        self.on_patches, self.in_reach, self.in_cones = [], [], []
+        net = -self.weight * np.array([0.0, 0.0, 1.0])
+        for i, contact in enumerate(problem.contacts):
+            toe, f, share = self.toes[i], self.forces[i], self.shares[i]
+            turned = cross_with(contact.shoulder_m / length) @ self.rotation * -1.0  # Θ × v = −v × Θ
+            leg = toe - self.com - contact.shoulder_m / length - turned
+            self.on_patches += [toe == self.vertices[i].T @ share, cp.sum(share) == 1, share >= 0]
+            self.in_reach.append(cp.norm(leg) <= contact.reach_m / length)
+            self.in_cones += [cp.norm(f[1:]) <= contact.patch.friction * f[0]]
+            self.in_cones += [f >= contact.force_min, f <= contact.force_max]
+            net = net + self.frames[i] @ f
+        self.balance = net == 0
+
+    @property
+    def convex(self) -> list[cp.Constraint]:
+        """All constraints of P̄."""
+        return [*self.body, *self.on_patches, *self.in_reach, *self.in_cones, self.balance]
+
+    def moment_of(self, toes: np.ndarray) -> cp.Expression:
+        """Σ (q − c) × C f with the toes q held, c × e_z linear because of the balance of forces."""
+        arms = [
+            cross_with(toe) @ frame @ self.forces[i]
+            for i, (toe, frame) in enumerate(zip(toes, self.frames, strict=True))
+        ]
+        return sum(arms) - self.weight * cross_with(np.array([0.0, 0.0, -1.0])) @ self.com
+
+
+def frame_of(patch: Patch) -> np.ndarray:
+    """R_WC: n, then y = z × n, then z, the shear reference in the plane."""
+    n, reference = patch.normal, patch.shear_reference
+    z = np.cross(n, np.cross(reference, n))
+    z = z / np.linalg.norm(z)
+    return np.column_stack([n, np.cross(z, n), z])
+
+
+def cross_with(v: np.ndarray) -> np.ndarray:
+    """The matrix of v × ·."""
+    return np.cross(v, np.eye(3)).T

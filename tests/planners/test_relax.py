@@ -1,0 +1,306 @@
+"""P̄ and P1: the signed margin, its gradient, and what McCormick's envelopes promise."""
+
+from __future__ import annotations
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stancekit.planners.contact.envelope import Envelope
+from stancekit.planners.contact.exact import ExactPlanner
+from stancekit.planners.contact.relax import FEASIBLE_MARGIN, RelaxationAnswer, p1_values
+from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.outcome import Status
+
+SEEDS = st.integers(0, 2**32 - 1)
+STEP = 1e-4
+
+
+@pytest.fixture(scope="module")
+def witnesses(stages, drawn):
+    """Feasible wall-3 problems with the point [p, f] of a witness."""
+    found = []
+    for seed in range(40):
+        outcome = ExactPlanner(stages=stages).solve(drawn("wall-3", seed))
+        if outcome.status is Status.FEASIBLE:
+            scaled = ScaledProblem.of(drawn("wall-3", seed))
+            found.append((scaled, scaled.point(outcome.posture)))
+    assert len(found) >= 15
+    return found
+
+
+@pytest.fixture(scope="module")
+def box(witnesses):
+    """A box such as is learned: quantiles over witnesses."""
+    points = np.array([point for _, point in witnesses])
+    return Envelope(low=np.quantile(points, 0.1, axis=0), high=np.quantile(points, 0.9, axis=0))
+
+
+def around(point, width):
+    return Envelope(low=point - width, high=point + width)
+
+
+def p1_again(model, boxes):
+    """Least t over boxes, one binary each: McCormick rows relaxed by t, and off for a box that is not chosen."""
+    count = len(model.problem.contacts)
+    t = cp.Variable()
+    products = [cp.Variable((3, 3)) for _ in range(count)]  # m_jk, rows j of p, columns k of f
+    total = 0.0
+    for m, frame in zip(products, model.frames, strict=True):
+        for j in range(3):
+            for k in range(3):
+                total = total + m[j, k] * np.cross(np.eye(3)[j], frame[:, k])
+    rows = [*model.convex, total == 0]
+    chosen = cp.Variable(len(boxes), boolean=True) if len(boxes) > 1 else np.ones(1)
+    if len(boxes) > 1:
+        rows += [cp.sum(chosen) == 1]
+    for index, bounds in enumerate(boxes):
+        room = t + 20.0 * (1 - chosen[index])
+        for i, m in enumerate(products):
+            p, f = model.toes[i] - model.com, model.forces[i]
+            (pl, fl), (ph, fh) = np.split(bounds.low[i], 2), np.split(bounds.high[i], 2)
+            for j in range(3):
+                for k in range(3):
+                    rows += [
+                        m[j, k] >= pl[j] * f[k] + p[j] * fl[k] - pl[j] * fl[k] - room,
+                        m[j, k] >= ph[j] * f[k] + p[j] * fh[k] - ph[j] * fh[k] - room,
+                        m[j, k] <= pl[j] * f[k] + p[j] * fh[k] - pl[j] * fh[k] + room,
+                        m[j, k] <= ph[j] * f[k] + p[j] * fl[k] - ph[j] * fl[k] + room,
+                    ]
+            rows += [p >= pl - room, p <= ph + room, f >= fl - room, f <= fh + room]
+    return cp.Problem(cp.Minimize(t), rows)
+
+
+@pytest.mark.parametrize("seed", [0, 5, 8, 10, 12, 17])
+def test_the_margin_is_that_of_p1_written_again(stages, drawn, written, box, seed):
+    problem = drawn("wall-3", seed)
+    scaled = ScaledProblem.of(problem)
+    answer = stages.box(scaled).solve(scaled, box)
+    assert answer.margin == pytest.approx(p1_again(written(problem), [box]).solve(solver=cp.CLARABEL), abs=2e-7)
+    assert answer.feasible == (answer.margin <= FEASIBLE_MARGIN)
+    assert answer.known
+
+
+@pytest.mark.parametrize("seed", [1, 2, 5])
+def test_the_margin_of_mixed_polygons_is_that_of_p1_written_again(stages, mixed, written, seed):
+    problem = mixed(seed, (5, 3, 4, 3))
+    scaled = ScaledProblem.of(problem)
+    rng = np.random.default_rng(seed)
+    box = Envelope.from_vector(rng.uniform(-0.6, 0.6, 48))
+    answer = stages.box(scaled).solve(scaled, box)
+    assert answer.margin == pytest.approx(p1_again(written(problem), [box]).solve(solver=cp.CLARABEL), abs=2e-7)
+
+
+# ---------------------------------------------------------------------------------------------------------- gradient
+
+
+def margin_at(stages, scaled, vector):
+    return stages.box(scaled).solve(scaled, Envelope.from_vector(vector)).margin
+
+
+@pytest.mark.parametrize("seed", [0, 3, 5, 8, 10])
+def test_the_gradient_is_that_of_central_differences_in_every_bound(stages, drawn, box, seed):
+    scaled, bounds = ScaledProblem.of(drawn("wall-3", seed)), box.to_vector()
+    answer = stages.box(scaled).solve(scaled, box, gradient=True)
+    gradient = np.concatenate([part.ravel() for part in answer.gradient])
+    steps = STEP * np.eye(len(bounds))
+    slopes = [
+        (margin_at(stages, scaled, bounds + e) - margin_at(stages, scaled, bounds - e)) / (2 * STEP) for e in steps
+    ]
+    np.testing.assert_allclose(gradient, slopes, atol=1e-5)
+    assert np.max(np.abs(gradient)) > 0.02
+
+
+@given(SEEDS)
+def test_the_gradient_is_that_of_central_differences_in_any_direction(stages, drawn, mixed, box, seed):
+    rng = np.random.default_rng(seed)
+    if rng.random() < 0.5:
+        scaled, low = ScaledProblem.of(mixed(int(rng.integers(10)), (4, 3, 3))), rng.uniform(-0.9, -0.1, (3, 6))
+        bounds = np.concatenate([low.ravel(), (low + rng.uniform(0.2, 1.2, (3, 6))).ravel()])
+    else:
+        scaled = ScaledProblem.of(drawn("wall-3", int(rng.integers(40))))
+        bounds = box.to_vector() + rng.uniform(-0.01, 0.01, 36)
+    direction = rng.normal(size=36)
+    answer = stages.box(scaled).solve(scaled, Envelope.from_vector(bounds), gradient=True)
+    if np.isinf(answer.margin):
+        assert answer.gradient is None
+        return
+    gradient = np.concatenate([part.ravel() for part in answer.gradient])
+    ahead, behind = (margin_at(stages, scaled, bounds + sign * STEP * direction) for sign in (1.0, -1.0))
+    one_sided = np.sort([(ahead - answer.margin) / STEP, (answer.margin - behind) / STEP])
+    assert one_sided[0] - 2e-3 <= gradient @ direction <= one_sided[1] + 2e-3
+    if one_sided[1] - one_sided[0] < 1e-3:  # no kink in between
+        assert gradient @ direction == pytest.approx(np.mean(one_sided), abs=1e-4)
+
+
+def test_the_gradient_comes_only_when_asked_for(stages, drawn, box):
+    scaled = ScaledProblem.of(drawn("wall-3", 0))
+    assert stages.box(scaled).solve(scaled, box).gradient is None
+    low, high = stages.box(scaled).solve(scaled, box, gradient=True).gradient
+    assert low.shape == high.shape == (3, 6)
+    assert np.min(low) >= -1e-6  # a higher floor and a lower ceiling never help
+    assert np.max(high) <= 1e-6
+
+
+# --------------------------------------------------------------------------------------------------------- promises
+
+
+@given(SEEDS)
+def test_a_box_that_holds_a_witness_admits_the_problem(stages, witnesses, seed):
+    rng = np.random.default_rng(seed)
+    scaled, point = witnesses[int(rng.integers(len(witnesses)))]
+    low, high = rng.exponential(0.2, (2, 3, 6)) * (rng.random((2, 3, 6)) < 0.8)
+    answer = stages.box(scaled).solve(scaled, Envelope(low=point - low, high=point + high))
+    assert answer.margin <= 2e-7
+    if low.min() > 1e-3 and high.min() > 1e-3:
+        assert answer.feasible
+
+
+@given(SEEDS)
+def test_a_larger_box_admits_what_a_smaller_one_admits_with_no_larger_margin(stages, witnesses, seed):
+    """Only where t ≤ 0: outside a box its rows are no bounds on p f, so that a positive margin may even grow."""
+    rng = np.random.default_rng(seed)
+    scaled, point = witnesses[int(rng.integers(len(witnesses)))]
+    box = around(point, rng.exponential(0.02, (3, 6)))
+    before = stages.box(scaled).solve(scaled, box).margin
+    for _ in range(4):
+        more = rng.exponential(0.1, (2, 3, 6)) * (rng.random((2, 3, 6)) < 0.5)
+        box = Envelope(low=box.low - more[0], high=box.high + more[1])
+        after = stages.box(scaled).solve(scaled, box).margin
+        assert after <= before + 2e-7
+        before = after
+
+
+@given(SEEDS)
+def test_a_box_within_one_that_refuses_the_problem_refuses_it_too(stages, drawn, mixed, seed):
+    rng = np.random.default_rng(seed)
+    scaled = ScaledProblem.of(
+        drawn("wall-3", int(rng.integers(40))) if rng.random() < 0.5 else mixed(int(rng.integers(10)), (4, 3, 3))
+    )
+    low, width = rng.uniform(-0.9, 0.2, (3, 6)), rng.exponential(0.5, (3, 6))
+    ends = np.sort(rng.uniform(0.0, 1.0, (2, 3, 6)), axis=0)
+    large = stages.box(scaled).solve(scaled, Envelope(low=low, high=low + width))
+    small = stages.box(scaled).solve(scaled, Envelope(low=low + ends[0] * width, high=low + ends[1] * width))
+    assert small.margin > 0.0 or large.margin <= small.margin + 2e-7
+    assert large.feasible or not small.feasible
+
+
+def test_as_the_box_shrinks_to_a_witness_so_does_the_answer(stages, witnesses):
+    for scaled, point in witnesses[:8]:
+        for width in (0.1, 0.01, 1e-3, 1e-4):
+            answer = stages.box(scaled).solve(scaled, around(point, width))
+            com, toes, forces = answer.point.com, answer.point.toes, answer.point.forces
+            assert -width <= answer.margin <= 2e-7
+            np.testing.assert_allclose(np.hstack([toes - com, forces]), point, atol=width + 1e-6)
+            assert answer.gap <= width**2 + 1e-6  # McCormick's largest gap over a square of side 2 width
+            moment = np.cross(toes - com, np.einsum("nij,nj->ni", scaled.frames, forces)).sum(axis=0)
+            assert np.max(np.abs(moment)) <= 18.0 * width**2 + 1e-5
+
+
+def test_a_box_far_from_every_posture_has_at_least_its_distance_as_margin(stages, drawn):
+    scaled = ScaledProblem.of(drawn("ground-3", 0))
+    box = Envelope(low=np.full((3, 6), 5.0), high=np.full((3, 6), 6.0))
+    answer = stages.box(scaled).solve(scaled, box)
+    assert not answer.feasible
+    assert answer.margin >= 4.0  # no |p| or |f| exceeds 1 here
+
+
+@pytest.mark.parametrize("name", ["wall-3", "ground-3", "wall-5"])
+def test_p_bar_p1_and_the_lift_agree_on_what_no_box_can_help(stages, drawn, name):
+    trivial = 0
+    for seed in range(60):
+        scaled = ScaledProblem.of(drawn(name, seed))
+        count = len(scaled.reach)
+        wide = stages.box(scaled).solve(scaled, Envelope(low=-np.ones((count, 6)), high=np.ones((count, 6))))
+        narrow = stages.box(scaled).solve(scaled, Envelope(low=np.zeros((count, 6)), high=np.zeros((count, 6))))
+        without = stages.without_moment(scaled)
+        bound = stages.lift(scaled).bound
+        assert np.isinf([wide.margin, narrow.margin, bound]).tolist() == [without is None] * 3
+        if without is None:
+            trivial += 1
+            assert wide.point is None
+            assert np.isnan(wide.gap)
+            assert not wide.feasible
+    assert trivial >= {"wall-3": 8, "ground-3": 0, "wall-5": 2}[name]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_p_bar_answers_with_a_point_of_its_set(stages, drawn, written, seed):
+    problem = drawn("ground-3", seed)
+    point, model = stages.without_moment(ScaledProblem.of(problem)), written(problem)
+    model.com.value, model.rotation.value = point.com, point.rotation
+    model.toes.value, model.forces.value = point.toes, point.forces
+    for share, vertices, toe in zip(model.shares, model.vertices, point.toes, strict=True):
+        share.value = np.linalg.lstsq(np.vstack([vertices.T, np.ones(3)]), np.append(toe, 1.0), rcond=None)[0]
+    assert max(np.max(constraint.violation()) for constraint in model.convex) < 1e-7
+
+
+# ------------------------------------------------------------------------------------------------------ sets and gap
+
+
+def some_boxes(box, seed):
+    rng = np.random.default_rng(seed)
+    shift = rng.uniform(-0.1, 0.1, (3, 3, 6))
+    return [Envelope(low=box.low + s, high=box.high + s) for s in shift]
+
+
+@pytest.mark.parametrize("seed", [0, 5, 8, 10, 17])
+def test_of_a_set_the_box_of_least_margin_is_chosen(stages, drawn, box, seed):
+    scaled, boxes = ScaledProblem.of(drawn("wall-3", seed)), some_boxes(box, seed)
+    answers = [stages.box(scaled).solve(scaled, one) for one in boxes]
+    best = stages.box(scaled).solve_any(scaled, boxes)
+    margins = [answer.margin for answer in answers]
+    assert best.margin == min(margins)
+    assert best.chosen == int(np.argmin(margins))
+    assert best.gap == answers[best.chosen].gap
+    np.testing.assert_array_equal(best.point.forces, answers[best.chosen].point.forces)
+    assert stages.box(scaled).solve_any(scaled, boxes[::-1]).chosen == 2 - best.chosen
+
+
+def test_a_box_that_the_solver_gave_up_on_does_not_hide_the_others(stages, drawn, box, monkeypatch):
+    scaled, boxes = ScaledProblem.of(drawn("wall-3", 0)), some_boxes(box, 0)
+    p1 = stages.box(scaled)
+    margins = [p1.solve(scaled, one).margin for one in boxes]
+    first = int(np.argmin(margins))
+    solve = p1.solve
+    gave_up = RelaxationAnswer(margin=float("nan"))
+    monkeypatch.setattr(p1, "solve", lambda s, one: gave_up if one is boxes[first] else solve(s, one))
+    others = [one for index, one in enumerate(boxes) if index != first]
+    assert p1.solve_any(scaled, boxes).known == (np.sort(margins)[1] <= 1e-7)
+    assert not p1.solve_any(scaled, [boxes[first]]).known
+    wide = Envelope(low=np.full((3, 6), -1.0), high=np.ones((3, 6)))
+    answer = p1.solve_any(scaled, [boxes[first], *others, wide])
+    assert answer.feasible
+    assert answer.chosen == 3
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_the_choice_is_that_of_binaries_on_scip(stages, mixed, written, seed):
+    pytest.importorskip("pyscipopt")
+    problem = mixed(seed, (3, 4))
+    scaled, rng = ScaledProblem.of(problem), np.random.default_rng(seed)
+    boxes = [Envelope.from_vector(rng.uniform(-0.5, 0.5, 24)) for _ in range(3)]
+    program = p1_again(written(problem), boxes)
+    answer = stages.box(scaled).solve_any(scaled, boxes)
+    assert answer.margin == pytest.approx(program.solve(solver=cp.SCIP), abs=1e-4)
+
+
+@pytest.mark.parametrize("seed", [0, 5, 8, 10])
+def test_the_gap_is_the_largest_miss_of_a_product(stages, drawn, box, seed):
+    scaled = ScaledProblem.of(drawn("wall-3", seed))
+    p1 = stages.box(scaled)
+    answer = p1.solve(scaled, box)
+    solution = p1.model.solve(p1_values(scaled, box))
+    m = p1.model.value("moments", solution).reshape(3, 3, 3)  # i, j, k
+    misses = [
+        abs(m[i, j, k] - (answer.point.toes - answer.point.com)[i, j] * answer.point.forces[i, k])
+        for i in range(3)
+        for j in range(3)
+        for k in range(3)
+    ]
+    assert answer.gap == max(misses)
+    world = np.einsum("njk,nak->nja", m, scaled.frames)  # Σ_k m_jk F_k
+    moment = np.cross(np.eye(3)[None], world).sum(axis=(0, 1))
+    np.testing.assert_allclose(moment, 0.0, atol=1e-7)  # eq. 9 holds for m, though not for p f
