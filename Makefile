@@ -34,8 +34,8 @@ $(STAMP): pyproject.toml setup.py constraints.txt
 	@$(PIP) install -c $(PINS) "setuptools>=77"
 	@echo "setup 2/4: stancekit and what it runs on (numpy, cvxpy, clarabel, casadi, gymnasium, ...)"
 	@$(PIP) install -c $(PINS) --no-build-isolation -e .
-	@echo "setup 3/4: torch and the other exact solvers (the largest download, some minutes on a slow line)"
-	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[exact,rl]"
+	@echo "setup 3/4: torch, Ray and the other solvers (the largest download, some minutes on a slow line)"
+	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[exact,rl,evo,ray,datasets]"
 	@echo "setup 4/4: tools for testing and checking"
 	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[dev]"
 	@touch $@

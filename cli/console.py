@@ -6,10 +6,13 @@ import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+
+from stancekit.planners.outcome import InvalidInput
 
 out = Console(soft_wrap=True)
 err = Console(stderr=True, soft_wrap=True, highlight=False)
@@ -17,21 +20,35 @@ err = Console(stderr=True, soft_wrap=True, highlight=False)
 
 def emit(record: Mapping[str, Any]) -> None:
     """Print one JSON object on one line of standard output, at once."""
-    sys.stdout.write(json.dumps(record, allow_nan=False) + "\n")
-    sys.stdout.flush()
+    print(json.dumps(record, allow_nan=False), flush=True)
 
 
 def complain(message: str) -> None:
     """Print one plain line on standard error."""
-    err.print(" ".join(message.split()), markup=False)
+    plain = "".join(letter if letter.isprintable() else " " if letter.isspace() else "?" for letter in message)
+    err.print(" ".join(plain.split()), markup=False)
 
 
-def percent(value: float | None, interval: tuple[float, float] | None = None) -> str:
-    """A share as text, with its interval where there is one."""
-    if value is None or value != value:
-        return "–"
-    text = f"{100.0 * value:.1f}"
-    return text if interval is None else f"{text} [dim]{100.0 * interval[0]:.0f}–{100.0 * interval[1]:.0f}[/dim]"
+def text_of(name: str | Path) -> str:
+    """The text of a file, or of standard input where the name is -. Raises InvalidInput."""
+    from stancekit.planners.files import decoded, read_text
+
+    if str(name) != "-":
+        return read_text(name)
+    text = "" if sys.stdin is None else decoded(sys.stdin.buffer.read(), "-")
+    if not text.strip():
+        raise InvalidInput("-: expected JSON on standard input, got nothing")
+    return text
+
+
+@contextmanager
+def as_options() -> Iterator[None]:
+    """Let an InvalidInput that names a setting name the option that gave it."""
+    try:
+        yield
+    except InvalidInput as error:
+        name, colon, rest = str(error).partition(":")
+        raise InvalidInput(f"--{name.replace('_', '-')}{colon}{rest}") from None
 
 
 @contextmanager

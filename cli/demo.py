@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .console import emit, err, out, progress
-from .evaluate import score_table
+from .bench import comparison_figure, make_folder, report, stages
+from .console import err
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from stancekit.learners.experiment import ClassResult
+    from stancekit.learners.bench import ClassResult
 
 
 @dataclass
@@ -22,7 +19,7 @@ class Demo:
     """Sample terrains, label them exactly, learn envelopes, compare them on held-out terrains, and draw a posture.
 
     Prints the comparison beside the paper's Table I and writes data sets, envelopes and pictures to a folder. Started
-    again, it goes on from the labels that are there.
+    again, it goes on from what is there.
     """
 
     out: Path = Path("out/demo")
@@ -30,31 +27,25 @@ class Demo:
     config: Path | None = None
     """Experiment file (YAML); the demo's own where there is none."""
     workers: int = max(os.cpu_count() or 1, 1)
-    """Processes for labelling."""
+    """Processes for labelling and rollouts."""
     json: bool = False
     """One JSON object a row of the comparison."""
 
     def run(self) -> int:
         """Run the experiment; exit code 1 if the verifier refuses the posture that is drawn."""
         from stancekit.configs import config_path
-        from stancekit.learners.experiment import Experiment, run_experiment
+        from stancekit.learners import bench
+        from stancekit.learners.executor import processes
+        from stancekit.learners.experiment import Experiment
 
         experiment = Experiment.from_yaml(self.config or config_path("demo.yaml"))
-        self.out.mkdir(parents=True, exist_ok=True)
+        make_folder(self.out)
         results = []
-        with _stages() as told:
-            for result in run_experiment(experiment, self.out, workers=self.workers, progress=told):
+        with stages("demo") as told:
+            for result in bench.run(experiment, self.out, executor=processes(self.workers), progress=told):
                 results.append(result)
-                self._report(result)
+                report(result, as_json=self.json)
         return self._picture(results[0])
-
-    def _report(self, result: ClassResult) -> None:
-        if self.json:
-            for score in result.scores:
-                emit({"problem_class": result.problem_class, **score.to_json()})
-            return
-        out.print(score_table(result.problem_class, list(result.scores)))
-        out.print()
 
     def _picture(self, result: ClassResult) -> int:
         """Solve a held-out posture in two stages with the best envelope, verify it, and draw it and the comparison."""
@@ -63,7 +54,7 @@ class Demo:
         from stancekit.planners.outcome import Status
         from stancekit.planners.verify import check_posture
 
-        envelopes = result.sets[result.best.selector]
+        name, envelopes = result.best_envelopes
         planner = TwoStagePlanner(envelopes=envelopes, projection="fix-toes")
         for row in result.test:
             planner.solve(row.problem)  # compiles
@@ -74,7 +65,7 @@ class Demo:
             err.print("no held-out posture was solved in two stages", markup=False)
             return 1
         report = check_posture(row.problem, outcome.posture)
-        by = f"envelope {result.best.selector}, P1 and fix-toes in {1e3 * outcome.seconds:.1f} ms"
+        by = f"envelope {name}, P1 and fix-toes in {1e3 * outcome.seconds:.1f} ms"
         caption = f"{result.problem_class}: {by}"
         chosen = envelopes.envelopes[int(outcome.details["chosen"])]
         save(draw_posture(row.problem, outcome.posture, envelope=chosen, caption=caption), self.out / "posture.png")
@@ -83,35 +74,3 @@ class Demo:
         err.print(message, markup=False)
         err.print(f"pictures: {self.out / 'posture.png'}, {self.out / 'comparison.png'}", markup=False)
         return 0 if report.accepted else 1
-
-
-def comparison_figure(result: ClassResult) -> Figure:
-    """The comparison as a picture, the paper's figures as markers."""
-    from stancekit.envs.picture import ComparisonBar, draw_comparison
-    from stancekit.learners.evaluate import TABLE_I
-
-    names = {"heuristic": "heuristic", "gmm-printed": "cluster"}
-    bars = []
-    for score in result.scores:
-        values = {"P1 feasible": score.p1_feasible.value, "P1 infeasible": score.p1_infeasible.value}
-        values |= {f"→ {way}": share.value for way, share in score.projected.items()}
-        row = TABLE_I.get(result.problem_class, {}).get(names.get(score.selector, ""), None)
-        paper = {} if row is None else {"P1 feasible": row[0], "P1 infeasible": row[1], "→ fix-p": row[2]}
-        bars.append(ComparisonBar(selector=score.selector, values=values, paper=paper))
-    return draw_comparison(bars)
-
-
-@contextmanager
-def _stages() -> Iterator[Callable[[str, int, int], None]]:
-    """One bar a stage; where standard error is no terminal, a line when a stage begins."""
-    seen: list[str] = []
-    with progress("demo") as bar:
-
-        def told(stage: str, done: int, total: int) -> None:
-            if not seen or seen[-1] != stage:
-                seen.append(stage)
-                if not err.is_terminal:
-                    err.print(stage, markup=False)
-            bar(done, total)
-
-        yield told

@@ -7,32 +7,46 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
+from rich.console import Console
 from rich.table import Table
+from rich.text import Text
+
 from stancekit.planners.outcome import InvalidInput
 
-from .console import emit, out, percent, progress
+from .console import emit, out, progress
 
 if TYPE_CHECKING:
-    from stancekit.learners.evaluate import Score
+    from stancekit.learners.evaluate import Score, Share
+
+LONGEST_NAME = 16
+"""Letters of a selector's name before a table breaks it."""
 
 
 @dataclass
 class Evaluate:
-    """Compare envelopes on a labelled data set: the shares of paper E's Table I, with 95 % intervals.
+    """Compare selectors on a labelled data set: the shares of paper E's Table I, with 95 % intervals.
 
     P1 feasible / infeasible: share of the feasible / infeasible problems that the relaxation answers right. Each
     projection: share of the feasible problems for which P1 and then P2 end in a verified posture. Use a data set that
-    the envelopes were not learned from.
+    they were not learned from.
     """
 
-    dataset: Annotated[Path, tyro.conf.Positional]
+    dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Data set folder of `stancekit label`."""
     envelope: tuple[Path, ...] = ()
     """Envelope files to compare."""
+    selector: tuple[Path, ...] = ()
+    """Files of any selectors to compare: envelopes, neural selectors, choosers, policies."""
     lift: bool = True
     """Compare with the lift, which needs no envelope."""
     project: tuple[Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"], ...] = ("fix-p", "fix-f", "fix-toes", "scp")
     """Projections; nlp takes some 30 ms a problem."""
+    workers: int = 1
+    """Processes. Times of P1 are honest with as many as there are idle cores."""
+    executor: Literal["processes", "ray"] = "processes"
+    """Where to work: on this machine, or on a Ray cluster."""
+    address: str | None = None
+    """Ray cluster: host:port of its head, auto, or local."""
     json: bool = False
     """One JSON object a row."""
 
@@ -40,28 +54,36 @@ class Evaluate:
         """Roll every selector out and print the table."""
         from stancekit.learners.dataset import Dataset
         from stancekit.learners.evaluate import check_same_class, evaluate, evaluate_lift, scenes_of
-        from stancekit.learners.selectors.selector import FixedSelector
+        from stancekit.learners.executor import executor
+        from stancekit.learners.selectors.selector import Learned, load_selector
         from stancekit.planners.files import read_envelopes
 
         if not self.project:
             raise InvalidInput("--project: expected one or more projections, got none")
+        if not (self.envelope or self.selector or self.lift):
+            raise InvalidInput("--envelope, --selector: expected one or more files to compare, or the lift, got none")
         dataset = Dataset.open(self.dataset)
-        sets = [(path, read_envelopes(path)) for path in self.envelope]
-        for path, envelopes in sets:
-            check_same_class(dataset, envelopes.problem_class, str(path))
+        selectors = [(path, Learned.fixed(path.stem, read_envelopes(path))) for path in self.envelope]
+        selectors += [(path, load_selector(path)) for path in self.selector]
+        for path, learned in selectors:
+            check_same_class(dataset, learned.problem_class, str(path))
         scenes = scenes_of(dataset)
+        if not scenes:
+            raise InvalidInput(f"{self.dataset}: expected feasible or not trivially infeasible rows, got none")
+        ways = tuple(dict.fromkeys(self.project))
+        where = executor(self.executor, workers=self.workers, address=self.address)
         scores = []
-        for path, envelopes in sets:
+        for path, learned in selectors:
             with progress(f"evaluate {path.stem}") as bar:
                 scores.append(
                     evaluate(
-                        path.stem, FixedSelector(path.stem, envelopes), scenes, problem_class=dataset.problem_class,
-                        projections=self.project, boxes=len(envelopes.envelopes), progress=bar,
+                        path.stem, learned.selector, scenes, problem_class=dataset.problem_class,
+                        projections=ways, boxes=learned.boxes, progress=bar, run=where,
                     )
                 )  # fmt: skip
         if self.lift:
             with progress("evaluate lift") as bar:
-                scores.append(evaluate_lift(scenes, projections=self.project, progress=bar))
+                scores.append(evaluate_lift(scenes, projections=ways, progress=bar, run=where))
         if self.json:
             for score in scores:
                 emit(score.to_json())
@@ -71,20 +93,31 @@ class Evaluate:
 
 
 def score_table(problem_class: str, scores: list[Score]) -> Table:
-    """The comparison as a table, with the paper's rows below."""
+    """The comparison as a table that fits into 80 columns, with the paper's rows below."""
     from stancekit.learners.evaluate import TABLE_I
 
     ways = list(scores[0].projected) if scores else []
-    table = Table(title=f"{problem_class} [%]", title_justify="left", header_style="bold")
-    for name in ("selector", "P1 feasible", "P1 infeasible", *(f"→ {way}" for way in ways)):
-        table.add_column(name, justify="left" if name == "selector" else "right", no_wrap=True)
+    counts = f"{scores[0].p1_feasible.of} feasible and {scores[0].p1_infeasible.of} infeasible" if scores else "no"
+    title = f"{problem_class}: % of {counts} postures\n± half the 95 % interval"
+    table = Table(
+        title=title, title_justify="left", header_style="bold", box=None, padding=(0, 1, 0, 0), pad_edge=False
+    )
+    table.add_column("selector", overflow="fold", max_width=LONGEST_NAME)
+    for name in ("P1\nfeasible", "P1\ninfeas.", *(f"P2\n{way}" for way in ways)):
+        table.add_column(name, no_wrap=True)
     for score in scores:
         shares = (score.p1_feasible, score.p1_infeasible, *score.projected.values())
-        table.add_row(score.selector, *(percent(share.value, share.interval) for share in shares))
-    for index, (name, row) in enumerate(TABLE_I.get(problem_class, {}).items()):
+        table.add_row(Text(score.selector), *(_percent(share) for share in shares))
+    for name, row in TABLE_I.get(problem_class, {}).items():
         by_way = {"fix-p": row[2], "nlp": row[3]}
-        cells = [percent(row[0]), percent(row[1]), *(percent(by_way.get(way)) for way in ways)]
-        if index == 0:
-            table.add_section()
-        table.add_row(f"paper: {name}", *cells, style="dim")
+        figures = (row[0], row[1], *(by_way.get(way) for way in ways))
+        table.add_row(f"paper: {name}", *("    –" if x is None else f"{100.0 * x:5.1f}" for x in figures), style="dim")
+    table.width = Console(width=1000).measure(table).maximum  # a narrow terminal may break lines, but nothing is lost
     return table
+
+
+def _percent(share: Share) -> str:
+    if not share.of:
+        return "    –"
+    low, high = share.interval
+    return f"{100.0 * share.value:5.1f}±{50.0 * (high - low):.0f}"

@@ -1,34 +1,44 @@
-"""``stancekit fit``: learn envelopes from a data set."""
+"""``stancekit fit``: learn a selector from a data set."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
+from rich.markup import escape
+
+from stancekit.planners.outcome import InvalidInput
 
 from .console import emit, out, progress
+
+if TYPE_CHECKING:
+    from stancekit.learners.fitting import FitSettings
 
 
 @dataclass
 class Fit:
-    """Learn envelopes from a labelled data set and write them to a file.
+    """Learn a selector of envelopes from a labelled data set and write it to a file.
 
     heuristic: the expert's bounds of paper E. quantile: the box that leaves a share of the solutions out on each side.
     gmm-printed: paper E's Algorithm 2 line by line. gmm: Algorithm 2 with its boundary fitted by P1's own margins.
+    ga: paper E's genetic algorithm. gradient: boxes that descend P1's margins together. chooser: those, and a network
+    that picks one a terrain. neural: a network from terrain to box. rl: a policy learned in the environment.
     """
 
-    dataset: Annotated[Path, tyro.conf.Positional]
+    dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Data set folder of `stancekit label`."""
-    out: Path
-    """Envelope file to write."""
-    method: Literal["heuristic", "quantile", "gmm-printed", "gmm"] = "gmm"
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
+    """File to write: JSON for envelopes, safetensors for what has a network."""
+    method: Literal["heuristic", "quantile", "gmm-printed", "gmm", "ga", "gradient", "chooser", "neural", "rl"] = "gmm"
     """How to learn."""
     share: float = 0.05
     """Share of the solutions outside a quantile box, on each side of each dimension."""
     clusters: int = 1
     """Envelopes to learn (n of Algorithm 2)."""
+    boxes: int = 1
+    """Envelopes of gradient and chooser."""
     threshold: float = 0.05
     """Least membership probability of a kept solution (p_th of Algorithm 2)."""
     steps: int = 80
@@ -37,39 +47,60 @@ class Fit:
     """Limit of the printed boundary program, a cluster [s]."""
     seed: int = 0
     """Seed of mixture and descent."""
+    config: Path | None = None
+    """YAML file with the settings of ga, neural, chooser and rl, each under its name (ga: genetic)."""
+    calibration: Path | None = None
+    """Data set folder to calibrate a neural selector on; without it a part of the data set is kept for that."""
+    checkpoint: Path | None = None
+    """File (rl: folder) by which ga, neural and rl go on where they were stopped."""
     json: bool = False
     """Print the result as one JSON object."""
 
     def run(self) -> int:
         """Fit and write."""
         from stancekit.learners.dataset import Dataset
-        from stancekit.learners.fitting import FitSettings, fit
-        from stancekit.planners.files import write_envelopes
+        from stancekit.learners.fitting import learn
+        from stancekit.learners.selectors.selector import FixedSelector
+        from stancekit.planners.files import check_writable
 
-        settings = FitSettings(
-            share=self.share,
-            clusters=self.clusters,
-            threshold=self.threshold,
-            steps=self.steps,
-            time_limit_s=self.time_limit_s,
-            seed=self.seed,
-        )
+        check_writable(self.out)
+        dataset = Dataset.open(self.dataset)
+        held = None if self.calibration is None else Dataset.open(self.calibration)
+        settings = self._settings()
         with progress(f"fit {self.method}") as bar:
-            envelopes = fit(self.method, Dataset.open(self.dataset), settings, bar)
-        write_envelopes(self.out, envelopes)
-        widths = [float((envelope.high - envelope.low).mean()) for envelope in envelopes.envelopes]
+            learned = learn(self.method, dataset, settings, bar, calibration=held, checkpoint=self.checkpoint)
+        learned.write(self.out)
+        record: dict[str, Any] = {"out": str(self.out), "method": self.method, "problem_class": learned.problem_class}
+        what = "a network"
+        if isinstance(learned.selector, FixedSelector):
+            fitted = learned.selector.envelopes
+            widths = [float((envelope.high - envelope.low).mean()) for envelope in fitted.envelopes]
+            record |= {"envelopes": len(widths), "mean_width": widths, "provenance": dict(fitted.provenance)}
+            what = f"{len(widths)} envelope(s)"
         if self.json:
-            emit(
-                {
-                    "out": str(self.out),
-                    "method": self.method,
-                    "problem_class": envelopes.problem_class,
-                    "envelopes": len(widths),
-                    "mean_width": widths,
-                    "provenance": dict(envelopes.provenance),
-                }
-            )
-        else:
-            out.print(f"[bold]{self.out}[/bold]: {len(widths)} envelope(s) for {envelopes.problem_class}, "
-                      f"mean width {', '.join(f'{width:.3f}' for width in widths)}")  # fmt: skip
+            emit(record)
+            return 0
+        line = f"[bold]{escape(str(self.out))}[/bold]: {what} for {learned.problem_class}"
+        widths = record.get("mean_width", [])
+        out.print(line + (f", mean width {', '.join(f'{width:.3f}' for width in widths)}" if widths else ""))
         return 0
+
+    def _settings(self) -> FitSettings:
+        """The options and what the configuration file adds. Raises InvalidInput."""
+        from stancekit.learners.experiment import read_mapping
+        from stancekit.learners.fitting import FitSettings
+        from stancekit.learners.settings import typed
+
+        own = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", "seed")
+        given = {name: getattr(self, name) for name in own}
+        extra = {} if self.config is None else read_mapping(self.config)
+        for name in extra:
+            if name in own:
+                raise InvalidInput(f"{self.config}: {name}: expected as an option, --{name.replace('_', '-')}")
+        FitSettings(**given)  # what is wrong with the options is not the file's fault
+        try:
+            settings = typed(FitSettings, {**given, **extra}, "")
+            settings.check(self.method)
+        except InvalidInput as error:
+            raise InvalidInput(f"{self.config or '--config'}: {error}") from None
+        return settings

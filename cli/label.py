@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
+from rich.markup import escape
 
-from .console import emit, out, progress
+from .console import as_options, emit, out, progress
 
 
 @dataclass
@@ -21,9 +22,9 @@ class LabelPostures:
     goes on where it was when it is started again; the rows do not depend on the number of workers.
     """
 
-    problem: Annotated[str, tyro.conf.Positional]
+    problem: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")]
     """Distribution: ground-3, wall-3 or wall-5."""
-    folder: Annotated[Path, tyro.conf.Positional]
+    folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Folder of the data set."""
     feasible: int = 500
     """Feasible rows."""
@@ -37,32 +38,46 @@ class LabelPostures:
     """Rows a file: what an interruption can lose."""
     workers: int = max(os.cpu_count() or 1, 1)
     """Processes."""
+    executor: Literal["processes", "ray"] = "processes"
+    """Where to work: on this machine, or on a Ray cluster, which brings its own number of workers."""
+    address: str | None = None
+    """Ray cluster: host:port of its head, auto, or local."""
     json: bool = False
     """Print the summary as one JSON object."""
 
     def run(self) -> int:
         """Label and sum up."""
+        from stancekit.learners.executor import executor
         from stancekit.learners.labelling import LabelPlan, Progress, label
 
-        plan = LabelPlan(
-            distribution=self.problem,
-            feasible=self.feasible,
-            infeasible=self.infeasible,
-            natural=self.natural,
-            seed=self.seed,
-            shard_size=self.shard_size,
-        )
+        with as_options():
+            plan = LabelPlan(
+                distribution=self.problem,
+                feasible=self.feasible,
+                infeasible=self.infeasible,
+                natural=self.natural,
+                seed=self.seed,
+                shard_size=self.shard_size,
+            )
+            where = executor(self.executor, workers=self.workers, address=self.address)
         with progress(f"label {self.problem}") as bar:
 
             def told(state: Progress) -> None:
                 bar(state.rows, plan.rows)
 
-            summary = label(plan, self.folder, workers=self.workers, progress=told)
+            summary = label(plan, self.folder, run=where, progress=told)
         record = summary.to_json()
         if self.json:
             emit(record)
         else:
-            out.print(f"[bold]{self.folder}[/bold]")
+            out.print(f"[bold]{escape(str(self.folder))}[/bold]")
             for name, value in record.items():
-                out.print(f"  {name:24} {value}")
+                out.print(f"  {name:15} {_plain(value)}")
         return 0
+
+
+def _plain(value: dict[str, int] | float | None) -> str:
+    """Counts, or a number, as people read them."""
+    if isinstance(value, dict):
+        return ", ".join(f"{count} {kind}" for kind, count in value.items() if count)
+    return "–" if value is None else f"{value:.3g}"

@@ -2,23 +2,31 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
+import textwrap
 from collections.abc import Sequence
+from contextlib import redirect_stderr
 from importlib.metadata import version
-from typing import Annotated
+from itertools import dropwhile, takewhile
+from typing import Annotated, get_args
 
 import tyro
+
 from stancekit.planners.outcome import InvalidInput, StancekitError
 
+from .bench import Bench
 from .console import complain
 from .demo import Demo
 from .evaluate import Evaluate
+from .export import Export
 from .fit import Fit
 from .label import LabelPostures
 from .picture import Picture
 from .sample import Sample
 from .solve import Solve
+from .train import Train
 from .verify import Verify
 
 DESCRIPTION = """Legged robots learn and plan on hard terrain.
@@ -26,12 +34,14 @@ DESCRIPTION = """Legged robots learn and plan on hard terrain.
 A session, from terrain to a picture:
   stancekit sample wall-3 --count 3 > postures.jsonl
   stancekit solve postures.jsonl
-  stancekit label wall-3 data/wall-3 --feasible 500 --infeasible 500
-  stancekit fit data/wall-3 --method gmm --out envelope.json
-  stancekit evaluate data/wall-3 --envelope envelope.json
+  stancekit label wall-3 data/train
+  stancekit label wall-3 data/test --seed 1
+  stancekit fit data/train --method gmm --out envelope.json
+  stancekit evaluate data/test --envelope envelope.json
   stancekit picture postures.jsonl --out posture.png
 
-Exit code: 0 done; 1 ran, but a check failed; 2 bad input. With --json, one JSON object a line on standard output."""
+Exit code: 0 done; 1 ran, but a check failed; 2 bad input.
+With --json, one JSON object a line on standard output, and nothing else there."""
 
 Verb = (
     Annotated[Sample, tyro.conf.subcommand("sample")]
@@ -39,8 +49,11 @@ Verb = (
     | Annotated[Verify, tyro.conf.subcommand("verify")]
     | Annotated[LabelPostures, tyro.conf.subcommand("label")]
     | Annotated[Fit, tyro.conf.subcommand("fit")]
+    | Annotated[Train, tyro.conf.subcommand("train")]
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Picture, tyro.conf.subcommand("picture")]
+    | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[Bench, tyro.conf.subcommand("bench")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
 )
 
@@ -48,17 +61,61 @@ Verb = (
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one verb and exit with its code."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal that lacks a letter shows another one
     if arguments in (["--version"], ["-V"]):
-        sys.stdout.write(f"stancekit {version('stancekit')}\n")
+        print(f"stancekit {version('stancekit')}")
         return
-    verb = tyro.cli(
-        Verb,
-        prog="stancekit",
-        description=DESCRIPTION,
-        args=arguments or ["--help"],
-        config=(tyro.conf.OmitArgPrefixes,),
-    )
-    sys.exit(run(verb))
+    if arguments in ([], ["--help"], ["-h"]):
+        print(overview())
+        return
+    sys.exit(run(parse(arguments)))
+
+
+def overview() -> str:
+    """What ``stancekit --help`` says: a line or two a verb."""
+    usage = "usage: stancekit VERB [OPTIONS]; stancekit VERB --help says more"
+    briefs = (f"  {name:9} {(verb.__doc__ or '').splitlines()[0]}" for name, verb in verbs().items())
+    lines = (textwrap.fill(brief, width=80, subsequent_indent=" " * 12) for brief in briefs)
+    return "\n".join([usage, "", DESCRIPTION, "", "Verbs:", *lines])
+
+
+def verbs() -> dict[str, type]:
+    """The class of every verb."""
+    return {setting.name: verb for verb, setting in map(get_args, get_args(Verb))}
+
+
+def parse(arguments: Sequence[str]) -> Verb:
+    """The verb that the arguments name, with its options. Exits with 2 after one line where they are wrong."""
+    if arguments[0] not in verbs():
+        complain(f"stancekit: error: VERB: expected one of {', '.join(verbs())}, got {arguments[0]!r}")
+        sys.exit(2)
+    box = io.StringIO()
+    try:
+        with redirect_stderr(box):
+            verb: Verb = tyro.cli(
+                Verb,
+                prog="stancekit",
+                args=arguments,
+                config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
+            )
+            return verb
+    except SystemExit as end:
+        if end.code:
+            complain(f"stancekit: error: {_said_in(box.getvalue())}; see stancekit {arguments[0]} --help")
+        raise
+
+
+def _said_in(box: str) -> str:
+    """What a box with a title says up to the first line that is ruled in it, on one line."""
+    rows = (row.strip().strip("│").strip() for row in box.splitlines()[1:])
+    said = takewhile(lambda row: not _is_rule(row), dropwhile(_is_rule, rows))
+    return " ".join(said).rstrip(". ")
+
+
+def _is_rule(row: str) -> bool:
+    return row != "" and not row.strip("─-╰╯")
 
 
 def run(verb: Verb) -> int:
@@ -72,11 +129,21 @@ def run(verb: Verb) -> int:
         complain(f"stancekit: failed: {error}")
         return 1
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _close_output()
         return 0
+    except (OSError, MemoryError) as error:  # a full disk, a file that went away
+        complain(f"stancekit: failed: {type(error).__name__}: {error}")
+        _close_output()
+        return 1
     except KeyboardInterrupt:
         complain("stancekit: interrupted")
         return 130
+
+
+def _close_output() -> None:
+    """Send what is still in the buffer of standard output nowhere, or Python complains of it at the end."""
+    if sys.stdout is not None:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 if __name__ == "__main__":

@@ -7,50 +7,60 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
+
 from stancekit.planners.outcome import InvalidInput
 
-from .console import out
+from .console import emit, out, text_of
 
 
 @dataclass
 class Picture:
     """Draw a posture problem with its answer: patches, limbs, contact forces in their friction cones, envelope."""
 
-    file: Annotated[Path, tyro.conf.Positional]
-    """Problem file; `stancekit sample wall-3 --out problem.json` makes one."""
-    out: Path
+    file: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+    """Problem file, or - for standard input; `stancekit sample wall-3 --out problem.json` makes one."""
+    out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """Picture to write: .png, .pdf or .svg."""
     index: int = 0
     """Which problem of the file, from 0."""
     method: Literal["exact", "lift", "two-stage", "nlp", "none"] = "exact"
     """How to solve it; none draws the scene alone."""
-    envelope: Path | None = None
+    envelope: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file: drawn, and used by two-stage."""
     project: Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"] = "scp"
     """Projection of two-stage."""
+    json: bool = False
+    """Print what was drawn as one JSON object."""
 
     def run(self) -> int:
         """Solve, draw, write."""
         from stancekit.envs.picture import draw_posture, save
         from stancekit.planners.contact.methods import make_planner
-        from stancekit.planners.files import read_envelopes, read_problems, read_text
+        from stancekit.planners.files import check_writable, read_envelopes, read_problems
 
-        problems = list(read_problems(read_text(self.file), str(self.file)))
+        check_writable(self.out)
+        problems = list(read_problems(text_of(self.file), str(self.file)))
         if not 0 <= self.index < len(problems):
             raise InvalidInput(f"--index: expected 0 to {len(problems) - 1} for {self.file}, got {self.index}")
-        problem = problems[self.index][1]
+        where, problem = problems[self.index]
         if isinstance(problem, InvalidInput):
             raise problem
         envelopes = None if self.envelope is None else read_envelopes(self.envelope)
         if envelopes is not None:
-            envelopes.check_fits(problem)
-        caption, posture, chosen = "", None, 0
+            try:
+                envelopes.check_fits(problem)
+            except InvalidInput as error:
+                raise InvalidInput(f"{where}: {error}") from None
+        caption, posture, chosen, status = "", None, 0, None
         if self.method != "none":
             outcome = make_planner(self.method, envelopes=envelopes, projection=self.project).solve(problem)
-            posture = outcome.posture
+            posture, status = outcome.posture, outcome.status.value
             chosen = int(outcome.details.get("chosen", 0))
             caption = f"{outcome.method}: {outcome.status.value}, {1e3 * outcome.seconds:.1f} ms"
         envelope = None if envelopes is None else envelopes.envelopes[chosen]
         save(draw_posture(problem, posture, envelope=envelope, caption=caption), self.out)
-        out.print(f"{self.out}: {caption or 'the scene alone'}", markup=False)
+        if self.json:
+            emit({"where": where, "out": str(self.out), "method": self.method, "status": status})
+        else:
+            out.print(f"{self.out}: {caption or 'the scene alone'}", markup=False)
         return 0

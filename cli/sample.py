@@ -8,9 +8,10 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+
 from stancekit.planners.outcome import InvalidInput
 
-from .console import emit
+from .console import emit, out
 
 
 @dataclass
@@ -20,20 +21,23 @@ class Sample:
     The output is what `stancekit solve` reads. Equal seeds give equal problems.
     """
 
-    problem: Annotated[str, tyro.conf.Positional]
+    problem: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")]
     """Distribution: ground-3, wall-3 or wall-5."""
     count: int = 1
     """How many problems."""
     seed: int = 0
     """Seed of the random stream."""
-    out: Path | None = None
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File to write; standard output where there is none."""
+    json: bool = False
+    """Say what was written to a file as one JSON object."""
 
     def run(self) -> int:
         """Draw and print."""
         import numpy as np
+
         from stancekit.envs.terrains import distribution
-        from stancekit.planners.files import write_text
+        from stancekit.planners.files import check_writable, write_text
 
         if self.count < 1:
             raise InvalidInput(f"--count: expected 1 or more, got {self.count}")
@@ -44,6 +48,11 @@ class Sample:
         if self.out is None:
             for record in records:
                 emit(record)
+            return 0
+        check_writable(self.out)
+        write_text(self.out, "".join(json.dumps(record) + "\n" for record in records))
+        if self.json:
+            emit({"out": str(self.out), "problem_class": self.problem, "problems": self.count})
         else:
-            write_text(self.out, "".join(json.dumps(record) + "\n" for record in records))
+            out.print(f"{self.out}: {self.count} problem(s) of {self.problem}", markup=False)
         return 0

@@ -3,17 +3,31 @@
 from __future__ import annotations
 
 import json
-import sys
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
+from rich.markup import escape
 from rich.table import Table
+
 from stancekit.planners.outcome import InvalidInput
 
-from .console import complain, emit, out
+from .console import as_options, complain, emit, out, progress, text_of
+
+if TYPE_CHECKING:
+    from stancekit.planners.contact.envelope import EnvelopeSet
+    from stancekit.planners.contact.planner import Planner
+    from stancekit.planners.scene import PostureProblem
+
+LONGEST_S = 1e6
+MOST_INTERVALS = 64
+"""A finer grid takes minutes to write down and more memory than most machines have."""
+OF_METHODS = {
+    "envelope": ("p1", "two-stage", "micp"), "project": ("two-stage",), "solver": ("micp",), "intervals": ("micp",)
+}  # fmt: skip
+"""Which methods an option is for, where it is not for all."""
 
 
 @dataclass
@@ -26,8 +40,10 @@ class Solve:
     status is feasible (with a posture that the verifier accepted), infeasible (with a proof that it accepted) or
     undecided (a limit was met, a solver failed, or the method cannot prove what it claims; see claim). It always
     speaks of the problem itself: a relaxation over a learned envelope reports its margin in details and decides
-    nothing alone. lower_bound is a proved bound on the moment residual in units of force scale × length scale;
-    1e6 stands for: infeasible even without the moment balance.
+    nothing alone. lower_bound is a proved bound on the moment residual in units of force scale × length scale, and 1e6
+    where a problem is infeasible even without the moment balance.
+
+    Exit code 0 whatever the answers are; 2 if a problem could not be read, and then the others are still answered.
     """
 
     files: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
@@ -35,19 +51,19 @@ class Solve:
     method: Literal["exact", "p1", "lift", "micp", "nlp", "two-stage"] = "exact"
     """exact: branch and bound. p1: relaxation over an envelope. lift: relaxation without one. two-stage: relaxation
     (over the envelope, or the lift) and projection. nlp: IPOPT. micp: piecewise McCormick grid."""
-    envelope: Path | None = None
+    envelope: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for p1, two-stage and micp."""
     project: Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"] = "scp"
     """Projection of two-stage."""
     solver: Literal["highs", "scip", "gurobi"] = "highs"
     """Solver of micp."""
     intervals: int = 4
-    """Pieces of each axis in micp's grid."""
+    """Pieces of each axis in micp's grid, a power of two."""
     time_limit_s: float = 30.0
-    """Limit a problem; what is not decided by then is undecided [s]."""
+    """Limit a problem for exact, nlp and micp; what is not decided by then is undecided [s]."""
     certificate: bool = False
     """Add the certificate to infeasible answers, for `stancekit verify`."""
-    out: Path | None = None
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File for the answers, JSON lines, written at the end whole."""
     json: bool = False
     """One JSON object a line on standard output."""
@@ -55,62 +71,78 @@ class Solve:
     def run(self) -> int:
         """Answer every problem that can be read; exit code 2 if any could not."""
         from stancekit.planners.contact.methods import make_planner
-        from stancekit.planners.files import read_envelopes, write_text
+        from stancekit.planners.files import check_writable, read_envelopes, write_text
 
-        if not self.files:
-            raise InvalidInput("FILE: expected one or more problem files, got none (- is standard input)")
-        if not self.time_limit_s > 0.0:
-            raise InvalidInput(f"--time-limit-s: expected a number above 0, got {self.time_limit_s:g}")
-        planner = make_planner(
-            self.method,
-            envelopes=None if self.envelope is None else read_envelopes(self.envelope),
-            projection=self.project,
-            solver=self.solver,
-            intervals=self.intervals,
-            time_limit_s=self.time_limit_s,
-        )
+        self._check()
+        if self.out is not None:
+            check_writable(self.out)
+        envelopes = None if self.envelope is None else read_envelopes(self.envelope)
+        with as_options():
+            planner = make_planner(
+                self.method,
+                envelopes=envelopes,
+                projection=self.project,
+                solver=self.solver,
+                intervals=self.intervals,
+                time_limit_s=self.time_limit_s,
+            )
+        problems = list(_problems(self.files))
         lines: list[dict[str, Any]] = []
-        for record in self._answers(planner):
-            lines.append(record)
-            if self.json:
-                emit(record)
+        with progress(f"solve by {self.method}") as bar:
+            for where, problem in problems:
+                lines.append(self._answer(where, problem, planner, envelopes))
+                if self.json:
+                    emit(lines[-1])
+                bar(len(lines), len(problems))
         if self.out is not None:
             write_text(self.out, "".join(json.dumps(line, allow_nan=False) + "\n" for line in lines))
         if not self.json:
             out.print(_table(lines))
         return 2 if any(line["status"] == "invalid" for line in lines) else 0
 
-    def _answers(self, planner: Any) -> Iterator[dict[str, Any]]:
-        from stancekit.planners.files import outcome_to_json, read_problems
+    def _check(self) -> None:
+        """Raise InvalidInput for an option that is out of range, or that the method does not know."""
+        if not self.files:
+            raise InvalidInput("FILE: expected one or more problem files, got none (- is standard input)")
+        if not 0.0 < self.time_limit_s <= LONGEST_S:
+            raise InvalidInput(
+                f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got {self.time_limit_s:g}"
+            )
+        if self.intervals > MOST_INTERVALS:
+            raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {self.intervals}")
+        for field in fields(self):
+            methods = OF_METHODS.get(field.name, (self.method,))
+            if self.method not in methods and getattr(self, field.name) != field.default:
+                raise InvalidInput(
+                    f"--{field.name}: expected --method {' or '.join(methods)} with it, got {self.method}"
+                )
 
-        for name, text in _texts(self.files):
-            if isinstance(text, InvalidInput):
-                yield _invalid(name, text)
-                continue
-            for where, problem in read_problems(text, name):
-                if isinstance(problem, InvalidInput):
-                    yield _invalid(where, problem)
-                    continue
-                try:
-                    outcome = planner.solve(problem)
-                except InvalidInput as error:
-                    yield _invalid(where, InvalidInput(f"{where}: {error}"))
-                    continue
-                yield {"where": where, **outcome_to_json(outcome, proof=self.certificate)}
+    def _answer(
+        self, where: str, problem: PostureProblem | InvalidInput, planner: Planner, envelopes: EnvelopeSet | None
+    ) -> dict[str, Any]:
+        from stancekit.planners.files import outcome_to_json
+
+        if isinstance(problem, InvalidInput):
+            return _invalid(where, problem)
+        try:
+            if envelopes is not None:
+                envelopes.check_fits(problem)
+            outcome = planner.solve(problem)
+        except InvalidInput as error:
+            return _invalid(where, InvalidInput(f"{where}: {error}"))
+        return {"where": where, **outcome_to_json(outcome, proof=self.certificate)}
 
 
-def _texts(files: tuple[str, ...]) -> Iterator[tuple[str, str | InvalidInput]]:
-    from stancekit.planners.files import read_text
+def _problems(files: tuple[str, ...]) -> Iterator[tuple[str, PostureProblem | InvalidInput]]:
+    from stancekit.planners.files import read_problems
 
     for name in files:
-        if name == "-":
-            text = sys.stdin.read()
-            yield "-", text if text.strip() else InvalidInput("-: expected JSON on standard input, got nothing")
-            continue
         try:
-            yield name, read_text(name)
+            text = text_of(name)
         except InvalidInput as error:
             yield name, error
+            continue
+        yield from read_problems(text, name)
 
 
 def _invalid(where: str, error: InvalidInput) -> dict[str, Any]:
@@ -124,17 +156,16 @@ def _table(lines: list[dict[str, Any]]) -> Table:
         ("problem", "left"), ("status", "left"), ("net moment", "right"), ("proved residual", "right"),
         ("ms", "right"), ("", "left"),
     ):  # fmt: skip
-        table.add_column(name, justify=side)  # type: ignore[arg-type]
+        folds = name in ("problem", "")
+        table.add_column(name, justify=side, overflow="fold", no_wrap=not folds)  # type: ignore[arg-type]
     colour = {"feasible": "green", "infeasible": "red", "undecided": "yellow", "invalid": "magenta"}
     for line in lines:
-        status = line["status"]
-        if status == "invalid":
-            table.add_row(line["where"], f"[{colour[status]}]{status}[/]", "", "", "", "see the message above")
+        where, status = escape(line["where"]), f"[{colour[line['status']]}]{line['status']}[/]"
+        if line["status"] == "invalid":
+            table.add_row(where, status, "", "", "", "see the message above")
             continue
         moment = "" if line["residual_nm"] is None else f"{line['residual_nm']:.1e} Nm"
-        bound = "" if status != "infeasible" else f"> {line['lower_bound']:.2g}"
-        table.add_row(
-            line["where"], f"[{colour[status]}]{status}[/]", moment, bound, f"{1e3 * line['seconds']:.1f}",
-            line.get("message", ""),
-        )  # fmt: skip
+        bound = "" if line["status"] != "infeasible" else f"> {line['lower_bound']:.2g}"
+        message = escape(line.get("message", ""))
+        table.add_row(where, status, moment, bound, f"{1e3 * line['seconds']:.1f}", message)
     return table

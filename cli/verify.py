@@ -9,9 +9,14 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
+
 from stancekit.planners.outcome import InvalidInput
 
-from .console import complain, emit, out
+from .console import complain, emit, out, text_of
+
+TOLERANCE = 1e-6
+EVIDENCE = {"feasible": "posture", "infeasible": "certificate"}
+"""What an answer of each status has to hold; none for one that decides nothing."""
 
 
 @dataclass
@@ -20,14 +25,15 @@ class Verify:
 
     `stancekit verify problems.jsonl answers.jsonl` takes the n-th answer for the n-th problem; answers are what
     `stancekit solve --certificate --out answers.jsonl` writes. `stancekit verify data/wall-3` checks every witness and
-    every certificate of a data set. No solver takes part. Exit code 1 if anything is refused.
+    every certificate of a data set. No solver takes part. Exit code 1 if anything is refused, and that is also what
+    happens to a claim that comes without its evidence.
     """
 
-    problems: Annotated[Path, tyro.conf.Positional]
-    """Problem file, or a data set folder."""
-    answers: Annotated[Path | None, tyro.conf.Positional] = None
-    """File of answers; none for a data set."""
-    tolerance: float = 1e-6
+    problems: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PROBLEMS")]
+    """Problem file, or - for standard input; or a data set folder."""
+    answers: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[ANSWERS]")] = None
+    """File of answers, or - for standard input; none for a data set."""
+    tolerance: float = TOLERANCE
     """Largest violation of an accepted posture (non-dimensional)."""
     explain: bool = False
     """Say for every proof what would have to give, and by how much at least."""
@@ -59,6 +65,9 @@ class Verify:
 
         if self.problems.is_file():
             raise InvalidInput(f"{self.problems}: expected a data set folder, or a file of answers after it")
+        if self.explain or self.tolerance != TOLERANCE:
+            option = "--explain" if self.explain else "--tolerance"
+            raise InvalidInput(f"{option}: expected a file of answers with it, got a data set, which has its own plan")
         report = recheck(Dataset.open(self.problems))
         if self.json:
             emit(report.to_json())
@@ -68,10 +77,10 @@ class Verify:
         return int(not report.accepted)
 
     def _verdicts(self, answers: Path) -> Iterator[dict[str, Any]]:
-        from stancekit.planners.files import answer_from_json, json_records, read_problems, read_text
+        from stancekit.planners.files import answer_from_json, json_records, read_problems
 
-        problems = list(read_problems(read_text(self.problems), str(self.problems)))
-        claims = list(json_records(read_text(answers), str(answers)))
+        problems = list(read_problems(text_of(self.problems), str(self.problems)))
+        claims = list(json_records(text_of(answers), str(answers)))
         if len(problems) != len(claims):
             raise InvalidInput(f"{answers}: expected {len(problems)} answers, one a problem, got {len(claims)}")
         for (where, problem), (place, claim) in zip(problems, claims, strict=True):
@@ -80,25 +89,48 @@ class Verify:
                 yield {"where": where, "verdict": "invalid", "message": str(wrong)}
                 continue
             try:
-                yield {"where": where, **self._verdict(problem, answer_from_json(claim))}
+                yield {"where": where, **self._verdict(problem, answer_from_json(claim), _status(claim))}
             except InvalidInput as error:
                 yield {"where": where, "verdict": "invalid", "message": f"{place}: {error}"}
 
-    def _verdict(self, problem: Any, answer: Any) -> dict[str, Any]:
+    def _verdict(self, problem: Any, answer: Any, status: str) -> dict[str, Any]:
         from stancekit.planners.outcome import Posture
         from stancekit.planners.verify import check_certificate, check_posture, explain
 
-        if answer is None:
-            return {"verdict": "unclaimed", "message": "the answer holds neither a posture nor a certificate"}
-        if isinstance(answer, Posture):
+        kind = None if answer is None else "posture" if isinstance(answer, Posture) else "certificate"
+        if kind != EVIDENCE.get(status):
+            hint = " (solve with --certificate)" if status == "infeasible" else ""
+            message = f"it says {status} and comes with {_a(kind)}, expected {_a(EVIDENCE.get(status))}{hint}"
+            return {"verdict": "refused", "message": message}
+        if kind is None:
+            return {"verdict": "unclaimed", "message": f"the answer is {status}: nothing to check"}
+        if kind == "posture":
             report = check_posture(problem, answer, tolerance=self.tolerance)
             verdict = "accepted" if report.accepted else "refused"
-            return {"verdict": verdict, "kind": "posture", "message": report.message, "digest": report.digest,
+            return {"verdict": verdict, "kind": "posture", "message": _bare(report.message), "digest": report.digest,
                     "residual_nm": report.residual_nm if math.isfinite(report.residual_nm) else None}  # fmt: skip
         proof = check_certificate(problem, answer)
-        message = proof.message
+        message = _bare(proof.message)
         if self.explain and proof.accepted:
             message += "; " + explain(problem, answer).message
         verdict = "accepted" if proof.accepted else "refused"
         return {"verdict": verdict, "kind": "certificate", "message": message,
                 "lower_bound": min(proof.lower_bound, 1e6), "leaves": proof.leaves}  # fmt: skip
+
+
+def _status(claim: Any) -> str:
+    """The status that an answer claims; where it has none, the one that its evidence speaks for."""
+    known = ("feasible", "infeasible", "undecided", "invalid")
+    status = claim.get("status", "infeasible" if "certificate" in claim else "feasible" if "toes_m" in claim else None)
+    if status not in known:
+        raise InvalidInput(f"status: expected one of {', '.join(known)}, got {status!r:.60}")
+    return str(status)
+
+
+def _a(kind: str | None) -> str:
+    return "nothing" if kind is None else f"a {kind}"
+
+
+def _bare(message: str) -> str:
+    """The verifier's message without the verdict that it begins with."""
+    return message.removeprefix("accepted: ").removeprefix("rejected: ")

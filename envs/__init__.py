@@ -7,5 +7,13 @@ Importing this package registers the environments, so ``gymnasium.register_envs(
 import gymnasium
 
 gymnasium.register(
-    id="stancekit/EnvelopeSelection-v0", entry_point="stancekit.envs.selection:EnvelopeSelectionEnv", order_enforce=True
+    id="stancekit/EnvelopeSelection-v0",
+    entry_point="stancekit.envs.selection:EnvelopeSelectionEnv",
+    vector_entry_point="stancekit.envs.vector:EnvelopeSelectionVectorEnv",
+    order_enforce=True,
+)
+gymnasium.register(
+    id="stancekit/EnvelopeRefinement-v0",
+    entry_point="stancekit.envs.refinement:EnvelopeRefinementEnv",
+    order_enforce=True,
 )

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import InvalidInput, Outcome, PlanningFailed, Posture, Status

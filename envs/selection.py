@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
-from stancekit.planners.arrays import Array
+
 from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.contact.planner import Acceptance
 from stancekit.planners.contact.project import Point
@@ -29,6 +30,7 @@ VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
 ADMITTED = 1e-6
 """A projection counts when the verifier finds no violation above this (non-dimensional)."""
+WINDOW = "stancekit"
 _ROOM = 4.0  # bound on non-dimensional coordinates in an observation
 
 
@@ -41,6 +43,148 @@ class RewardWeights:
     agreement: float = 1.0
     projection: float = 0.5
     tightness: float = 0.1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verdict:
+    """What one action on one scene came to. posture: what P2 found, None where nothing; envelope: the box of P1."""
+
+    reward: float
+    info: dict[str, Any]
+    posture: Posture | None
+    envelope: Envelope
+
+
+class SelectionTask:
+    """What the single environment and the batched one share: spaces, scenes, and the judging of one action.
+
+    The arguments are those of ``EnvelopeSelectionEnv``. Compiled models are made once a task.
+    """
+
+    def __init__(
+        self,
+        problem: str = "wall-3",
+        *,
+        boxes: int = 1,
+        library: EnvelopeSet | str | Path | None = None,
+        projections: tuple[Projection, ...] = ("fix-p",),
+        weights: RewardWeights = RewardWeights(),
+        balanced: bool = True,
+        scenes: SceneSource | None = None,
+        timing: bool = False,
+    ) -> None:
+        unknown = set(projections) - set(PROJECTIONS)
+        if unknown or not projections:
+            raise InvalidInput(f"projections: expected some of {', '.join(PROJECTIONS)}, got {list(projections)}")
+        if not isinstance(boxes, int) or boxes < 1:
+            raise InvalidInput(f"boxes: expected an integer of at least 1, got {boxes!r}")
+        chosen = distribution(problem)
+        self._problem = problem
+        self._count = len(chosen.legs)
+        self._boxes = boxes
+        self._library = read_envelopes(library) if isinstance(library, str | Path) else library
+        self._projections = tuple(projections)
+        self._weights = weights
+        self._timing = timing
+        self._stages = Stages()
+        self._acceptance = Acceptance(tolerance=ADMITTED)
+        sampled = SampledScenes(chosen, balanced=balanced, stages=self._stages)
+        self.scenes: SceneSource = sampled if scenes is None else scenes
+        self.observation_space = scene_space(self._count)
+        self.action_space = self._make_action_space()
+
+    def _make_action_space(self) -> spaces.Space[Any]:
+        if self._library is None:
+            return spaces.Box(-1.0, 1.0, (self._boxes * 12 * self._count,), np.float32)
+        if self._library.problem_class != self._problem or len(self._library.legs) != self._count:
+            learned = f"{self._library.problem_class} and the legs {', '.join(self._library.legs)}"
+            raise InvalidInput(f"library: expected envelopes learned for {self._problem}, got some for {learned}")
+        if self._boxes != 1:
+            raise InvalidInput(
+                f"boxes: expected 1 with a library, whose envelopes are chosen one by one, got {self._boxes}"
+            )
+        return spaces.Discrete(len(self._library.envelopes))
+
+    def scale(self, scene: Scene) -> ScaledProblem:
+        """The scene's numbers. Raises InvalidInput where they do not fit the observation."""
+        scaled = ScaledProblem.of(scene.problem)
+        if scaled.size != (self._count, VERTICES):
+            raise InvalidInput(
+                f"scene: expected {self._count} contacts on triangles, got {scaled.size[0]} contacts on patches "
+                f"of up to {scaled.size[1]} corners"
+            )
+        return scaled
+
+    def judge(self, scene: Scene, scaled: ScaledProblem, action: NDArray[np.float32] | np.int64) -> Verdict:
+        """Relax over the chosen boxes, project, compare with the expert."""
+        envelopes = self._envelopes(action)
+        begin = time.perf_counter()
+        answer = self._stages.box(scaled).solve_any(scaled, envelopes)
+        p1_seconds = time.perf_counter() - begin
+        begin = time.perf_counter()
+        projected = {way: self._project(way, scene, scaled, answer) for way in self._projections}
+        p2_seconds = time.perf_counter() - begin
+        info = self._info(scene, scaled, answer, envelopes[answer.chosen], projected)
+        clock = self._timing
+        info["p1_seconds"] = p1_seconds if clock else 0.0
+        info["p2_seconds"] = p2_seconds if clock else 0.0
+        info["expert_seconds"] = scene.expert_seconds if clock else 0.0
+        return Verdict(
+            reward=float(info["reward_agreement"] + info["reward_projection"] + info["reward_tightness"]),
+            info=info,
+            posture=next((outcome.posture for outcome in projected.values() if outcome and outcome.posture), None),
+            envelope=envelopes[answer.chosen],
+        )
+
+    def _envelopes(self, action: NDArray[np.float32] | np.int64) -> tuple[Envelope, ...]:
+        if np.shape(action) != self.action_space.shape:
+            raise InvalidInput(f"action: expected shape {self.action_space.shape}, got {np.shape(action)}")
+        if self._library is not None:
+            if not self.action_space.contains(np.int64(action)):
+                raise InvalidInput(f"action: expected 0 to {len(self._library.envelopes) - 1}, got {action}")
+            return (self._library.envelopes[int(action)],)
+        bounds = np.asarray(action, dtype=np.float64).reshape(self._boxes, -1)
+        return tuple(Envelope.from_vector(row) for row in bounds)
+
+    def _project(
+        self, way: Projection, scene: Scene, scaled: ScaledProblem, answer: RelaxationAnswer
+    ) -> Outcome | None:
+        """Project P1's point and have it verified; None where P1 gave no point or admits nothing."""
+        if not answer.feasible or answer.point is None:
+            return None
+        point: Point = self._stages.project(way, scaled, answer.point)
+        if not np.isfinite(point.residual):
+            return None
+        posture = scaled.posture(com=point.com, rotation=point.rotation, toes=point.toes, forces=point.forces)
+        return self._acceptance.outcome(scene.problem, method=way, begin=0.0, posture=posture)
+
+    def _info(
+        self,
+        scene: Scene,
+        scaled: ScaledProblem,
+        answer: RelaxationAnswer,
+        envelope: Envelope,
+        projected: dict[Projection, Outcome | None],
+    ) -> dict[str, Any]:
+        reached = {way: outcome is not None and outcome.status is Status.FEASIBLE for way, outcome in projected.items()}
+        agree = answer.known and answer.feasible == scene.feasible
+        width = float(np.mean(envelope.high - envelope.low)) / 2.0
+        weights = self._weights
+        posture = scene.posture
+        return {
+            "label": int(scene.feasible),
+            "p1_feasible": int(answer.feasible),
+            "margin": float(answer.margin),
+            "gap": float(np.nan_to_num(answer.gap)),
+            "log_volume": envelope.log_volume(),
+            "chosen": int(answer.chosen),
+            **{f"project_{way.replace('-', '_')}": int(value) for way, value in reached.items()},
+            "reward_agreement": weights.agreement * agree,
+            "reward_projection": weights.projection * reached[self._projections[0]],
+            "reward_tightness": weights.tightness * (1.0 - width),
+            "expert_point": np.zeros((self._count, 6)) if posture is None else scaled.point(posture),
+            "expert_lower_bound": float(scene.lower_bound),
+        }
 
 
 class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.float32] | np.int64]):
@@ -77,45 +221,24 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
-        unknown = set(projections) - set(PROJECTIONS)
-        if unknown or not projections:
-            raise InvalidInput(f"projections: expected some of {', '.join(PROJECTIONS)}, got {list(projections)}")
-        chosen = distribution(problem)
         self.render_mode = render_mode
-        self._count = len(chosen.legs)
-        self._boxes = boxes
-        self._library = read_envelopes(library) if isinstance(library, str | Path) else library
-        self._projections = tuple(projections)
-        self._weights = weights
-        self._timing = timing
-        self._stages = Stages()
-        self._scenes = scenes or SampledScenes(chosen, balanced=balanced, stages=self._stages)
-        self._acceptance = Acceptance(tolerance=ADMITTED)
+        self._task = SelectionTask(
+            problem, boxes=boxes, library=library, projections=projections, weights=weights, balanced=balanced,
+            scenes=scenes, timing=timing,
+        )  # fmt: skip
         self._scene: Scene | None = None
         self._scaled: ScaledProblem | None = None
         self._shown: tuple[Posture | None, Envelope | None] = (None, None)
-        self.observation_space: spaces.Space[Any] = _observation_space(self._count)
-        self.action_space = self._make_action_space()
-
-    def _make_action_space(self) -> spaces.Space[Any]:
-        if self._library is None:
-            return spaces.Box(-1.0, 1.0, (self._boxes * 12 * self._count,), np.float32)
-        if len(self._library.legs) != self._count:
-            raise InvalidInput(f"library: expected envelopes for {self._count} contacts, got {len(self._library.legs)}")
-        return spaces.Discrete(len(self._library.envelopes))
+        self.observation_space: spaces.Space[Any] = self._task.observation_space
+        self.action_space = self._task.action_space
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
         """Draw the next scene."""
         super().reset(seed=seed)
-        self._scene = self._scenes.draw(self.np_random)
-        self._scaled = ScaledProblem.of(self._scene.problem)
-        if self._scaled.size != (self._count, VERTICES):
-            raise InvalidInput(
-                f"scene: expected {self._count} contacts on triangles, got {self._scaled.size[0]} contacts on patches "
-                f"of up to {self._scaled.size[1]} corners"
-            )
+        self._scene = self._task.scenes.draw(self.np_random)
+        self._scaled = self._task.scale(self._scene)
         self._shown = (None, None)
         if self.render_mode == "human":
             self.render()
@@ -127,24 +250,11 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         """Relax over the chosen boxes, project, compare with the expert; the episode ends."""
         if self._scene is None or self._scaled is None:
             raise gym.error.ResetNeeded("reset the environment before the first step")
-        envelopes = self._envelopes(action)
-        begin = time.perf_counter()
-        answer = self._stages.box(self._scaled).solve_any(self._scaled, envelopes)
-        p1_seconds = time.perf_counter() - begin
-        begin = time.perf_counter()
-        projected = {way: self._project(way, answer) for way in self._projections}
-        p2_seconds = time.perf_counter() - begin
-        info = self._info(answer, envelopes[answer.chosen], projected)
-        clock = self._timing
-        info["p1_seconds"] = p1_seconds if clock else 0.0
-        info["p2_seconds"] = p2_seconds if clock else 0.0
-        info["expert_seconds"] = self._scene.expert_seconds if clock else 0.0
-        reward = float(info["reward_agreement"] + info["reward_projection"] + info["reward_tightness"])
-        found = next((outcome.posture for outcome in projected.values() if outcome and outcome.posture), None)
-        self._shown = (found, envelopes[answer.chosen])
+        verdict = self._task.judge(self._scene, self._scaled, action)
+        self._shown = (verdict.posture, verdict.envelope)
         if self.render_mode == "human":
             self.render()
-        return observe(self._scaled), reward, True, False, info
+        return observe(self._scaled), verdict.reward, True, False, verdict.info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the scene, and after a step the envelope and the posture that P2 found in it."""
@@ -159,66 +269,32 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
             return None
         return pixels
 
-    def _envelopes(self, action: NDArray[np.float32] | np.int64) -> tuple[Envelope, ...]:
-        if self._library is not None:
-            return (self._library.envelopes[int(action)],)
-        bounds = np.asarray(action, dtype=np.float64).reshape(self._boxes, -1)
-        return tuple(Envelope.from_vector(row) for row in bounds)
-
-    def _project(self, way: Projection, answer: RelaxationAnswer) -> Outcome | None:
-        """Project P1's point and have it verified; None where P1 gave no point or admits nothing."""
-        assert self._scene is not None
-        assert self._scaled is not None
-        if not answer.feasible or answer.point is None:
-            return None
-        point: Point = self._stages.project(way, self._scaled, answer.point)
-        if not np.isfinite(point.residual):
-            return None
-        posture = self._scaled.posture(com=point.com, rotation=point.rotation, toes=point.toes, forces=point.forces)
-        return self._acceptance.outcome(self._scene.problem, method=way, begin=0.0, posture=posture)
-
-    def _info(
-        self, answer: RelaxationAnswer, envelope: Envelope, projected: dict[Projection, Outcome | None]
-    ) -> dict[str, Any]:
-        assert self._scene is not None
-        assert self._scaled is not None
-        reached = {way: outcome is not None and outcome.status is Status.FEASIBLE for way, outcome in projected.items()}
-        agree = answer.known and answer.feasible == self._scene.feasible
-        width = float(np.mean(envelope.high - envelope.low)) / 2.0
-        weights = self._weights
-        posture = self._scene.posture
-        return {
-            "label": int(self._scene.feasible),
-            "p1_feasible": int(answer.feasible),
-            "margin": float(answer.margin),
-            "gap": float(np.nan_to_num(answer.gap)),
-            "log_volume": envelope.log_volume(),
-            "chosen": int(answer.chosen),
-            **{f"project_{way.replace('-', '_')}": int(value) for way, value in reached.items()},
-            "reward_agreement": weights.agreement * agree,
-            "reward_projection": weights.projection * reached[self._projections[0]],
-            "reward_tightness": weights.tightness * (1.0 - width),
-            "expert_point": np.zeros((self._count, 6)) if posture is None else self._scaled.point(posture),
-            "expert_lower_bound": float(self._scene.lower_bound),
-        }
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self.render_mode == "human":
+            _hide()
 
 
 def observe(scaled: ScaledProblem) -> dict[str, NDArray[np.float32]]:
     """The observation of a scene, see ``EnvelopeSelectionEnv``."""
-
-    def seen(values: Array, room: float) -> NDArray[np.float32]:
-        return np.clip(values, -room, room).astype(np.float32).ravel()
-
-    return {
-        "vertices": seen(scaled.vertices, _ROOM),
-        "frames": seen(scaled.frames, 1.0),
-        "friction": seen(scaled.friction, _ROOM),
-        "shoulders": seen(scaled.shoulders, _ROOM),
-        "reach": seen(scaled.reach, _ROOM),
-    }
+    return {name: values[0] for name, values in observe_batch([scaled]).items()}
 
 
-def _observation_space(count: int) -> spaces.Dict:
+def observe_batch(scaled: Sequence[ScaledProblem]) -> dict[str, NDArray[np.float32]]:
+    """The observations of several scenes of one size, a row each."""
+
+    def seen(name: str, room: float) -> NDArray[np.float32]:
+        values = np.stack([getattr(problem, name) for problem in scaled])
+        found: NDArray[np.float32] = np.clip(values, -room, room).astype(np.float32).reshape(len(scaled), -1)
+        return found
+
+    rooms = {"vertices": _ROOM, "frames": 1.0, "friction": _ROOM, "shoulders": _ROOM, "reach": _ROOM}
+    return {name: seen(name, room) for name, room in rooms.items()}
+
+
+def scene_space(count: int) -> spaces.Dict:
+    """The space of ``observe`` for this many contacts."""
+
     def box(low: float, high: float, size: int) -> spaces.Box:
         return spaces.Box(low, high, (size,), np.float32)
 
@@ -237,5 +313,11 @@ def _show(pixels: NDArray[np.uint8]) -> None:
     """Put a picture on the screen; on a machine without one matplotlib falls back to a backend that shows nothing."""
     import matplotlib.pyplot as plt
 
-    plt.figure("stancekit", clear=True).figimage(pixels)
+    plt.figure(WINDOW, clear=True).figimage(pixels, resize=True)
     plt.pause(0.001)
+
+
+def _hide() -> None:
+    import matplotlib.pyplot as plt
+
+    plt.close(WINDOW)

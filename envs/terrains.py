@@ -8,6 +8,7 @@ from types import MappingProxyType
 from typing import Literal
 
 import numpy as np
+
 from stancekit.planners.arrays import Array, cross
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.scene import Contact, Limb, Patch, PostureProblem, Robot, hexapod
@@ -64,7 +65,7 @@ def _ground(limb: Limb, rng: np.random.Generator) -> tuple[Array, Array, Array]:
 
 def _wall(limb: Limb, rng: np.random.Generator) -> tuple[Array, Array, Array]:
     """Centre, nominal normal and shear reference of a patch on the wall at the limb's side."""
-    side = np.sign(limb.shoulder_m[1])
+    side = 1.0 if limb.shoulder_m[1] >= 0.0 else -1.0
     offset = rng.uniform([-0.15, -0.06, -0.15], [0.15, 0.06, 0.15])
     centre = np.array([limb.shoulder_m[0] + offset[0], side * (0.40 + offset[1]), limb.shoulder_m[2] + offset[2]])
     return centre, np.array([0.0, -side, 0.0]), np.array([0.0, 0.0, 1.0])

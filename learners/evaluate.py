@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache, partial
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from stancekit.envs.scenes import ListedScenes, Scene
+
+from stancekit.envs.scenes import Scene
 from stancekit.envs.selection import ADMITTED, EnvelopeSelectionEnv
 from stancekit.planners.contact.planner import Acceptance
 from stancekit.planners.contact.scaled import ScaledProblem
@@ -16,9 +19,12 @@ from stancekit.planners.contact.stages import Projection, Stages
 from stancekit.planners.outcome import InvalidInput, Status
 
 from .dataset import Dataset
+from .executor import Executor, gather, processes
 from .selectors.selector import Selector
 
 Progress = Callable[[int, int], None]
+CHUNK = 50
+"""Scenes that one task of an executor plays."""
 
 TABLE_I: Mapping[str, Mapping[str, tuple[float, float, float, float]]] = MappingProxyType(
     {
@@ -40,6 +46,15 @@ TABLE_I: Mapping[str, Mapping[str, tuple[float, float, float, float]]] = Mapping
     }
 )
 """Paper E's Table I: P1 correct feasible, P1 correct infeasible, P1 → P2 by fix-p, P1 → P2 by NLP."""
+
+_PAPER_NAMES = {"heuristic": "heuristic", "gmm-printed": "cluster", "gmm": "cluster", "ga": "GA"}
+
+
+def paper_row(problem_class: str, selector: str) -> dict[str, float] | None:
+    """The paper's figures for the method that a selector stands for, by the names of ``Score.to_json``; or None."""
+    row = TABLE_I.get(problem_class, {}).get(_PAPER_NAMES.get(selector, ""))
+    names = ("p1_feasible", "p1_infeasible", "project_fix_p", "project_nlp")
+    return None if row is None else dict(zip(names, row, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +104,7 @@ class Score:
     def to_json(self) -> dict[str, Any]:
         """Return the row as numbers, intervals as [low, high]."""
         shares = {"p1_feasible": self.p1_feasible, "p1_infeasible": self.p1_infeasible}
-        shares |= {f"project_{way.replace('-', '_')}": share for way, share in self.projected.items()}
+        shares |= {_key(way): share for way, share in self.projected.items()}
         record: dict[str, Any] = {"selector": self.selector}
         for name, share in shares.items():
             record[name] = share.value if share.of else None
@@ -115,12 +130,16 @@ def scenes_of(dataset: Dataset) -> list[Scene]:
 def rollout(
     selector: Selector, env: EnvelopeSelectionEnv, episodes: int, progress: Progress | None = None
 ) -> list[dict[str, Any]]:
-    """Play one-step episodes and return the info of each."""
+    """Play one-step episodes and return the info of each, with its ``reward``: what every selector is judged by.
+
+    stable-baselines3's ``evaluate_policy(selector, env)`` plays the same episodes.
+    """
     infos = []
     for episode in range(episodes):
         observation, _ = env.reset(seed=0 if episode == 0 else None)
         action, _ = selector.predict(observation, deterministic=True)
-        infos.append(env.step(action)[4])
+        _, reward, _, _, info = env.step(action)
+        infos.append(info | {"reward": reward})
         if progress is not None:
             progress(episode + 1, episodes)
     return infos
@@ -135,12 +154,105 @@ def evaluate(
     projections: tuple[Projection, ...],
     boxes: int = 1,
     progress: Progress | None = None,
+    run: Executor | None = None,
 ) -> Score:
-    """Roll a selector out over the scenes, through the environment."""
-    env = EnvelopeSelectionEnv(
-        problem_class, boxes=boxes, projections=projections, scenes=ListedScenes(scenes), timing=True
-    )
-    infos = rollout(selector, env, len(scenes), progress)
+    """Roll a selector out over the scenes, through the environment. run: the executor; this process where None."""
+    play = partial(_played, selector, problem_class, boxes, projections)
+    return _score(name, _everywhere(play, scenes, progress, run), projections)
+
+
+def evaluate_lift(
+    scenes: Sequence[Scene],
+    *,
+    projections: tuple[Projection, ...],
+    progress: Progress | None = None,
+    run: Executor | None = None,
+) -> Score:
+    """The same figures for the lift, which has no box to choose."""
+    return _score("lift", _everywhere(partial(_lifted, projections), scenes, progress, run), projections)
+
+
+def _everywhere(
+    play: Callable[[Sequence[Scene]], list[dict[str, Any]]],
+    scenes: Sequence[Scene],
+    progress: Progress | None,
+    run: Executor | None,
+) -> list[dict[str, Any]]:
+    """Play the scenes CHUNK by CHUNK wherever the executor likes; the infos come in the order of the scenes."""
+    chunks = [scenes[begin : begin + CHUNK] for begin in range(0, len(scenes), CHUNK)]
+
+    def told(done: int, total: int) -> None:
+        if progress is not None:
+            progress(min(done * CHUNK, len(scenes)), len(scenes))
+
+    parts = gather(run or processes(1), [partial(play, chunk) for chunk in chunks], told)
+    return [info for part in parts for info in part]
+
+
+def _played(
+    selector: Selector, problem_class: str, boxes: int, projections: tuple[Projection, ...], scenes: Sequence[Scene]
+) -> list[dict[str, Any]]:
+    env, source = _environment(problem_class, boxes, projections)
+    source.deal(scenes)
+    return [{k: v for k, v in info.items() if np.ndim(v) == 0} for info in rollout(selector, env, len(scenes))]
+
+
+@cache
+def _environment(
+    problem_class: str, boxes: int, projections: tuple[Projection, ...]
+) -> tuple[EnvelopeSelectionEnv, _Dealt]:
+    """An environment of this process with its compiled models, for one chunk of scenes after the other."""
+    source = _Dealt()
+    env = EnvelopeSelectionEnv(problem_class, boxes=boxes, projections=projections, scenes=source, timing=True)
+    return env, source
+
+
+class _Dealt:
+    """Scenes that are dealt anew for every chunk."""
+
+    def __init__(self) -> None:
+        self._scenes: list[Scene] = []
+
+    def deal(self, scenes: Sequence[Scene]) -> None:
+        self._scenes = list(reversed(scenes))
+
+    def draw(self, rng: np.random.Generator) -> Scene:
+        return self._scenes.pop()
+
+
+def _lifted(projections: tuple[Projection, ...], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
+    """What the environment would say of each scene if P1 were the lift."""
+    stages, acceptance, infos = _stages(), Acceptance(tolerance=ADMITTED), []
+    for scene in scenes:
+        scaled = ScaledProblem.of(scene.problem)
+        begin = time.perf_counter()
+        lift = stages.lift(scaled)
+        seconds = time.perf_counter() - begin
+        admits = lift.solved and lift.bound <= acceptance.gap
+        info = {"label": int(scene.feasible), "p1_feasible": int(admits), "gap": float("nan"), "p1_seconds": seconds}
+        info["reward_agreement"] = float(lift.solved and admits == scene.feasible)
+        for way in projections:
+            reached = False
+            if admits and scene.feasible:
+                point = stages.project(way, scaled, lift.point)
+                if np.isfinite(point.residual):
+                    posture = scaled.posture(
+                        com=point.com, rotation=point.rotation, toes=point.toes, forces=point.forces
+                    )
+                    outcome = acceptance.outcome(scene.problem, method=way, begin=0.0, posture=posture)
+                    reached = outcome.status is Status.FEASIBLE
+            info[_key(way)] = int(reached)
+        infos.append(info)
+    return infos
+
+
+@cache
+def _stages() -> Stages:
+    """The models of this process."""
+    return Stages()
+
+
+def _score(name: str, infos: Sequence[Mapping[str, Any]], projections: tuple[Projection, ...]) -> Score:
     feasible = [info for info in infos if info["label"]]
     infeasible = [info for info in infos if not info["label"]]
     admitted = [info for info in feasible if info["p1_feasible"]]
@@ -149,41 +261,15 @@ def evaluate(
         p1_feasible=Share(hits=len(admitted), of=len(feasible)),
         p1_infeasible=Share(hits=sum(info["reward_agreement"] > 0 for info in infeasible), of=len(infeasible)),
         projected={
-            way: Share(hits=sum(info[f"project_{way.replace('-', '_')}"] for info in feasible), of=len(feasible))
-            for way in projections
+            way: Share(hits=int(sum(info[_key(way)] for info in feasible)), of=len(feasible)) for way in projections
         },
         gap=float(np.median([info["gap"] for info in admitted])) if admitted else float("nan"),
-        p1_ms=float(np.median([1e3 * info["p1_seconds"] for info in infos])),
+        p1_ms=float(np.median([1e3 * info["p1_seconds"] for info in infos])) if infos else float("nan"),
     )
 
 
-def evaluate_lift(
-    scenes: Sequence[Scene], *, projections: tuple[Projection, ...], progress: Progress | None = None
-) -> Score:
-    """The same figures for the lift, which has no box to choose."""
-    stages, acceptance = Stages(), Acceptance(tolerance=ADMITTED)
-    right = {True: 0, False: 0}
-    hits = dict.fromkeys(projections, 0)
-    for index, scene in enumerate(scenes):
-        scaled = ScaledProblem.of(scene.problem)
-        lift = stages.lift(scaled)
-        admits = lift.solved and lift.bound <= acceptance.gap
-        right[scene.feasible] += lift.solved and admits == scene.feasible
-        for way in projections if admits and scene.feasible else ():
-            point = stages.project(way, scaled, lift.point)
-            if np.isfinite(point.residual):
-                posture = scaled.posture(com=point.com, rotation=point.rotation, toes=point.toes, forces=point.forces)
-                outcome = acceptance.outcome(scene.problem, method=way, begin=0.0, posture=posture)
-                hits[way] += outcome.status is Status.FEASIBLE
-        if progress is not None:
-            progress(index + 1, len(scenes))
-    feasible = sum(scene.feasible for scene in scenes)
-    return Score(
-        selector="lift",
-        p1_feasible=Share(hits=right[True], of=feasible),
-        p1_infeasible=Share(hits=right[False], of=len(scenes) - feasible),
-        projected={way: Share(hits=count, of=feasible) for way, count in hits.items()},
-    )
+def _key(way: Projection) -> str:
+    return f"project_{way.replace('-', '_')}"
 
 
 def check_same_class(dataset: Dataset, problem_class: str, where: str) -> None:

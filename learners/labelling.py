@@ -1,8 +1,8 @@
 """Algorithm 1 of paper E, DataGeneration: draw posture problems, decide them exactly, keep S and S̄ as a data set.
 
 Work comes in shards. A shard is drawn from a random stream of its own and the planner's answers do not depend on what
-it answered before, so its rows depend on nothing but the plan. It is written at once when its quotas are full, so a
-run that was killed goes on where it was.
+it answered before, so its rows depend on nothing but the plan. Any executor may draw it; this process writes it when it
+comes, once, so a run that was killed goes on where it was, and no folder need be shared.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
-import joblib
 import numpy as np
+
 from stancekit.envs.terrains import PostureDistribution, distribution
 from stancekit.planners.arrays import Array
 from stancekit.planners.contact.exact import ExactPlanner
@@ -36,14 +36,12 @@ from stancekit.planners.verify import check_certificate, check_posture
 from . import ledger
 from .dataset import Dataset, LabelledPosture, finite, table_of
 from .dataset import Summary as Summary
-from .ledger import Counts, Header, Tally
+from .executor import processes as processes
+from .ledger import Counts, Header, Shard, Tally
 from .ledger import LabelPlan as LabelPlan
 
-Task = Callable[[], Tally]
-Executor = Callable[[Sequence[Task]], Iterable[Tally]]
-"""Runs independent tasks, in any order and anywhere that sees the folder, and gives back each one's answer."""
-ORPHANS_LIVE_S = 60
-"""Processes whose run was killed finish the shards that they were given, and end when idle for so long."""
+Task = Callable[[], Shard]
+"""Draws one shard. It writes nothing, so it may run anywhere, and more than once."""
 
 log = logging.getLogger(__name__)
 
@@ -96,13 +94,13 @@ def label(
     workers: int = 1,
     progress: Callable[[Progress], None] | None = None,
     source: PostureDistribution | None = None,
-    run: Executor | None = None,
+    run: Callable[[Sequence[Task]], Iterable[Shard]] | None = None,
     draws_per_row: int = 10_000,
 ) -> Summary:
     """Make the planned data set in this folder, or what is missing of it.
 
     workers: processes; the rows do not depend on them. progress: called once at the start and after every shard.
-    source: the distribution, where its name is not a registered one. run: runs the tasks in place of ``processes``.
+    source: the distribution, where its name is not a registered one. run: the executor, in place of ``processes``.
     draws_per_row: a shard gives up after this many draws a row.
     Raises InvalidInput where the folder holds another data set, LabellingFailed where a shard gives up.
     """
@@ -121,26 +119,12 @@ def label(
             progress(Progress(shards_done=len(done), shards=plan.shards, rows=rows, drawn=drawn, rate=rate))
 
     report()
-    tasks = [partial(label_shard, header, source, folder, shard, draws_per_row) for shard in there.missing]
-    for tally in (run or processes(workers))(tasks):
-        done[tally.shard] = tally
+    tasks = [partial(label_shard, header, source, shard, draws_per_row) for shard in there.missing]
+    for shard in (run or processes(workers))(tasks):
+        ledger.write_shard(folder, shard.table, shard.tally, shard.timing)
+        done[shard.tally.shard] = shard.tally
         report()
     return Dataset.open(folder).summary()
-
-
-def processes(workers: int) -> Executor:
-    """Run tasks on this many processes; on one, this process. Raises InvalidInput."""
-    if workers < 1:
-        raise InvalidInput(f"workers: expected 1 or more, got {workers}")
-
-    def run(tasks: Sequence[Task]) -> Iterable[Tally]:
-        if workers == 1 or len(tasks) < 2:
-            return (task() for task in tasks)
-        with joblib.parallel_config(backend="loky", inner_max_num_threads=1, idle_worker_timeout=ORPHANS_LIVE_S):
-            pool = joblib.Parallel(n_jobs=workers, return_as="generator_unordered", batch_size=1)
-        return cast(Iterable[Tally], pool(joblib.delayed(task)() for task in tasks))
-
-    return run
 
 
 def recheck(dataset: Dataset) -> RecheckReport:
@@ -178,8 +162,8 @@ def samples(plan: LabelPlan, shard: int, source: PostureDistribution | None = No
         yield source.sample(rng)
 
 
-def label_shard(header: Header, source: PostureDistribution, folder: Path, shard: int, draws_per_row: int) -> Tally:
-    """Draw one shard until its quotas are full, and write it."""
+def label_shard(header: Header, source: PostureDistribution, shard: int, draws_per_row: int) -> Shard:
+    """Draw one shard until its quotas are full."""
     begin, plan = time.process_time(), header.plan
     quota = plan.quota(shard)
     room = Counter({"feasible": quota[0], "infeasible": quota[1]})
@@ -215,8 +199,7 @@ def label_shard(header: Header, source: PostureDistribution, folder: Path, shard
         software=ledger.software(),
     )
     table, cpu_s = table_of(kept, len(header.legs)), time.process_time() - begin
-    ledger.write_shard(folder, table, tally, ledger.Timing(shard=shard, cpu_s=cpu_s, solve_ms=solve_ms))
-    return tally
+    return Shard(table=table, tally=tally, timing=ledger.Timing(shard=shard, cpu_s=cpu_s, solve_ms=solve_ms))
 
 
 class _Labeller:

@@ -51,7 +51,7 @@ class LabelPlan:
     distribution: str
     feasible: int
     infeasible: int
-    shard_size: int = 1000
+    shard_size: int = 500
     seed: int = 0
     natural: bool = False
     tolerance: float = 1e-6

@@ -23,6 +23,9 @@ def frozen(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Array
     Raises InvalidInput.
     """
     try:
+        raw = np.asarray(value)
+        if value is None or raw.dtype.kind not in "fiuO":  # no texts, truth values or complex numbers
+            raise TypeError
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(f"{where}: expected numbers of shape {_shape_text(shape)}, got {value!r:.80}") from None

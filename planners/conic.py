@@ -67,6 +67,9 @@ class ConicModel:
         equilibrate: Mapping[str, Array | float],
         duals: Mapping[str, cp.Constraint] | None = None,
     ) -> None:
+        names = [parameter.name() for parameter in problem.parameters()]
+        if len(set(names)) < len(names) or not isinstance(problem.objective, cp.Minimize):
+            raise StancekitError(f"a conic model is a minimisation whose parameters have different names, got {names}")
         for parameter in problem.parameters():
             parameter.value = np.broadcast_to(equilibrate[parameter.name()], parameter.shape)
         data, chain, inverse = problem.get_problem_data(cp.CLARABEL, enforce_dpp=True, solver_opts={})

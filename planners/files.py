@@ -157,12 +157,13 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     What a killed process leaves beside it is named ``.NAME.PID.tmp``. A link stays a link, and a device or a pipe is
     written to as it is. Raises InvalidInput where nothing can be written.
     """
+    path = Path(path)
     check_writable(path)
-    target = Path(path).resolve()
+    target = path.resolve()
     temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
-        if target.exists() and not target.is_file():
-            target.write_bytes(content)
+        if path.exists() and not path.is_file():
+            path.write_bytes(content)
             return
         with open(temporary, "wb") as stream:
             stream.write(content)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import Bounds, LinearConstraint, milp
+
 from stancekit.planners.arrays import Array
 
 CLEARANCE = 1e-4

@@ -1,21 +1,28 @@
-"""Descend the signed margin's exact gradient: the box that P1 answers best with, found by P1's own duals."""
+"""Descend the signed margin's exact gradient: the boxes that P1 answers best with, found by P1's own duals."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from sklearn.mixture import GaussianMixture
+
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
+from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.contact.relax import McCormick
 from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.contact.stages import Stages
+from stancekit.planners.outcome import InvalidInput
+
+from ..dataset import Dataset
+from .quantile import quantile_box
 
 
 @dataclass(frozen=True, kw_only=True)
 class Descent:
-    """How a box is moved down the margin loss.
+    """How boxes are moved down the margin loss.
 
     steps: batches; batch: problems of each label a batch; rate: Adam's step on the bounds, falling to a tenth over the
     run; softness: margin at which a problem counts half as much as a wrong one far away (non-dimensional).
@@ -25,6 +32,11 @@ class Descent:
     batch: int = 100
     rate: float = 0.005
     softness: float = 0.002
+
+    def __post_init__(self) -> None:
+        for name in ("steps", "batch"):
+            if getattr(self, name) < 1:
+                raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)!r}")
 
 
 def descend(
@@ -36,28 +48,75 @@ def descend(
     settings: Descent = Descent(),
     progress: Callable[[int, float], None] | None = None,
 ) -> Envelope:
-    """Return the box after Adam on  mean σ(t/τ) over feasible + mean σ(−t/τ) over infeasible problems.
+    """``descend_together`` for one box."""
+    return descend_together((start,), feasible, infeasible, model, rng, settings, progress)[0]
 
-    t is P1's signed margin over the box and σ the logistic function, so the loss is a smooth count of P1's mistakes,
-    both kinds weighing the same. ``progress`` is told the step and the batch's loss.
+
+def descend_together(
+    starts: Sequence[Envelope],
+    feasible: Sequence[ScaledProblem],
+    infeasible: Sequence[ScaledProblem],
+    model: McCormick,
+    rng: np.random.Generator,
+    settings: Descent = Descent(),
+    progress: Callable[[int, float], None] | None = None,
+) -> tuple[Envelope, ...]:
+    """Return the boxes after Adam on  mean σ(t/τ) over feasible + mean σ(−t/τ) over infeasible problems.
+
+    t is P1's signed margin over the set, the least over its boxes (a binary each), and σ the logistic function, so the
+    loss is a smooth count of P1's mistakes, both kinds weighing the same: see ``smooth_mistakes``. ``progress`` is told
+    the step and the batch's loss.
     """
-    bounds = start.to_vector()
+    bounds = np.stack([start.to_vector() for start in starts])
     first, second = np.zeros_like(bounds), np.zeros_like(bounds)
     for step in range(settings.steps):
         loss, slope = 0.0, np.zeros_like(bounds)
-        envelope = Envelope.from_vector(bounds)
+        envelopes = [Envelope.from_vector(row) for row in bounds]
         for problems, sign in ((feasible, 1.0), (infeasible, -1.0)):
             chosen = rng.choice(len(problems), size=min(settings.batch, len(problems)), replace=False)
-            value, gradient = _loss([problems[i] for i in chosen], sign, envelope, model, settings.softness)
+            value, gradient = smooth_mistakes(
+                envelopes, [problems[i] for i in chosen], sign, model, softness=settings.softness
+            )
             loss, slope = loss + value, slope + gradient
         first, second = 0.9 * first + 0.1 * slope, 0.99 * second + 0.01 * slope**2
         rate = settings.rate * 0.1 ** (step / settings.steps)
         root = np.sqrt(second / (1.0 - 0.99 ** (step + 1)))
         bounds = bounds - rate * (first / (1.0 - 0.9 ** (step + 1))) / (root + 1e-8)
-        bounds = _in_domain(bounds)
+        bounds = np.stack([_in_domain(row) for row in bounds])
         if progress is not None:
             progress(step, loss)
-    return Envelope.from_vector(bounds)
+    return tuple(Envelope.from_vector(row) for row in bounds)
+
+
+def smooth_mistakes(
+    envelopes: Sequence[Envelope], problems: Sequence[ScaledProblem], sign: float, model: McCormick, *, softness: float
+) -> tuple[float, Array]:
+    """Mean σ(sign · t / τ) over the problems and its gradient in the bounds, shape (K, 12N).
+
+    sign: 1 where the problems are feasible, −1 where not. t is the soft least of the boxes' margins t_k,
+    −τ log mean exp(−t_k/τ): with one box its margin, with several each box learns from the problems that are its own.
+    Boxes without a margin are left out; so are problems without any.
+    """
+    total, slope = 0.0, np.zeros((len(envelopes), 2 * envelopes[0].low.size))
+    for problem in problems:
+        answers = [(k, model.solve(problem, box, gradient=True)) for k, box in enumerate(envelopes)]
+        there = [(k, a.margin, a.gradient) for k, a in answers if a.gradient is not None]
+        if not there:
+            continue
+        margin, shares = soft_least(np.array([t for _, t, _ in there]), softness)
+        chance = _logistic(sign * margin / softness)
+        total += chance
+        for share, (k, _, gradient) in zip(shares, there, strict=True):
+            by_bounds = np.concatenate([part.ravel() for part in gradient])
+            slope[k] += sign * chance * (1.0 - chance) / softness * share * by_bounds
+    return total / len(problems), slope / len(problems)
+
+
+def soft_least(values: Array, softness: float) -> tuple[float, Array]:
+    """−τ log mean exp(−v/τ) and its gradient, which adds up to 1. values: shape (K,)."""
+    least = float(values.min())
+    weights = np.exp(-(values - least) / softness)
+    return least - softness * float(np.log(weights.mean())), weights / weights.sum()
 
 
 def margins(problems: Sequence[ScaledProblem], envelope: Envelope, model: McCormick) -> Array:
@@ -65,19 +124,64 @@ def margins(problems: Sequence[ScaledProblem], envelope: Envelope, model: McCorm
     return np.array([model.solve(problem, envelope).margin for problem in problems])
 
 
-def _loss(
-    problems: Sequence[ScaledProblem], sign: float, envelope: Envelope, model: McCormick, softness: float
-) -> tuple[float, Array]:
-    """Mean σ(sign · t / softness) and its gradient in the bounds; problems without a margin do not count."""
-    total, slope = 0.0, np.zeros(2 * envelope.low.size)
-    for problem in problems:
-        answer = model.solve(problem, envelope, gradient=True)
-        if answer.gradient is None:
-            continue
-        chance = _logistic(sign * answer.margin / softness)
-        total += chance
-        slope += sign * chance * (1.0 - chance) / softness * np.concatenate([part.ravel() for part in answer.gradient])
-    return total / len(problems), slope / len(problems)
+def fit_gradient(
+    dataset: Dataset,
+    *,
+    boxes: int = 1,
+    steps: int = 80,
+    batch: int = 100,
+    share: float = 0.05,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> EnvelopeSet:
+    """Learn a set of boxes together, from the quantile boxes of as many Gaussian clusters of S.
+
+    share: of a cluster's solutions that its first box leaves out on each side. ``progress`` is told steps done and
+    steps in all. Raises InvalidInput where the data set has too few rows of a label.
+    """
+    settings = Descent(steps=steps, batch=batch)
+    if boxes < 1:
+        raise InvalidInput(f"boxes: expected 1 or more, got {boxes!r}")
+    if len(dataset.feasible) < max(2, boxes) or not len(dataset.infeasible):
+        raise InvalidInput(
+            f"data set: expected {max(2, boxes)} or more feasible rows and an infeasible one, got "
+            f"{len(dataset.feasible)} and {len(dataset.infeasible)}"
+        )
+    feasible = [ScaledProblem.of(problem) for problem in dataset.select(dataset.feasible).problems()]
+    infeasible = [ScaledProblem.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
+    losses: list[float] = []
+
+    def told(step: int, loss: float) -> None:
+        losses.append(loss)
+        if progress is not None:
+            progress(step + 1, steps)
+
+    found = descend_together(
+        clustered_boxes(dataset.points, boxes, share=share, seed=seed), feasible, infeasible,
+        Stages().box(feasible[0]), np.random.default_rng(seed), settings, told,
+    )  # fmt: skip
+    provenance = {
+        "method": "gradient",
+        "settings": asdict(settings) | {"boxes": boxes, "share": share, "seed": seed},
+        "rows": len(dataset),
+        "dataset": dataset.header.digest,
+        "notes": {"losses": losses},
+    }
+    return EnvelopeSet.for_problems(dataset.problem_class, list(dataset.problems()), found, provenance)
+
+
+def clustered_boxes(points: Array, boxes: int, *, share: float, seed: int) -> tuple[Envelope, ...]:
+    """The quantile boxes of Gaussian clusters of S, the largest first; an empty cluster starts as all of S.
+
+    points: shape (K, N, 6).
+    """
+    if boxes == 1:
+        return (quantile_box(points, share=share),)
+    flat = points.reshape(len(points), -1)
+    mixture = GaussianMixture(boxes, covariance_type="full", reg_covar=1e-5, random_state=seed).fit(flat)
+    labels = mixture.predict(flat)
+    members = sorted((np.flatnonzero(labels == k) for k in range(boxes)), key=len, reverse=True)
+    return tuple(quantile_box(points[rows] if len(rows) else points, share=share) for rows in members)
 
 
 def _in_domain(bounds: NDArray[np.float64]) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 from sklearn.mixture import GaussianMixture
+
 from stancekit.planners.arrays import Array
 from stancekit.planners.contact.envelope import Envelope
 

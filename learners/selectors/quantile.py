@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+
 from stancekit.planners.arrays import Array
 from stancekit.planners.contact.envelope import Envelope
 

@@ -40,13 +40,18 @@ class Envelope:
 
     @classmethod
     def around(cls, points: Array) -> Envelope:
-        """The exterior boundary of points [p, f], shape (K, N, 6) with K ≥ 1."""
+        """The exterior boundary of points [p, f], shape (K, N, 6) with K ≥ 1. Raises InvalidInput without any."""
+        if not len(points):
+            raise InvalidInput("points: expected one or more, got none")
         return cls(low=points.min(axis=0), high=points.max(axis=0))
 
     @classmethod
     def from_vector(cls, bounds: Array) -> Envelope:
         """Read the flat form, all of low and then all of high, shape (12N,); reversed pairs are put in order."""
-        low, high = np.asarray(bounds, dtype=np.float64).reshape(2, -1, 6)
+        flat = np.asarray(bounds, dtype=np.float64)
+        if flat.ndim != 1 or flat.size == 0 or flat.size % 12:
+            raise InvalidInput(f"bounds: expected 12 numbers a contact, got an array of shape {flat.shape}")
+        low, high = flat.reshape(2, -1, 6)
         return cls(low=np.minimum(low, high), high=np.maximum(low, high))
 
     def to_vector(self) -> Array:
@@ -128,6 +133,8 @@ class EnvelopeSet:
         provenance: Mapping[str, Any] | None = None,
     ) -> EnvelopeSet:
         """Envelopes with the description of the problems that they were learned from."""
+        if not problems:
+            raise InvalidInput("problems: expected one or more, got none")
         normals = np.array([[contact.patch.normal for contact in problem.contacts] for problem in problems])
         mean = normals.mean(axis=0)
         mean = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..arrays import Array
-from ..outcome import Certificate, Outcome, Posture
+from ..outcome import Certificate, InvalidInput, Outcome, Posture
 from ..scene import PostureProblem
 from .lift import LiftAnswer
 from .planner import Acceptance
@@ -65,6 +65,10 @@ class ExactPlanner:
         time_limit_s: float = 30.0,
         stages: Stages | None = None,
     ) -> None:
+        if not time_limit_s >= 0.0:
+            raise InvalidInput(f"time_limit_s: expected a number of at least 0, got {time_limit_s!r}")
+        if max_nodes < 0:
+            raise InvalidInput(f"max_nodes: expected 0 or more, got {max_nodes!r}")
         self.acceptance = acceptance
         self.max_nodes = max_nodes
         self.time_limit_s = time_limit_s

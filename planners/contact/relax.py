@@ -15,6 +15,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..conic import ConicModel, ConicSolution, ConicStatus
+from ..outcome import InvalidInput
 from .envelope import Envelope
 from .project import Point
 from .scaled import ScaledProblem, side_by_side, skew
@@ -157,6 +158,8 @@ class McCormick:
 
     def solve_any(self, scaled: ScaledProblem, envelopes: Sequence[Envelope]) -> RelaxationAnswer:
         """P1 with one binary an envelope: the box of least margin. One posture has few boxes, so each is tried."""
+        if not envelopes:
+            raise InvalidInput("envelopes: expected one or more, got none")
         answers = [self.solve(scaled, envelope) for envelope in envelopes]
         chosen = int(np.nanargmin([answer.margin if answer.known else np.inf for answer in answers]))
         best = replace(answers[chosen], chosen=chosen, solves=len(answers))

@@ -98,7 +98,7 @@ class TwoStagePlanner:
             certificate=certificate,
             solves=solves,
             claim="infeasible",
-            message="the relaxation is infeasible; over a learned box that is no proof",
+            message="" if certificate else "the relaxation is infeasible; over a learned box that is no proof",
             details=details,
         )
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, checked, cross, frozen
+from ..arrays import Array, checked, cross, frozen, gathered
 from ..outcome import InvalidInput
 
 FLATNESS = 2e-3
@@ -30,18 +30,20 @@ class Patch:
     friction: float
 
     def __post_init__(self) -> None:
-        vertices = frozen(self.vertices_m, (None, 3), "vertices_m")
-        if len(vertices) < 3:
-            raise InvalidInput(f"vertices_m: expected 3 or more vertices, got {len(vertices)}")
-        normal = _unit(self.normal, "normal")
-        shear = _unit(self.shear_reference, "shear_reference", any_length=True)
-        if abs(normal @ shear) > 1.0 - 5e-7:
-            raise InvalidInput(f"shear_reference: expected a direction not along the normal, got {shear.tolist()}")
-        _check_polygon(vertices, normal, shear)
-        object.__setattr__(self, "vertices_m", vertices)
-        object.__setattr__(self, "normal", normal)
-        object.__setattr__(self, "shear_reference", shear)
-        object.__setattr__(self, "friction", checked(self.friction, "friction", least=0.0))
+        put = object.__setattr__
+        gathered(
+            lambda: put(self, "vertices_m", frozen(self.vertices_m, (None, 3), "vertices_m")),
+            lambda: put(self, "normal", _unit(self.normal, "normal")),
+            lambda: put(self, "shear_reference", _unit(self.shear_reference, "shear_reference", any_length=True)),
+            lambda: put(self, "friction", checked(self.friction, "friction", least=0.0)),
+        )
+        if len(self.vertices_m) < 3:
+            raise InvalidInput(f"vertices_m: expected 3 or more vertices, got {len(self.vertices_m)}")
+        if abs(self.normal @ self.shear_reference) > 1.0 - 5e-7:
+            raise InvalidInput(
+                f"shear_reference: expected a direction not along the normal, got {self.shear_reference.tolist()}"
+            )
+        _check_polygon(self.vertices_m, self.normal, self.shear_reference)
 
     @property
     def frame(self) -> Array:

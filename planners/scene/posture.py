@@ -74,19 +74,9 @@ class PostureProblem:
             raise InvalidInput(f"contacts: expected every leg once, got {legs}")
         put = object.__setattr__
         put(self, "contacts", tuple(self.contacts))
-        positive = ("mass_kg", "gravity_m_s2", "length_scale_m")
-        gathered(
-            *(lambda name=name: put(self, name, checked(getattr(self, name), name, above=0.0)) for name in positive),
-            lambda: put(self, "com_nominal_m", frozen(self.com_nominal_m, (3,), "com_nominal_m")),
-            lambda: put(self, "com_radius_m", checked(self.com_radius_m, "com_radius_m", least=0.0)),
-            lambda: put(
-                self, "tilt_limit_rad", checked(self.tilt_limit_rad, "tilt_limit_rad", least=0.0, most=0.5 * np.pi)
-            ),
-            lambda: put(self, "force_scale_n", checked(self._scale(), "force_scale_n", above=0.0)),
-        )
-
-    def _scale(self) -> Any:
-        return self.mass_kg * self.gravity_m_s2 if self.force_scale_n is None else self.force_scale_n
+        body = {name: getattr(self, name) for name in _BODY}
+        for name, value in _checked_body(**body).items():
+            put(self, name, value)
 
     @property
     def legs(self) -> tuple[str, ...]:
@@ -147,9 +137,35 @@ class PostureProblem:
         body = raw.model_dump(exclude={"format", "contacts"})
         gathered(
             *(lambda i=i, item=item: contacts.append(_contact(item, i, known)) for i, item in enumerate(raw.contacts)),
-            lambda: cls(contacts=tuple(contacts), **body) if contacts else None,
+            lambda: _checked_body(**body),
         )
         return cls(contacts=tuple(contacts), **body)
+
+
+_BODY = (
+    "mass_kg", "gravity_m_s2", "force_scale_n", "length_scale_m", "com_nominal_m", "com_radius_m", "tilt_limit_rad"
+)  # fmt: skip
+
+
+def _checked_body(**values: Any) -> dict[str, Any]:
+    """The numbers of a problem without its contacts. Raises InvalidInput with everything that is wrong with them."""
+    found: dict[str, Any] = {}
+
+    def number(name: str, **limits: float) -> None:
+        found[name] = checked(values[name], name, **limits)
+
+    gathered(
+        lambda: number("mass_kg", above=0.0),
+        lambda: number("gravity_m_s2", above=0.0),
+        lambda: number("length_scale_m", above=0.0),
+        lambda: found.update(com_nominal_m=frozen(values["com_nominal_m"], (3,), "com_nominal_m")),
+        lambda: number("com_radius_m", least=0.0),
+        lambda: number("tilt_limit_rad", least=0.0, most=0.5 * np.pi),
+        lambda: None if values["force_scale_n"] is None else number("force_scale_n", above=0.0),
+    )
+    if values["force_scale_n"] is None:
+        found["force_scale_n"] = found["mass_kg"] * found["gravity_m_s2"]
+    return found
 
 
 def _contact(item: _ContactJson, index: int, robot: Robot) -> Contact:

@@ -11,6 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+
 from stancekit.learners import dataset, labelling, ledger
 from stancekit.learners.dataset import Dataset, LabelledPosture
 from stancekit.learners.labelling import LabelPlan, label

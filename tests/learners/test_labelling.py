@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
+
 from stancekit.envs.terrains import PostureDistribution, distribution
 from stancekit.learners import ledger
 from stancekit.learners.dataset import Dataset, table_of

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
+import clarabel
 import cvxpy as cp
 import numpy as np
 import pytest
@@ -94,6 +97,25 @@ def program():
 @pytest.fixture(scope="module")
 def blend():
     return Blend()
+
+
+@given(seed=SEEDS)
+@settings(max_examples=30)
+def test_the_lagrangian_is_positive_at_no_point_of_the_program(program, seed):
+    values, optimum, multipliers = program.data(seed)
+    solution = program.model.solve(values)
+    constant, slope = program.model.lagrangian(solution)
+    assert constant == pytest.approx(-values["b"] @ multipliers, abs=1e-5)
+    np.testing.assert_allclose(slope, -values["c"], atol=1e-6)  # stationary: c + A'z = 0
+    np.testing.assert_array_equal(program.model.columns("x"), np.arange(COLUMNS))
+    toward = optimum - np.linalg.solve(values["A"][:COLUMNS], np.ones(COLUMNS))  # off all active rows at once
+    steps = optimum + np.linspace(0.0, 1.0, 11)[:, None] * (toward - optimum)
+    inside = (steps @ values["A"].T <= values["b"] + 1e-9).all(axis=1)
+    found = constant + steps @ slope
+    assert inside[0]
+    assert np.max(found[inside]) <= 1e-5
+    assert found[0] == pytest.approx(0.0, abs=1e-5)
+    np.testing.assert_allclose(found, -np.linspace(0.0, 1.0, 11) * multipliers.sum(), atol=1e-5)
 
 
 @given(seed=SEEDS)
@@ -276,6 +298,30 @@ def test_a_constant_of_the_objective_counts():
     solution = model.solve({"level": 2.0})
     assert solution.objective == pytest.approx(7.5, abs=1e-6)
     assert model.gradient(solution, ("level",))["level"] == pytest.approx(3.0, abs=1e-6)
+
+
+class GivesUp:
+    """A solver that ends without an answer."""
+
+    def update(self, **data):
+        pass
+
+    def solve(self):
+        none = [float("nan")]
+        return SimpleNamespace(
+            status=clarabel.SolverStatus.NumericalError, x=none, z=none, obj_val=0.0, iterations=0, solve_time=0.0
+        )
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_the_fast_solver_gives_up_a_careful_one_is_asked(blend, monkeypatch, seed):
+    expected = blend.model.solve(blend.data(seed))
+    monkeypatch.setattr(blend.model, "_solver", GivesUp())
+    solution = blend.model.solve(blend.data(seed))
+    assert solution.status is ConicStatus.SOLVED
+    assert solution.objective == pytest.approx(expected.objective, abs=1e-7)
+    np.testing.assert_allclose(solution.x, expected.x, atol=1e-4)
+    assert blend.model.solve(blend.data(seed) | {"level": 100.0}).status is ConicStatus.INFEASIBLE
 
 
 def test_the_solver_runs_on_one_thread_without_presolve_and_without_a_clock():

@@ -130,6 +130,13 @@ def test_a_set_fits_what_it_was_learned_from_and_patches_a_little_further_over(l
     )
 
 
+def test_a_set_fits_its_legs_in_its_own_order_only(learned, problems):
+    turned = replace(problems[0], contacts=problems[0].contacts[::-1])
+    assert refusal(learned.check_fits, turned) == (
+        "contacts: expected legs ['RF', 'RR', 'LM'] for an envelope learned for wall-3, got ['LM', 'RR', 'RF']"
+    )
+
+
 def test_a_set_is_never_empty_and_has_a_row_a_leg(learned):
     assert refusal(replace, learned, envelopes=()) == "envelopes: expected one or more, got none"
     two = Envelope(low=np.zeros((2, 6)), high=np.ones((2, 6)))

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from stancekit.planners.contact.exact import ExactPlanner, cut, halving_chord
 from stancekit.planners.contact.nlp import NlpPlanner
 from stancekit.planners.contact.planner import Acceptance
+from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import Certificate, Status
 from stancekit.planners.refute import cut as cut_again
 from stancekit.planners.scene import Contact, Patch, PostureProblem
@@ -225,10 +226,41 @@ def test_at_the_time_limit_it_is_undecided(stages, drawn):
 def test_between_tolerance_and_gap_it_is_undecided(stages, planner, drawn):
     bound = planner.solve(drawn("wall-3", 5)).lower_bound
     assert 1e-3 < bound < np.inf
-    strict = ExactPlanner(stages=stages, acceptance=Acceptance(gap=2.0 * bound), max_nodes=40)
-    assert strict.solve(drawn("wall-3", 5)).status is Status.UNDECIDED
+    strict = ExactPlanner(stages=stages, acceptance=Acceptance(gap=1.9 * bound), max_nodes=40)
+    outcome = strict.solve(drawn("wall-3", 5))
+    assert outcome.status is Status.UNDECIDED
+    assert outcome.message == "stopped at the time, node or solver limit"
     loose = ExactPlanner(stages=stages, acceptance=Acceptance(gap=0.99 * bound))
     assert loose.solve(drawn("wall-3", 5)).status is Status.INFEASIBLE
+
+
+def test_where_the_projection_does_not_arrive_the_search_goes_on(drawn, monkeypatch):
+    stages = Stages()
+    project, calls = stages.project, []
+
+    def arrives_later(projection, scaled, start):
+        calls.append(projection)
+        point = project(projection, scaled, start)
+        return replace(point, residual=1e-5) if len(calls) < 3 else point
+
+    monkeypatch.setattr(stages, "project", arrives_later)
+    problem = drawn("wall-3", 0)
+    outcome = ExactPlanner(stages=stages).solve(problem)
+    confirm(problem, outcome)
+    assert outcome.status is Status.FEASIBLE
+    assert (calls, outcome.details["nodes"]) == (["scp"] * 3, 5.0)
+
+
+def test_a_corner_given_twice_changes_nothing(planner, drawn):
+    for scene in [MANY_NODES, ("ground-3", 86), ("wall-3", 0)]:
+        problem = drawn(*scene)
+        patches = [
+            replace(c.patch, vertices_m=np.repeat(c.patch.vertices_m, [2, 1, 3], axis=0)) for c in problem.contacts
+        ]
+        contacts = tuple(replace(c, patch=patch) for c, patch in zip(problem.contacts, patches, strict=True))
+        outcome = planner.solve(replace(problem, contacts=contacts))
+        confirm(replace(problem, contacts=contacts), outcome)
+        assert outcome.status is planner.solve(problem).status
 
 
 # ------------------------------------------------------------------------------------------------------- repeatable

@@ -124,6 +124,13 @@ def test_a_broken_line_does_not_keep_the_others_back():
     assert records("[1,\n2") == [("f", "f: expected JSON, broken at line 2 column 2: Expecting ',' delimiter")]
 
 
+@pytest.mark.parametrize("text", ['[\n{"a": 1},\n{"b": 2}\n', '{"a": [\n  {"b": 1}\n  {"b": 2}\n]}', "1\n2\n"])
+def test_what_is_broken_but_no_json_lines_is_one_error(text):
+    ((where, message),) = records(text)
+    assert where == "f"
+    assert message.startswith("f: expected JSON, broken at line ")
+
+
 def test_a_broken_first_line_does_not_keep_the_others_back():
     found = records('{"a": \n{"a": 2}\n{"a": 3}\n')
     assert found[1:] == [("f line 2", {"a": 2}), ("f line 3", {"a": 3})]
@@ -201,6 +208,23 @@ def test_a_place_where_nothing_can_be_written_is_named(tmp_path):
     (tmp_path / "folder").mkdir()
     assert refusal(write_text, tmp_path / "folder", "x").startswith(f"{tmp_path / 'folder'}: cannot be written: ")
     assert os.listdir(tmp_path) == ["folder"]
+
+
+@pytest.mark.xfail(strict=True, raises=(OSError, RuntimeError), reason="not caught in check_writable and resolve")
+@pytest.mark.parametrize("name", ["n" * 300, "n" * 250, "loop"])
+def test_a_name_that_cannot_be_written_to_is_refused(tmp_path, name):
+    (tmp_path / "loop").symlink_to("loop")
+    assert "cannot be written" in refusal(write_text, tmp_path / name, "x")
+
+
+def test_a_pipe_is_written_to_as_it_is(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    reader = os.open(tmp_path / "pipe", os.O_RDONLY | os.O_NONBLOCK)
+    write_text(tmp_path / "pipe", "text")
+    assert os.read(reader, 10) == b"text"
+    os.close(reader)
+    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+    assert os.listdir(tmp_path) == ["pipe"]
 
 
 def test_a_link_stays_a_link(tmp_path):

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stancekit.planners.conic import ConicModel, ConicStatus
 from stancekit.planners.contact.lift import LiftModel
 from stancekit.planners.contact.project import FixToes
 from stancekit.planners.contact.scaled import ScaledProblem, skew
@@ -210,6 +211,25 @@ def test_repeated_corners_change_nothing(drawn, whole_box, seed):
     three = LiftModel(3, 3, whole_box=whole_box).solve(scaled)
     five = LiftModel(3, 5, whole_box=whole_box).solve(padded)
     assert five.bound == pytest.approx(three.bound, abs=2e-7)
+
+
+def test_a_limb_that_may_not_push_must_stand_on_its_patch_all_the_same(stages, drawn):
+    """A force box without size leaves the shares free unless λ ≥ 0 is asked for: the patch would be its whole plane."""
+    scaled = ScaledProblem.of(drawn("wall-3", 0))
+    nothing = np.zeros(3)
+    assert np.isfinite(stages.lift(scaled.narrowed(0, scaled.vertices[0], nothing, nothing)).bound)
+    side = scaled.vertices[0, 1] - scaled.vertices[0, 0]
+    beyond = scaled.narrowed(0, scaled.vertices[0] + 20.0 * side, nothing, nothing)
+    assert stages.lift(beyond).bound == np.inf
+
+
+def test_where_the_solver_gives_up_nothing_is_proved(drawn, monkeypatch):
+    solve = ConicModel.solve
+    monkeypatch.setattr(
+        ConicModel, "solve", lambda model, values: replace(solve(model, values), status=ConicStatus.FAILED)
+    )
+    answer = LiftModel(3, 3, whole_box=True).solve(ScaledProblem.of(drawn("wall-3", 5)))
+    assert (answer.solved, answer.bound, answer.toes.size) == (False, 0.0, 0)
 
 
 def test_a_mixed_scene_is_padded_by_its_last_corners(mixed):

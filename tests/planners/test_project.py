@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.project import SURFACE, FixToes, Linearised, Point
+from stancekit.planners.contact.project import SURFACE, FixToes, Linearised, Point, Projector
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.verify import check_posture
 
@@ -125,6 +125,29 @@ def test_scp_helps_where_fix_toes_is_not_enough(stages, starts):
             helped += stepped.residual < 0.5 * fixed.residual
     assert ended >= 20
     assert helped >= 5
+
+
+class Elsewhere:
+    """Steps to the same toes, wherever one comes from."""
+
+    def __init__(self, toes):
+        self.toes = toes
+
+    def solve(self, scaled, about):
+        return replace(about, toes=self.toes)
+
+
+def test_a_step_that_makes_things_worse_is_not_kept(stages, starts):
+    worse = 0
+    for _, scaled, start in starts:
+        fixed = stages.project("fix-toes", scaled, start)
+        if SURFACE < fixed.residual < np.inf:
+            projector = Projector(*scaled.size)
+            projector._step = Elsewhere(scaled.vertices[:, 0])
+            corner = stages.project("fix-toes", scaled, replace(start, toes=scaled.vertices[:, 0]))
+            worse += fixed.residual < corner.residual < np.inf
+            assert projector.scp(scaled, start).residual == min(corner.residual, fixed.residual)
+    assert worse >= 3
 
 
 # ---------------------------------------------------------------------------------------------------- written again

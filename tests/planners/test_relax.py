@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cvxpy as cp
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stancekit.planners.conic import ConicModel, ConicStatus
 from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.relax import FEASIBLE_MARGIN, RelaxationAnswer, p1_values
+from stancekit.planners.contact.relax import (
+    FEASIBLE_MARGIN,
+    McCormick,
+    PostureWithoutMoment,
+    RelaxationAnswer,
+    p1_values,
+)
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.outcome import Status
 
@@ -259,21 +268,43 @@ def test_of_a_set_the_box_of_least_margin_is_chosen(stages, drawn, box, seed):
     assert stages.box(scaled).solve_any(scaled, boxes[::-1]).chosen == 2 - best.chosen
 
 
-def test_a_box_that_the_solver_gave_up_on_does_not_hide_the_others(stages, drawn, box, monkeypatch):
-    scaled, boxes = ScaledProblem.of(drawn("wall-3", 0)), some_boxes(box, 0)
+@pytest.mark.parametrize("seed", [0, 5])
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_a_box_that_the_solver_gave_up_on_hides_no_other_that_admits_the_problem(
+    stages, drawn, box, monkeypatch, seed, place
+):
+    scaled, boxes = ScaledProblem.of(drawn("wall-3", seed)), some_boxes(box, seed)
     p1 = stages.box(scaled)
     margins = [p1.solve(scaled, one).margin for one in boxes]
-    first = int(np.argmin(margins))
+    margins[place] = np.inf
     solve = p1.solve
     gave_up = RelaxationAnswer(margin=float("nan"))
-    monkeypatch.setattr(p1, "solve", lambda s, one: gave_up if one is boxes[first] else solve(s, one))
-    others = [one for index, one in enumerate(boxes) if index != first]
-    assert p1.solve_any(scaled, boxes).known == (np.sort(margins)[1] <= 1e-7)
-    assert not p1.solve_any(scaled, [boxes[first]]).known
+    monkeypatch.setattr(p1, "solve", lambda s, one: gave_up if one is boxes[place] else solve(s, one))
+    answer = p1.solve_any(scaled, boxes)
+    admitted = min(margins) <= FEASIBLE_MARGIN
+    assert (answer.known, answer.feasible, answer.solves) == (admitted, admitted, 3)
+    assert not admitted or answer.margin == min(margins)
+    assert not p1.solve_any(scaled, [boxes[place]] * 2).known
     wide = Envelope(low=np.full((3, 6), -1.0), high=np.ones((3, 6)))
-    answer = p1.solve_any(scaled, [boxes[first], *others, wide])
-    assert answer.feasible
-    assert answer.chosen == 3
+    if seed == 0:
+        assert p1.solve_any(scaled, [boxes[place], wide]).chosen == 1
+
+
+def test_where_the_solver_gives_up_nothing_is_known(drawn, box, monkeypatch):
+    solve = ConicModel.solve
+    monkeypatch.setattr(
+        ConicModel, "solve", lambda model, values: replace(solve(model, values), status=ConicStatus.FAILED)
+    )
+    scaled = ScaledProblem.of(drawn("wall-3", 5))
+    answer = McCormick(3, 3).solve(scaled, box, gradient=True)
+    assert np.isnan([answer.margin, answer.gap]).all()
+    assert (answer.known, answer.feasible, answer.point, answer.gradient) == (False, False, None, None)
+    assert PostureWithoutMoment(3, 3).solve(scaled) is None
+
+
+def test_a_margin_is_feasible_up_to_the_tolerance_of_the_solver():
+    for margin, feasible in ((-1.0, True), (0.0, True), (1e-8, True), (1e-6, False), (np.inf, False), (np.nan, False)):
+        assert RelaxationAnswer(margin=margin).feasible == feasible
 
 
 @pytest.mark.parametrize("seed", [1, 3])

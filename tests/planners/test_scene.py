@@ -215,6 +215,17 @@ def test_all_values_out_of_range_are_reported_at_once(record):
     assert [key for key in ("mass_kg", "com_radius_m", "[1].friction", "[1].reach_m") if key not in said] == []
 
 
+def test_the_body_is_reported_also_where_every_contact_is_wrong(record):
+    changes = [(("mass_kg",), -1.0), *((("contacts", i, "reach_m"), -1.0) for i in range(3))]
+    assert "mass_kg" in refusal(PostureProblem.from_json, spoilt(record, *changes))
+
+
+def test_everything_wrong_with_a_patch_is_reported_at_once(record):
+    changes = [((*ONE, "friction"), -1.0), ((*ONE, "shear_reference"), [0, 0, 0]), ((*ONE, "normal"), [0, 0, 9])]
+    said = refusal(PostureProblem.from_json, spoilt(record, *changes))
+    assert [key for key in ("friction", "shear_reference", "normal") if f"contacts[1].{key}: " not in said] == []
+
+
 # ------------------------------------------------------------------------------------------------------------ patch
 
 
@@ -373,6 +384,13 @@ def test_the_scales_default_to_the_weight_and_the_leg_span(drawn):
     assert problem.moment_scale_nm == 10.0 * 9.81 * 0.6
     assert replace(problem, mass_kg=4.0, force_scale_n=None).force_scale_n == 4.0 * 9.81
     assert replace(problem, force_scale_n=50.0).moment_scale_nm == 30.0
+
+
+@pytest.mark.parametrize("mass", ["heavy", None, [1.0, 2.0], 10**400, -1.0])
+def test_a_bad_mass_is_one_error_also_without_a_force_scale(drawn, mass):
+    said = refusal(replace, drawn("ground-3", 1), mass_kg=mass, force_scale_n=None)
+    assert said.startswith("mass_kg: expected ")
+    assert "force_scale_n" not in said
 
 
 def test_a_problem_without_contacts_or_with_one_leg_twice_is_refused(drawn):

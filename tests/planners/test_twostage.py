@@ -170,6 +170,24 @@ def test_a_relaxation_that_was_not_solved_is_told(truth, learned, monkeypatch, w
 def test_every_convex_solve_is_counted(stages, truth, learned):
     planner = make_planner("p1", envelopes=boxed(learned, *learned.envelopes, point_box(0.0)), stages=stages)
     assert planner.solve(truth[0][0]).solves == 3
+    trivial = next(problem for problem, exact in truth if exact.details["trivial"])
+    assert planner.solve(trivial).solves == 4  # and the lift, for its certificate
+
+
+def test_no_claim_is_believed(truth):
+    """Witness and certificate of other problems are refused, whoever brings them."""
+    infeasible = [(p, o) for p, o in truth if 1e-3 < o.lower_bound < 1.0]
+    (one, right), (_, wrong) = infeasible[:2]
+    accept = Acceptance().outcome
+    refused = accept(one, method="liar", begin=0.0, certificate=wrong.certificate, claim="infeasible")
+    assert refused.status is Status.UNDECIDED
+    assert refused.certificate is None
+    assert refused.message.startswith("certificate refused: rejected: leaf 0 of 1 proves a residual of ")
+    witness = next(o.posture for _, o in truth if o.status is Status.FEASIBLE)
+    both = accept(one, method="liar", begin=0.0, posture=witness, certificate=right.certificate)
+    assert both.status is Status.INFEASIBLE
+    assert both.posture is None
+    assert both.residual > 1e-3
 
 
 # ------------------------------------------------------------------------------------------------------------- input
@@ -227,6 +245,7 @@ def test_planners_are_made_by_name(learned):
         "method: expected one of exact, p1, lift, two-stage, nlp, micp, got 'magic'"
     )
     assert refusal(make_planner, "p1") == "envelope: expected an envelope file for the method p1, got none"
+    assert make_planner("exact", time_limit_s=0.5).time_limit_s == 0.5
     assert refusal(make_planner, "micp", envelopes=learned) == "envelope: expected one envelope for micp, got 2"
 
 

@@ -1,0 +1,183 @@
+"""The batched environment against a bare planner loop, Gymnasium's own vector environments, and itself on two cores.
+
+    python benchmarks/vector.py [--problem wall-3] [--envs 8] [--steps 40] [--rounds 5] [--seed 0] [--json]
+
+The bare loop labels the very problems that the environment drew (those that balancing threw away, too) and puts the
+same scenes and actions through P1, fix-p and the verifier. Sampling these problems, which a loop over given scenes
+would not have to do, is timed apart. All take turns in one process; processor times are compared. The rest is wall
+clock, in turns, with the same seeds and actions.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from dataclasses import dataclass, field
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+
+from stancekit.envs.scenes import SampledScenes, Scene
+from stancekit.envs.selection import ADMITTED
+from stancekit.envs.terrains import DISTRIBUTIONS, PostureDistribution, distribution
+from stancekit.envs.vector import EnvelopeSelectionVectorEnv
+from stancekit.learners.selectors.heuristic import heuristic_envelope
+from stancekit.planners.contact.envelope import Envelope
+from stancekit.planners.contact.exact import ExactPlanner
+from stancekit.planners.contact.planner import Acceptance
+from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.contact.stages import Stages
+from stancekit.planners.scene import PostureProblem
+
+NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--problem", choices=list(DISTRIBUTIONS), default="wall-3")
+    parser.add_argument("--envs", type=int, default=8)
+    parser.add_argument("--steps", type=int, default=40)
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    record = overhead(arguments) | rates(arguments)
+    if arguments.json:
+        print(json.dumps({"problem": arguments.problem, "envs": arguments.envs, **record}))
+        return
+    for name, value in record.items():
+        print(f"{name:44} {value:.4g}")
+
+
+@dataclass(frozen=True)
+class RecordedDistribution(PostureDistribution):
+    """A distribution that remembers what it drew, and how long that took."""
+
+    drawn: list[PostureProblem] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+
+    def sample(self, rng: np.random.Generator) -> PostureProblem:
+        """Draw and remember."""
+        begin = time.process_time()
+        self.drawn.append(super().sample(rng))
+        self.seconds.append(time.process_time() - begin)
+        return self.drawn[-1]
+
+
+class RecordedScenes(SampledScenes):
+    """Scenes that remember which of them were handed out."""
+
+    def __init__(self, recorded: RecordedDistribution) -> None:
+        super().__init__(recorded)
+        self.kept: list[Scene] = []
+
+    def draw(self, rng: np.random.Generator) -> Scene:
+        """Draw and remember."""
+        self.kept.append(super().draw(rng))
+        return self.kept[-1]
+
+    def __copy__(self) -> RecordedScenes:
+        return self  # one list for all sub-environments
+
+
+def overhead(arguments: argparse.Namespace) -> dict[str, float]:
+    """Processor time of environment and bare loop on the same problems, scenes and actions, in turns."""
+    plain = distribution(arguments.problem)
+    names = ("name", "terrain", "legs", "friction", "robot")
+    recorded = RecordedDistribution(**{name: getattr(plain, name) for name in names})
+    scenes = RecordedScenes(recorded)
+    env = EnvelopeSelectionVectorEnv(arguments.envs, arguments.problem, scenes=scenes)
+    bare = BareLoop()
+    actions = actions_for(arguments.problem, arguments.envs)
+    env.reset(seed=arguments.seed)
+    env.step(actions)  # compiles
+    bare.run(recorded.drawn, scenes.kept, actions[0])
+    ours, theirs, sampling, steps = 0.0, 0.0, 0.0, 0
+    for _ in range(arguments.rounds):
+        recorded.drawn.clear()
+        recorded.seconds.clear()
+        scenes.kept[:] = scenes.kept[-arguments.envs :]  # drawn by the last step, judged by the next
+        begin = time.process_time()
+        for _ in range(arguments.steps):
+            env.step(actions)
+        middle = time.process_time()
+        bare.run(recorded.drawn, scenes.kept[: -arguments.envs], actions[0])
+        end = time.process_time()
+        ours, theirs, steps = ours + middle - begin, theirs + end - middle, steps + arguments.steps * arguments.envs
+        sampling += sum(recorded.seconds)
+    return {
+        "bare planner loop [ms a step, processor]": 1e3 * theirs / steps,
+        "sampling [ms a step, processor]": 1e3 * sampling / steps,
+        "environment [ms a step, processor]": 1e3 * ours / steps,
+        "overhead over planners and sampling [%]": 100.0 * (ours / (theirs + sampling) - 1.0),
+        "overhead over planners alone [%]": 100.0 * (ours / theirs - 1.0),
+    }
+
+
+class BareLoop:
+    """Exact label, P1, fix-p and the verifier, with no environment around them."""
+
+    def __init__(self) -> None:
+        self._stages = Stages()
+        self._expert = ExactPlanner(stages=self._stages)
+        self._acceptance = Acceptance(tolerance=ADMITTED)
+
+    def run(self, problems: list[PostureProblem], scenes: list[Scene], action: np.ndarray) -> None:
+        """Label all problems; put all scenes through both stages."""
+        envelope = Envelope.from_vector(action)
+        for problem in problems:
+            self._expert.solve(problem)
+        for scene in scenes:
+            scaled = ScaledProblem.of(scene.problem)
+            answer = self._stages.box(scaled).solve_any(scaled, (envelope,))
+            if answer.feasible and answer.point is not None:
+                point = self._stages.project("fix-p", scaled, answer.point)
+                if np.isfinite(point.residual):
+                    found = scaled.posture(com=point.com, rotation=point.rotation, toes=point.toes, forces=point.forces)
+                    self._acceptance.outcome(scene.problem, method="fix-p", begin=0.0, posture=found)
+
+
+def rates(arguments: argparse.Namespace) -> dict[str, float]:
+    """Wall-clock steps per second, a step being one of one sub-environment; median of the rounds."""
+    given = {"problem": arguments.problem, "num_envs": arguments.envs}
+    same = {"autoreset_mode": AutoresetMode.SAME_STEP}
+    envs: dict[str, VectorEnv] = {
+        "Gymnasium Sync": gymnasium.make_vec(NAME, **given, vectorization_mode="sync", vector_kwargs=same),
+        "Gymnasium Async": gymnasium.make_vec(NAME, **given, vectorization_mode="async", vector_kwargs=same),
+        "ours, 1 process": gymnasium.make_vec(NAME, **given),
+        "ours, 2 processes": gymnasium.make_vec(NAME, **given, workers=2),
+    }
+    actions = actions_for(arguments.problem, arguments.envs)
+    first: dict[str, float] = {}
+    for name, env in envs.items():
+        begin = time.perf_counter()
+        env.reset(seed=arguments.seed)
+        env.step(actions)
+        first[f"{name}: first step with compiling [s]"] = time.perf_counter() - begin
+    seconds: dict[str, list[float]] = {name: [] for name in envs}
+    for _ in range(arguments.rounds):
+        for name, env in envs.items():
+            begin = time.perf_counter()
+            for _ in range(arguments.steps):
+                env.step(actions)
+            seconds[name].append(time.perf_counter() - begin)
+    for env in envs.values():
+        env.close()
+    steps = arguments.steps * arguments.envs
+    rate = {f"{name} [steps/s]": steps / float(np.median(taken)) for name, taken in seconds.items()}
+    one, two = (float(np.median(seconds[f"ours, {count}"])) for count in ("1 process", "2 processes"))
+    return first | rate | {"1 to 2 processes": one / two}
+
+
+def actions_for(problem: str, envs: int) -> np.ndarray:
+    """The heuristic box for every sub-environment."""
+    problems = [distribution(problem).sample(np.random.default_rng(k)) for k in range(20)]
+    box = heuristic_envelope(problem, problems).envelopes[0].to_vector().astype(np.float32)
+    return np.tile(np.clip(box, -1.0, 1.0), (envs, 1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,72 @@
+"""``stancekit train``: learn by reinforcement."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+from rich.table import Table
+
+from stancekit.planners.outcome import InvalidInput
+
+from .console import emit, out, progress
+
+if TYPE_CHECKING:
+    from stancekit.learners.reinforce import Trained
+
+
+@dataclass
+class Train:
+    """Train an agent on EnvelopeSelection-v0 or EnvelopeRefinement-v0 as a configuration file says.
+
+    The folder gets policy.safetensors (loaded without pickle), checkpoint.safetensors, curve.jsonl (held-out figures
+    after every segment) and the labelled scenes. A run that is stopped, however hard, goes on with --resume and ends
+    with the policy that it would have ended with. See configs/train-selection.yaml for the keys.
+    """
+
+    config: Annotated[Path, tyro.conf.Positional]
+    """YAML file; its keys are those of `TrainConfig` in learners/train_config.py."""
+    out: Path = Path("out/train")
+    """Folder of the run."""
+    steps: int | None = None
+    """Steps in all, instead of the file's."""
+    seed: int | None = None
+    """Seed, instead of the file's."""
+    resume: bool = False
+    """Go on from the folder's checkpoint."""
+    json: bool = False
+    """One JSON object a point of the learning curve."""
+
+    def run(self) -> int:
+        """Train and print the learning curve."""
+        try:
+            from stancekit.learners.reinforce import train
+            from stancekit.learners.train_config import TrainConfig
+        except ModuleNotFoundError as error:
+            raise InvalidInput(f"train: expected the extra rl (pip install 'stancekit[rl]'), {error.name} is missing") \
+                from None  # fmt: skip
+        given = {"steps": self.steps, "seed": self.seed}
+        config = TrainConfig.from_yaml(self.config, {name: value for name, value in given.items() if value is not None})
+        with progress(f"train {config.problem}") as bar:
+            trained = train(config, self.out, resume=self.resume, progress=bar)
+        if self.json:
+            for point in trained.curve:
+                emit(asdict(point))
+        else:
+            out.print(curve_table(trained))
+            out.print(f"[bold]{self.out / 'policy.safetensors'}[/bold]: {trained.policy.steps} steps")
+        return 0
+
+
+def curve_table(trained: Trained) -> Table:
+    """The learning curve: mean reward an episode on held-out scenes, and further figures."""
+    names = list(trained.curve[0].figures)
+    table = Table(title="held-out scenes", title_justify="left", header_style="bold")
+    for name in ("steps", "reward", *names):
+        table.add_column(name, justify="right")
+    for point in trained.curve:
+        figures = (point.reward, *(point.figures[name] for name in names))
+        table.add_row(str(point.steps), *(f"{value:.3f}" for value in figures))
+    return table

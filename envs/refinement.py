@@ -1,0 +1,215 @@
+"""``stancekit/EnvelopeRefinement-v0``: cut the boxes of P1 until a posture is found or there is proved to be none."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from stancekit.planners.arrays import Array
+from stancekit.planners.contact.planner import Acceptance
+from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.contact.stages import PROJECTIONS, Projection, Stages
+from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
+
+from .boxtree import BoxSearch
+from .scenes import MAX_DRAWS, SampledScenes, Scene, SceneSource
+from .selection import VERTICES, observe, scene_space
+from .terrains import distribution
+
+Observation = dict[str, NDArray[np.float32]]
+_ROOM = 4.0  # bound on non-dimensional coordinates in an observation
+_COUNT_UNIT = 64.0  # depths and numbers of open boxes are told in this unit
+
+
+class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
+    """An episode is one posture problem; an action halves the current box of P1 in one of its 6N dimensions.
+
+    The search is ``BoxSearch``: best first, from bounds that hold every posture. A cut often leaves one half refuted:
+    then it tightens the box, else it splits it; interval propagation carries it on to the other dimensions. The
+    episode ends (terminated) when P1's point projects onto a verified posture or when all boxes are refuted, so both
+    verdicts are proofs; it is truncated when ``budget`` convex problems have been solved. Scenes that are settled
+    before the first cut are passed over.
+
+    Observation, float32: the scene as in ``EnvelopeSelectionEnv``, and, contact by contact p_x p_y p_z f_n f_y f_z,
+    shape (6N,): ``low`` and ``high`` of the current box, ``point`` of P1 in it, ``gap``, the largest |m_jk − p_j f_k|
+    that the dimension has part in; and, shape (1,): ``margin``, ``depth`` and ``open`` (boxes) in units of 64, ``left``
+    (share of the budget).
+    Action: dimension, contact · 6 + column. Reward: −solves / budget, and +1 with the verdict.
+    Info (numeric, fixed shapes): ``solves``, ``open``, ``refuted``, ``depth``, ``verdict`` (1 feasible, 0 infeasible,
+    −1 open) and the expert's ``label``.
+
+    problem, balanced, scenes: as in ``EnvelopeSelectionEnv``. projection: the P2 that is tried at every box.
+    stages: compiled models to share with other environments of this process.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012 — Gymnasium's own convention
+
+    def __init__(
+        self,
+        problem: str = "wall-3",
+        *,
+        projection: Projection = "fix-toes",
+        budget: int = 200,
+        balanced: bool = True,
+        scenes: SceneSource | None = None,
+        stages: Stages | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None:
+            raise InvalidInput(f"render_mode: expected None, got {render_mode!r}")
+        if projection not in PROJECTIONS:
+            raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
+        if budget < 1:
+            raise InvalidInput(f"budget: expected 1 or more, got {budget}")
+        chosen = distribution(problem)
+        self.render_mode = render_mode
+        self._count = len(chosen.legs)
+        self._projection: Projection = projection
+        self._budget = budget
+        self._stages = stages or Stages()
+        self._acceptance = Acceptance()
+        self._scenes = scenes or SampledScenes(chosen, balanced=balanced, stages=self._stages)
+        self._scene: Scene | None = None
+        self._scaled: ScaledProblem | None = None
+        self._search: BoxSearch | None = None
+        self.observation_space: spaces.Space[Any] = refinement_space(self._count)
+        self.action_space: spaces.Space[Any] = spaces.Discrete(6 * self._count)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Draw scenes until one is not settled by its first box. Raises PlanningFailed after MAX_DRAWS."""
+        super().reset(seed=seed)
+        for _ in range(MAX_DRAWS):
+            scene = self._scenes.draw(self.np_random)
+            scaled = ScaledProblem.of(scene.problem)
+            if scaled.size != (self._count, VERTICES):
+                raise InvalidInput(f"scene: expected {self._count} contacts on triangles, got the size {scaled.size}")
+            search = BoxSearch(
+                scene.problem, scaled, self._stages, projection=self._projection, acceptance=self._acceptance
+            )
+            if search.verdict is Status.UNDECIDED and search.solves < self._budget:
+                self._scene, self._scaled, self._search = scene, scaled, search
+                return self._observe(search, scaled), self._info(search, scene)
+        raise PlanningFailed(f"no scene in {MAX_DRAWS} draws that its first box leaves open")
+
+    def step(self, action: np.int64) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Halve the current box in this dimension."""
+        if self._search is None or self._scene is None or self._scaled is None:
+            raise gym.error.ResetNeeded("reset the environment before the first step")
+        search = self._search
+        if search.verdict is not Status.UNDECIDED or search.solves >= self._budget:
+            raise gym.error.ResetNeeded("the episode is over: reset the environment")
+        if not self.action_space.contains(action):
+            raise InvalidInput(f"action: expected a dimension, 0 to {6 * self._count - 1}, got {action!r}")
+        before = search.solves
+        search.cut(int(action))
+        ended = search.verdict is not Status.UNDECIDED
+        reward = float(ended) - (search.solves - before) / self._budget
+        cut_off = not ended and search.solves >= self._budget
+        return self._observe(search, self._scaled), reward, ended, cut_off, self._info(search, self._scene)
+
+    def _observe(self, search: BoxSearch, scaled: ScaledProblem) -> Observation:
+        node = search.current if search.open else None
+        zeros = np.zeros(6 * self._count)
+        left = max(0.0, 1.0 - search.solves / self._budget)
+        return observe(scaled) | {
+            "low": _seen(zeros if node is None else node.box.low),
+            "high": _seen(zeros if node is None else node.box.high),
+            "point": _seen(zeros if node is None else node.point),
+            "gap": _seen(zeros if node is None else gap_by_dimension(node.gaps)),
+            "margin": _seen(np.array([0.0 if node is None else node.margin])),
+            "depth": _seen(np.array([0.0 if node is None else node.depth / _COUNT_UNIT])),
+            "open": _seen(np.array([search.open / _COUNT_UNIT])),
+            "left": _seen(np.array([left])),
+        }
+
+    def _info(self, search: BoxSearch, scene: Scene) -> dict[str, Any]:
+        verdicts = {Status.FEASIBLE: 1, Status.INFEASIBLE: 0, Status.UNDECIDED: -1}
+        return {
+            "solves": search.solves,
+            "open": search.open,
+            "refuted": search.refuted,
+            "depth": search.current.depth if search.open else 0,
+            "verdict": verdicts[search.verdict],
+            "label": int(scene.feasible),
+        }
+
+
+class LargestGap:
+    """Branch where P1's answer is farthest off the bilinear surface: the textbook rule for bilinear problems."""
+
+    def predict(
+        self,
+        observation: Mapping[str, NDArray[Any]],
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.int64], Any]:
+        """Return (dimension, state): of the largest gap the wider dimension, or the widest where there is no gap.
+
+        Both factors of the worst product have its gap as their score; the width tells which of them to cut.
+        """
+        gap, width = observation["gap"], observation["high"] - observation["low"]
+        worst = gap >= gap.max(axis=-1, keepdims=True)
+        return np.asarray(np.argmax(np.where(worst, width, -1.0), axis=-1)), state
+
+
+class WidestDimension:
+    """Bisect the longest edge of the box."""
+
+    def predict(
+        self,
+        observation: Mapping[str, NDArray[Any]],
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.int64], Any]:
+        """Return (dimension, state)."""
+        return np.asarray(np.argmax(observation["high"] - observation["low"], axis=-1)), state
+
+
+class RandomDimension:
+    """Any dimension, each as likely."""
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self._rng = rng
+
+    def predict(
+        self,
+        observation: Mapping[str, NDArray[Any]],
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[np.int64], Any]:
+        """Return (dimension, state)."""
+        shape = np.shape(observation["gap"])
+        return np.asarray(self._rng.integers(shape[-1], size=shape[:-1])), state
+
+
+def gap_by_dimension(gaps: Array) -> Array:
+    """The largest |m_jk − p_j f_k| that each of p_x p_y p_z f_n f_y f_z has part in. gaps: (N, 3, 3); to (N, 6)."""
+    return np.concatenate([gaps.max(axis=2), gaps.max(axis=1)], axis=1)
+
+
+def _seen(values: Array) -> NDArray[np.float32]:
+    found: NDArray[np.float32] = np.clip(values, -_ROOM, _ROOM).astype(np.float32).ravel()
+    return found
+
+
+def refinement_space(count: int) -> spaces.Dict:
+    """The observation space of ``EnvelopeRefinementEnv`` for this many contacts."""
+
+    def box(low: float, high: float, size: int) -> spaces.Box:
+        return spaces.Box(low, high, (size,), np.float32)
+
+    dimensions = {name: box(-_ROOM, _ROOM, 6 * count) for name in ("low", "high", "point")}
+    dimensions["gap"] = box(0.0, _ROOM, 6 * count)
+    numbers = {"margin": box(-_ROOM, _ROOM, 1), "left": box(0.0, 1.0, 1)}
+    numbers |= {name: box(0.0, _ROOM, 1) for name in ("depth", "open")}
+    return spaces.Dict({**scene_space(count).spaces, **dimensions, **numbers})

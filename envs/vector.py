@@ -1,0 +1,246 @@
+"""``stancekit/EnvelopeSelection-v0`` in batches: shared compiled models, one process or several.
+
+``gymnasium.make_vec("stancekit.envs:stancekit/EnvelopeSelection-v0", num_envs=8)`` gives this environment.
+"""
+
+from __future__ import annotations
+
+import copy
+import multiprocessing
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from stancekit.planners.contact.envelope import EnvelopeSet
+from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.contact.stages import Projection
+from stancekit.planners.outcome import InvalidInput, StancekitError
+
+from .scenes import Scene, SceneSource
+from .selection import RewardWeights, SelectionTask, observe_batch
+
+Observation = dict[str, NDArray[np.float32]]
+Seeds = Sequence[int | None]
+
+
+class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[Any]]):
+    """``num_envs`` copies of ``EnvelopeSelectionEnv`` in one: a step judges an action each and draws the next scenes.
+
+    Autoreset is SAME_STEP: what ``step`` returns is the observation of the next scenes; ``infos["final_obs"]`` and
+    ``infos["final_info"]`` are those of the scenes that the actions were for. Sub-environment i with seed s + i lives
+    through exactly what the single environment does after ``reset(seed=s + i)``, whatever ``workers`` is.
+
+    scenes: a source that keeps count of what it drew is copied for every sub-environment. workers: processes that draw
+    and judge, each for an equal part of the batch; 1 works in this process. More need a main module that can be
+    imported (``if __name__ == "__main__"``). The other arguments are those of ``EnvelopeSelectionEnv``.
+    """
+
+    metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 — Gymnasium's convention
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        problem: str = "wall-3",
+        *,
+        boxes: int = 1,
+        library: EnvelopeSet | str | Path | None = None,
+        projections: tuple[Projection, ...] = ("fix-p",),
+        weights: RewardWeights = RewardWeights(),
+        balanced: bool = True,
+        scenes: SceneSource | None = None,
+        timing: bool = False,
+        workers: int = 1,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None:
+            raise InvalidInput(f"render_mode: expected None for a batch of environments, got {render_mode!r}")
+        if num_envs < 1:
+            raise InvalidInput(f"num_envs: expected 1 or more, got {num_envs}")
+        if not 1 <= workers <= num_envs:
+            raise InvalidInput(f"workers: expected 1 to num_envs = {num_envs}, got {workers}")
+        arguments: dict[str, Any] = {
+            "problem": problem, "boxes": boxes, "library": library, "projections": projections, "weights": weights,
+            "balanced": balanced, "scenes": scenes, "timing": timing,
+        }  # fmt: skip
+        task = SelectionTask(**arguments)
+        self.num_envs = num_envs
+        self.single_observation_space = task.observation_space
+        self.single_action_space = task.action_space
+        self.observation_space = batch_space(task.observation_space, num_envs)
+        self.action_space = batch_space(task.action_space, num_envs)
+        self._ready = False
+        self._cuts = [round(k * num_envs / workers) for k in range(workers + 1)]
+        sizes = np.diff(self._cuts).tolist()
+        self._parts: list[_Batch | _Worker] = (
+            [_Batch(task, num_envs)] if workers == 1 else [_Worker(arguments, size) for size in sizes]
+        )
+
+    def reset(
+        self, *, seed: int | Seeds | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Draw the next scenes. seed: s seeds sub-environment i with s + i; or one a sub-environment."""
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds: Seeds = [None if seed is None else int(seed) + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise InvalidInput(f"seed: expected one number or {self.num_envs}, got {len(seeds)}")
+        found = self._each("reset", [seeds[part] for part in self._slices()])
+        self._ready = True
+        return _joined(found), {}
+
+    def step(
+        self, actions: NDArray[Any]
+    ) -> tuple[Observation, NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+        """Judge an action a sub-environment; every episode ends and the next one begins."""
+        if not self._ready:
+            raise gym.error.ResetNeeded("reset the environment before the first step")
+        actions = np.asarray(actions)
+        if actions.shape != self.action_space.shape:
+            raise InvalidInput(f"actions: expected shape {self.action_space.shape}, got {actions.shape}")
+        results: list[_Stepped] = self._each("step", [actions[part] for part in self._slices()])
+        final = _joined([result.final for result in results])
+        infos: dict[str, Any] = {}
+        for index, info in enumerate(info for result in results for info in result.infos):
+            row = {name: values[index] for name, values in final.items()}
+            infos = self._add_info(infos, {"final_obs": row, "final_info": info}, index)
+        rewards = np.array([reward for result in results for reward in result.rewards])
+        ended, not_cut = np.ones(self.num_envs, dtype=np.bool_), np.zeros(self.num_envs, dtype=np.bool_)
+        return _joined([result.observation for result in results]), rewards, ended, not_cut, infos
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """End the processes."""
+        for part in self._parts:
+            part.close()
+
+    def _slices(self) -> list[slice]:
+        return [slice(begin, end) for begin, end in zip(self._cuts[:-1], self._cuts[1:], strict=True)]
+
+    def _each(self, method: str, arguments: Sequence[Any]) -> list[Any]:
+        """Let all parts do this, at the same time; an error of one is raised after all have ended."""
+        for part, argument in zip(self._parts, arguments, strict=True):
+            part.begin(method, argument)
+        answers = [part.end() for part in self._parts]
+        for answer in answers:
+            if isinstance(answer, Exception):
+                raise answer
+        return answers
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Stepped:
+    """A step of some sub-environments: rewards, infos and observations of the old scenes, observations of the new."""
+
+    rewards: list[float]
+    infos: list[dict[str, Any]]
+    final: Observation
+    observation: Observation
+
+
+class _Batch:
+    """Some sub-environments in one process: a task, and for each a generator, a source and the scene it is at."""
+
+    def __init__(self, task: SelectionTask, size: int) -> None:
+        self._task = task
+        self._sources = [copy.copy(task.scenes) for _ in range(size)]
+        self._rngs: list[np.random.Generator | None] = [None] * size
+        self._at: list[tuple[Scene, ScaledProblem]] = []
+        self._answer: Any = None
+
+    def begin(self, method: str, argument: Any) -> None:
+        """Do it now."""
+        try:
+            self._answer = self.reset(argument) if method == "reset" else self.step(argument)
+        except Exception as error:  # raised by whoever asks for the answer
+            self._answer = error
+
+    def end(self) -> Any:
+        """The answer, or the exception that came instead."""
+        answer, self._answer = self._answer, None
+        return answer
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+    def reset(self, seeds: Seeds) -> Observation:
+        """Draw the next scenes; None goes on with the generator that a sub-environment has."""
+        for index, seed in enumerate(seeds):
+            if seed is not None or self._rngs[index] is None:
+                self._rngs[index] = seeding.np_random(seed)[0]
+        return self._draw()
+
+    def step(self, actions: NDArray[Any]) -> _Stepped:
+        """Judge, and draw the next scenes."""
+        final = observe_batch([scaled for _, scaled in self._at])
+        verdicts = [
+            self._task.judge(scene, scaled, action) for (scene, scaled), action in zip(self._at, actions, strict=True)
+        ]
+        return _Stepped(
+            rewards=[verdict.reward for verdict in verdicts],
+            infos=[verdict.info for verdict in verdicts],
+            final=final,
+            observation=self._draw(),
+        )
+
+    def _draw(self) -> Observation:
+        scenes = [source.draw(rng) for source, rng in zip(self._sources, self._rngs, strict=True) if rng is not None]
+        self._at = [(scene, self._task.scale(scene)) for scene in scenes]
+        return observe_batch([scaled for _, scaled in self._at])
+
+
+class _Worker:
+    """A ``_Batch`` in a process of its own, which ends with this one."""
+
+    def __init__(self, arguments: Mapping[str, Any], size: int) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process: BaseProcess = context.Process(target=_serve, args=(theirs, arguments, size), daemon=True)
+        self._process.start()
+        theirs.close()
+
+    def begin(self, method: str, argument: Any) -> None:
+        """Ask for it."""
+        with suppress(BrokenPipeError):  # ``end`` tells
+            self._pipe.send((method, argument))
+
+    def end(self) -> Any:
+        """Wait for the answer, or the exception that came instead."""
+        try:
+            return self._pipe.recv()
+        except (EOFError, ConnectionError):
+            self._process.join()
+            return StancekitError(f"a worker process of the environment ended with code {self._process.exitcode}")
+
+    def close(self) -> None:
+        """End the process."""
+        with suppress(BrokenPipeError):
+            self._pipe.send(None)
+        self._pipe.close()
+        self._process.join(timeout=5.0)
+        if self._process.is_alive():
+            self._process.terminate()
+
+
+def _serve(pipe: Connection, arguments: Mapping[str, Any], size: int) -> None:
+    """A worker's life: answer until None comes or the other end is gone."""
+    batch = _Batch(SelectionTask(**arguments), size)
+    with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
+        while (request := pipe.recv()) is not None:
+            batch.begin(*request)
+            pipe.send(batch.end())
+
+
+def _joined(parts: Sequence[Observation]) -> Observation:
+    """The rows of all parts, in order."""
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -1,0 +1,139 @@
+"""How an evolutionary run went: its history, its checkpoint, and the picture of it (paper E, Fig. 4)."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from stancekit.envs.chart import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
+from stancekit.planners.arrays import Array
+from stancekit.planners.files import write_bytes
+from stancekit.planners.outcome import InvalidInput
+
+from .verdicts import Counts
+
+FORMAT = "stancekit/evolution/1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Generation:
+    """One tested generation.
+
+    mean, variance, best: of the fitness, to be maximised; a, b: of the best individual, over the problems drawn.
+    mutation_rate: with which the next one is bred (NaN where the method has none). evaluations: verdicts of P1 asked
+    for; settled: of them, without a solve; counts: how.
+    """
+
+    number: int
+    mean: float
+    variance: float
+    best: float
+    a: float
+    b: float
+    mutation_rate: float
+    evaluations: int
+    settled: int
+    counts: Counts
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Run:
+    """Where a run is. population: to be tested next, or the last one in order of rank, shape (P, 2, N, 6)."""
+
+    population: Array
+    history: Sequence[Generation]
+
+
+def write_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generator, run: Run) -> None:
+    """Write population, history and the state of the generator, whole or not at all. about: what the run is of."""
+    content = io.BytesIO()
+    numbers = [[value for value in asdict(done).values() if not isinstance(value, dict)] for done in run.history]
+    np.savez(
+        content,
+        format=np.array(FORMAT),
+        digest=np.array(_digest(about)),
+        state=np.array(json.dumps(rng.bit_generator.state)),
+        population=run.population,
+        history=np.array(numbers, dtype=np.float64),
+        counts=np.array([astuple(done.counts) for done in run.history], dtype=np.int64),
+    )
+    write_bytes(path, content.getvalue())
+
+
+def read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generator) -> Run:
+    """Read what ``write_checkpoint`` wrote and set the generator to where it was.
+
+    Raises InvalidInput for what is damaged, foreign, or of a run with other settings or data.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            found = {name: stored[name] for name in ("format", "digest", "state", "population", "history", "counts")}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise InvalidInput(f"{path}: expected a checkpoint ({FORMAT}), got {type(error).__name__}: {error}") from None
+    if str(found["format"]) != FORMAT:
+        raise InvalidInput(f"{path}: format: expected {FORMAT!r}, got {str(found['format'])!r:.60}")
+    if str(found["digest"]) != _digest(about):
+        raise InvalidInput(f"{path}: expected the checkpoint of a run with these settings and data, got another's")
+    try:
+        rng.bit_generator.state = json.loads(str(found["state"]))
+        history = [
+            Generation(
+                number=int(row[0]), **dict(zip(_REALS, map(float, row[1:7]), strict=True)), evaluations=int(row[7]),
+                settled=int(row[8]), counts=Counts(**dict(zip(_KINDS, map(int, counts), strict=True))),
+            )
+            for row, counts in zip(found["history"], found["counts"], strict=True)
+        ]  # fmt: skip
+    except (ValueError, TypeError, IndexError, KeyError) as error:
+        raise InvalidInput(f"{path}: expected a checkpoint ({FORMAT}), got a damaged one: {error}") from None
+    return Run(population=found["population"], history=history)
+
+
+@DEFAULT_STYLE
+def draw_convergence(histories: Mapping[str, Sequence[Generation]], title: str = "") -> Figure:
+    """Mean fitness with a band of one standard deviation, and the best, by generation: paper E's Fig. 4."""
+    if not histories or not all(histories.values()):
+        raise InvalidInput("histories: expected one or more generations of one or more runs, got none")
+    figure = sheet((1200, 640), (1200, 640))
+    axes = figure.add_axes((0.07, 0.11, 0.9, 0.78))
+    colours = (LEG_COLOURS[0], ACCENT, *LEG_COLOURS[1:])
+    for index, (name, history) in enumerate(histories.items()):
+        colour = colours[index % len(colours)]
+        number = np.array([done.number for done in history])
+        mean = np.array([done.mean for done in history])
+        half = np.sqrt([done.variance for done in history])
+        axes.fill_between(number, mean - half, mean + half, color=colour, alpha=0.15, lw=0)
+        axes.plot(number, mean, color=colour, lw=1.8, label=f"{name}: mean ± standard deviation")
+        axes.plot(number, [done.best for done in history], color=colour, lw=1.2, ls=(0, (4, 2)), label=f"{name}: best")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.grid(axis="y", color=RULE, lw=0.8)
+    axes.set_axisbelow(True)
+    axes.set_xlabel("generation", color=INK)
+    axes.set_ylabel("fitness: 1 − a − ρ max(0, b − δ)", color=INK)
+    axes.set_title(title or "Fitness of the population", color=INK, loc="left", size=13)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.legend(frameon=False, loc="lower right")
+    return figure
+
+
+def _digest(about: Mapping[str, Any]) -> str:
+    """SHA-256 of settings and data."""
+    plain = {name: value for name, value in about.items() if not isinstance(value, np.ndarray)}
+    whole = hashlib.sha256(json.dumps(plain, sort_keys=True).encode())
+    for name in sorted(set(about) - set(plain)):
+        whole.update(np.ascontiguousarray(about[name], dtype=np.float64).tobytes())
+    return whole.hexdigest()
+
+
+_REALS = ("mean", "variance", "best", "a", "b", "mutation_rate")
+_KINDS = tuple(f.name for f in fields(Counts))

@@ -1,0 +1,299 @@
+"""Paper E's evolutionary approach (§III-2): envelopes bred for what P1 answers over them.
+
+A chromosome is the pairs (low, high) of one envelope's bounds. Its fitness comes from a, the share of infeasible
+problems that P1 admits, and b, the share of feasible ones that it rejects, both over K problems that are drawn anew
+every generation and are the same for all individuals: a is to be small while b stays below δ. The paper does not say
+how both become one number; here it is 1 − a − ρ max(0, b − δ), to be maximised. (Tried on wall-3, three seeds: letting
+b ≤ δ beat everything else, as Deb's feasibility rule has it, costs 2 points of right answers, since whole
+generations fail it by the luck of the draw.) The result keeps to b ≤ δ over all problems where a finalist does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from stancekit.planners.arrays import Array
+from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
+from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.contact.stages import Stages
+from stancekit.planners.outcome import InvalidInput
+
+from ..dataset import Dataset
+from .convergence import Generation, Run, read_checkpoint, write_checkpoint
+from .proofs import Index
+from .verdicts import CachingJudge, Counts, Judge
+
+DOMAIN = 1.0
+"""p and f lie in [−1, 1] by the choice of scales (paper E §II)."""
+Told = Callable[[Generation], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GeneticSettings:
+    """Knobs of the genetic algorithm.
+
+    population, generations: individuals, and how often they are tested. terrains: K, half of them feasible and half
+    infeasible; more make the fitness less a matter of luck. delta: δ, the share of feasible problems that may be lost:
+    smaller makes boxes wider. penalty: ρ, what losing more costs: larger keeps to δ more strictly, and follows chance
+    more. mutation_start, mutation_end: chance that a pair of bounds is mutated when breeding the
+    first and the last generation, falling geometrically. mutation_scale: its standard deviation, in units of the
+    solutions' own in that dimension. elites: best individuals that live on as they are. tournament: rivals for a place
+    as a parent; more press harder. finalists: individuals of the last generation that are tested on all problems; the
+    best of them is the result. seed: of everything that is left to chance. Raises InvalidInput.
+    """
+
+    population: int = 40
+    generations: int = 60
+    terrains: int = 100
+    delta: float = 0.1
+    penalty: float = 8.0
+    mutation_start: float = 0.2
+    mutation_end: float = 0.02
+    mutation_scale: float = 0.3
+    elites: int = 2
+    tournament: int = 3
+    finalists: int = 12
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        least = {"population": 2, "generations": 1, "terrains": 2, "elites": 0, "tournament": 1, "finalists": 1}
+        for name, limit in (least | {"seed": 0}).items():
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or value < limit:
+                raise InvalidInput(f"{name}: expected an integer of at least {limit}, got {value!r}")
+        if self.elites >= self.population:
+            raise InvalidInput(f"elites: expected fewer than the population of {self.population}, got {self.elites}")
+        if not 0.0 <= self.delta < 1.0:
+            raise InvalidInput(f"delta: expected a number in [0, 1), got {self.delta!r}")
+        if not 0.0 < self.mutation_end <= self.mutation_start <= 1.0:
+            raise InvalidInput(
+                f"mutation_start, mutation_end: expected 1 >= start >= end > 0, got {self.mutation_start!r} and "
+                f"{self.mutation_end!r}"
+            )
+        for name in ("penalty", "mutation_scale"):
+            if not 0.0 < getattr(self, name) < float("inf"):
+                raise InvalidInput(f"{name}: expected a positive number, got {getattr(self, name)!r}")
+
+    def mutation_rate(self, generation: int) -> float:
+        """Chance that a pair of bounds is mutated when this generation has been tested, from 0."""
+        fraction = generation / max(self.generations - 1, 1)
+        return float(self.mutation_start * (self.mutation_end / self.mutation_start) ** fraction)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GeneticResult:
+    """What a run has found. a, b: of the envelope over all problems; counts: how all verdicts were found."""
+
+    envelope: Envelope
+    a: float
+    b: float
+    history: tuple[Generation, ...]
+    counts: Counts = field(default_factory=Counts)
+
+    @property
+    def balanced(self) -> float:
+        """Mean share of right answers over both kinds of problems."""
+        return 1.0 - 0.5 * (self.a + self.b)
+
+
+def fitness(a: Array, b: Array, settings: GeneticSettings) -> Array:
+    """The number to maximise: 1 − a − ρ max(0, b − δ)."""
+    return np.asarray(1.0 - a - settings.penalty * np.maximum(b - settings.delta, 0.0))
+
+
+class Trials:
+    """The fitness of individuals: a and b over problems drawn anew, or over all. The feasible problems come first."""
+
+    def __init__(self, feasible: int, infeasible: int, judge: Judge, terrains: int) -> None:
+        self.sizes, self._judge, self._terrains = (feasible, infeasible), judge, terrains
+
+    @classmethod
+    def of(
+        cls,
+        feasible: Sequence[ScaledProblem],
+        infeasible: Sequence[ScaledProblem],
+        settings: GeneticSettings,
+        judge: Judge | None = None,
+    ) -> Trials:
+        """Trials on these problems, with a ``CachingJudge`` where none is given. Raises InvalidInput."""
+        if not feasible or not infeasible:
+            raise InvalidInput(
+                f"problems: expected one or more of each label, got {len(feasible)} feasible and "
+                f"{len(infeasible)} infeasible"
+            )
+        judge = judge or CachingJudge([*feasible, *infeasible], Stages().box(feasible[0]))
+        return cls(len(feasible), len(infeasible), judge, settings.terrains)
+
+    def draw(self, rng: np.random.Generator) -> Index:
+        """Numbers of K problems, half of each label, none twice (as far as there are so many)."""
+        half = (self._terrains - self._terrains // 2, self._terrains // 2)
+        taken = [rng.choice(n, size=min(k, n), replace=False) for n, k in zip(self.sizes, half, strict=True)]
+        return np.concatenate([np.sort(taken[0]), self.sizes[0] + np.sort(taken[1])])
+
+    def all(self) -> Index:
+        """Numbers of all problems."""
+        return np.arange(sum(self.sizes))
+
+    def shares(self, population: Array, which: Index) -> tuple[Array, Array]:
+        """a and b of boxes, shape (P, 2, N, 6), over these problems; each of shape (P,)."""
+        admitted = self._judge.admitted(which, [Envelope(low=low, high=high) for low, high in population])
+        feasible = which < self.sizes[0]
+        return admitted[:, ~feasible].mean(axis=1), (~admitted[:, feasible]).mean(axis=1)
+
+    @property
+    def counts(self) -> Counts:
+        """How all verdicts so far were found."""
+        return self._judge.counts
+
+
+def evolve(
+    problems_feasible: Sequence[ScaledProblem],
+    problems_infeasible: Sequence[ScaledProblem],
+    points: Array,
+    settings: GeneticSettings = GeneticSettings(),
+    *,
+    judge: Judge | None = None,
+    checkpoint: Path | None = None,
+    progress: Told | None = None,
+) -> GeneticResult:
+    """Run the genetic algorithm. points: S, shape (F, N, 6), for the first generation and the scale of mutations.
+
+    judge: says what P1 admits, of the feasible problems followed by the infeasible ones; a ``CachingJudge`` if None.
+    checkpoint: file that is written after every generation and gone on from where it is there already: the result is
+    that of a run that was not interrupted, except for ``counts``, which are of the work that was done.
+    progress: is told every generation. Raises InvalidInput, also for the checkpoint of another run.
+    """
+    trials = Trials.of(problems_feasible, problems_infeasible, settings, judge)
+    rng = np.random.default_rng(settings.seed)
+    patches = np.stack([problem.vertices for problem in (*problems_feasible, *problems_infeasible)])
+    about = {"settings": asdict(settings), "labels": trials.sizes, "points": np.asarray(points), "patches": patches}
+    run = read_checkpoint(checkpoint, about, rng) if checkpoint is not None and checkpoint.exists() else None
+    run = run or Run(population=first_generation(points, settings.population, rng), history=[])
+    population, history = run.population, list(run.history)
+    while len(history) < settings.generations:
+        before, number = trials.counts, len(history)
+        a, b = trials.shares(population, trials.draw(rng))
+        rate = settings.mutation_rate(number)
+        history.append(generation(number, a, b, settings, rate, trials.counts - before))
+        if progress is not None:
+            progress(history[-1])
+        order = ranking(a, b, settings)
+        if len(history) == settings.generations:
+            population = population[order]
+        else:
+            population = breed(population[order], np.maximum(points.std(axis=0), 1e-3), rate, settings, rng)
+        if checkpoint is not None:
+            write_checkpoint(checkpoint, about, rng, Run(population=population, history=history))
+    return finish(population[: settings.finalists], trials, settings, history)
+
+
+def generation(number: int, a: Array, b: Array, settings: GeneticSettings, rate: float, counts: Counts) -> Generation:
+    """The record of one tested generation."""
+    values, best = fitness(a, b, settings), int(ranking(a, b, settings)[0])
+    return Generation(
+        number=number,
+        mean=float(values.mean()),
+        variance=float(values.var()),
+        best=float(values[best]),
+        a=float(a[best]),
+        b=float(b[best]),
+        mutation_rate=rate,
+        evaluations=counts.total,
+        settled=counts.settled,
+        counts=counts,
+    )
+
+
+def finish(finalists: Array, trials: Trials, settings: GeneticSettings, history: Sequence[Generation]) -> GeneticResult:
+    """Test the finalists, shape (P, 2, N, 6), on all problems; return the fittest, of those with b ≤ δ if there are."""
+    a, b = trials.shares(finalists, trials.all())
+    order = ranking(a, b, settings)
+    best = int(order[np.argmin(b[order] > settings.delta)])
+    low, high = finalists[best]
+    return GeneticResult(
+        envelope=Envelope(low=low, high=high),
+        a=float(a[best]),
+        b=float(b[best]),
+        history=tuple(history),
+        counts=trials.counts,
+    )
+
+
+def ranking(a: Array, b: Array, settings: GeneticSettings) -> Index:
+    """The individuals from best to worst; of equally fit ones that with the smaller b comes first."""
+    return np.lexsort((b, -fitness(a, b, settings)))
+
+
+def first_generation(points: Array, size: int, rng: np.random.Generator) -> Array:
+    """Boxes around solutions: each the exterior of 2 to all of the points, chosen at random, shape (size, 2, N, 6).
+
+    How many is drawn evenly on a logarithmic scale, so tight and wide boxes come in like numbers.
+    """
+    if len(points) == 0:
+        raise InvalidInput("points: expected one solution or more, got none")
+    counts = np.exp(rng.uniform(np.log(2.0), np.log(max(len(points), 2) + 1.0), size=size)).astype(int)
+    chosen = [points[rng.choice(len(points), size=min(n, len(points)), replace=False)] for n in counts]
+    boxes = np.stack([[some.min(axis=0), some.max(axis=0)] for some in chosen])
+    return np.asarray(np.clip(boxes, -DOMAIN, DOMAIN))
+
+
+def breed(ranked: Array, spread: Array, rate: float, settings: GeneticSettings, rng: np.random.Generator) -> Array:
+    """The next generation from one in order of rank, shape (P, 2, N, 6).
+
+    Parents win tournaments; a child takes every pair of bounds whole from one or the other (uniform crossover a pair),
+    and each of its pairs is moved with the chance ``rate``, both ends by a normal step of their own.
+    """
+    size = len(ranked)
+    children = size - settings.elites
+    parents = rng.integers(size, size=(2, children, settings.tournament)).min(axis=2)  # the best rank of each
+    mother, father = ranked[parents[0]], ranked[parents[1]]
+    from_mother = rng.random((children, 1, *ranked.shape[2:])) < 0.5
+    child = np.where(from_mother, mother, father)
+    mutated = rng.random((children, 1, *ranked.shape[2:])) < rate
+    child = child + mutated * (settings.mutation_scale * spread * rng.standard_normal(child.shape))
+    child = np.sort(np.clip(child, -DOMAIN, DOMAIN), axis=1)  # low before high
+    return np.concatenate([ranked[: settings.elites], child])
+
+
+def fit_genetic(
+    dataset: Dataset,
+    settings: GeneticSettings = GeneticSettings(),
+    progress: Callable[[int, int], None] | None = None,
+    *,
+    checkpoint: Path | None = None,
+) -> EnvelopeSet:
+    """Learn one envelope from the data set's problems and S. ``progress`` is told generations done and in all."""
+    feasible, infeasible = (
+        [ScaledProblem.of(problem) for problem in dataset.select(rows).problems()]
+        for rows in (dataset.feasible, dataset.infeasible)
+    )
+    if min(len(feasible), len(infeasible)) < 2:
+        raise InvalidInput(
+            f"data set: expected two or more rows of each label, got {len(feasible)} feasible and "
+            f"{len(infeasible)} infeasible"
+        )
+
+    def told(done: Generation) -> None:
+        if progress is not None:
+            progress(done.number + 1, settings.generations)
+
+    result = evolve(feasible, infeasible, dataset.points, settings, checkpoint=checkpoint, progress=told)
+    provenance = {
+        "method": "ga",
+        "settings": asdict(settings),
+        "rows": len(dataset),
+        "dataset": dataset.header.digest,
+        "notes": {
+            "a": result.a,
+            "b": result.b,
+            "evaluations": result.counts.total,
+            "settled": result.counts.settled,
+            "best": [done.best for done in result.history],
+            "mean": [done.mean for done in result.history],
+        },
+    }
+    return EnvelopeSet.for_problems(dataset.problem_class, list(dataset.problems()), [result.envelope], provenance)

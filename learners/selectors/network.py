@@ -1,0 +1,293 @@
+"""The network of the neural selectors: a scene's contacts in, a box for each contact out.
+
+Equivariant to the order of the contacts (self-attention over one token a contact, no positions) and invariant to the
+order of a patch's corners (a mean over them), so neither has to be learned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from stancekit.envs.selection import observe
+from stancekit.planners.arrays import Array
+from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.outcome import InvalidInput
+
+from .selector import Observation
+
+CORNERS = 3
+"""Corners of a patch in the environment's observation."""
+TOKEN = 27
+"""Numbers a contact besides the corners: the patch's middle, also from the shoulder, its second moments (6), the frame
+(9), the shoulder, friction, reach, and the vertical force that a unit normal force allows."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Architecture:
+    """Size of a network.
+
+    width: numbers a token; layers: rounds of attention; heads: of each; corner_width: of the patch's pooled features.
+    """
+
+    width: int = 96
+    layers: int = 3
+    heads: int = 4
+    corner_width: int = 32
+
+    def __post_init__(self) -> None:
+        for name in ("width", "layers", "heads", "corner_width"):
+            if getattr(self, name) < 1:
+                raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)!r}")
+        if self.width % self.heads:
+            raise InvalidInput(f"width: expected a multiple of {self.heads} heads, got {self.width}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneTensors:
+    """A batch of B scenes of N contacts as the environment observes them, non-dimensional, float32.
+
+    vertices: (B, N, 3, 3), corner by row; frames: (B, N, 3, 3), columns n, y, z; friction, reach: (B, N);
+    shoulders: (B, N, 3).
+    """
+
+    vertices: Tensor
+    frames: Tensor
+    friction: Tensor
+    shoulders: Tensor
+    reach: Tensor
+
+    @classmethod
+    def of_observation(cls, observation: Observation, contacts: int) -> SceneTensors:
+        """Read one flat observation, or a batch. Raises InvalidInput where sizes are not those of N contacts."""
+        shapes = {
+            "vertices": (contacts, CORNERS, 3), "frames": (contacts, 3, 3), "friction": (contacts,),
+            "shoulders": (contacts, 3), "reach": (contacts,),
+        }  # fmt: skip
+        tensors = {}
+        for name, shape in shapes.items():
+            if name not in observation:
+                raise InvalidInput(f"observation: expected the key {name!r}, got {sorted(observation)}")
+            values = np.asarray(observation[name], dtype=np.float32)
+            size = int(np.prod(shape))
+            if values.ndim not in (1, 2) or values.shape[-1] != size:
+                raise InvalidInput(
+                    f"observation {name!r}: expected {size} numbers a scene for {contacts} contacts, "
+                    f"got shape {values.shape}"
+                )
+            tensors[name] = torch.from_numpy(values.reshape(-1, *shape).copy())
+        return cls(**tensors)
+
+    @classmethod
+    def of_problems(cls, problems: Sequence[ScaledProblem]) -> SceneTensors:
+        """The observations of these problems, which have the same number of contacts, on triangles."""
+        seen = [observe(problem) for problem in problems]
+        stacked = {name: np.stack([one[name] for one in seen]) for name in seen[0]}
+        return cls.of_observation(stacked, problems[0].size[0])
+
+    def __len__(self) -> int:
+        return len(self.friction)
+
+    def __getitem__(self, rows: Tensor) -> SceneTensors:
+        return SceneTensors(
+            vertices=self.vertices[rows], frames=self.frames[rows], friction=self.friction[rows],
+            shoulders=self.shoulders[rows], reach=self.reach[rows],
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mirror:
+    """The reflection x → −x, front to rear: an exact symmetry of a class whose limbs lie symmetric about the middle.
+
+    It keeps gravity, reach and cones. A contact frame (n, y, z) becomes (M n, −s M y, s M z), right-handed again, the
+    sign s keeping z on the side of the class's shear reference. Tokens need no relabelling: the limb is known by its
+    shoulder. flips: signs of [p, f], shape (N, 6).
+    """
+
+    flips: Tensor
+
+    @classmethod
+    def of(cls, scenes: SceneTensors) -> Mirror | None:
+        """The symmetry where the class has it, else None: the mirrored limbs must be the same set of limbs."""
+        limbs = torch.cat([scenes.shoulders[0], scenes.reach[0][:, None]], dim=1)
+        mirrored = limbs * torch.tensor([-1.0, 1.0, 1.0, 1.0])
+        apart = (mirrored[:, None] - limbs[None]).abs().amax(dim=-1)
+        if not bool((apart.min(dim=1).values < 1e-5).all()):
+            return None
+        shear = scenes.frames[..., 2].mean(dim=0)  # mean z of each contact
+        twin = apart.argmin(dim=1)
+        sign = torch.sign((shear * torch.tensor([-1.0, 1.0, 1.0]) * shear[twin]).sum(dim=-1))
+        sign = torch.where(sign == 0.0, torch.ones_like(sign), sign)
+        one = torch.ones_like(sign)
+        return cls(flips=torch.stack([-one, one, one, one, -sign, sign], dim=1))
+
+    def scenes(self, scenes: SceneTensors, flipped: Tensor) -> SceneTensors:
+        """The scenes, those mirrored for which ``flipped``, shape (B,), is True."""
+        x = torch.tensor([-1.0, 1.0, 1.0])
+        where = flipped[:, None, None]
+        turned = scenes.frames * x[:, None] * self.flips[:, None, 3:]
+        return replace(
+            scenes,
+            vertices=torch.where(where[..., None], scenes.vertices * x, scenes.vertices),
+            shoulders=torch.where(where, scenes.shoulders * x, scenes.shoulders),
+            frames=torch.where(where[..., None], turned, scenes.frames),
+        )
+
+    def points(self, points: Tensor, flipped: Tensor) -> Tensor:
+        """Points [p, f], shape (B, N, 6), mirrored with their scenes."""
+        return torch.where(flipped[:, None, None], points * self.flips, points)
+
+    def box(self, low: Tensor, high: Tensor, flipped: Tensor) -> tuple[Tensor, Tensor]:
+        """Boxes, each side (B, N, 6), mirrored with their scenes: a reflected side changes places with its opposite."""
+        first, second = self.points(low, flipped), self.points(high, flipped)
+        return torch.minimum(first, second), torch.maximum(first, second)
+
+
+class Encoder(nn.Module):
+    """Scenes to a token a contact that knows of the other contacts."""
+
+    token_mean: Tensor
+    token_scale: Tensor
+
+    def __init__(self, architecture: Architecture) -> None:
+        super().__init__()
+        width, corner = architecture.width, architecture.corner_width
+        self.corners = nn.Sequential(nn.Linear(6, corner), nn.SiLU(), nn.Linear(corner, corner))
+        self.embed = nn.Sequential(nn.Linear(TOKEN + corner, width), nn.SiLU(), nn.Linear(width, width))
+        self.blocks = nn.ModuleList(Block(width, architecture.heads) for _ in range(architecture.layers))
+        self.register_buffer("token_mean", torch.zeros(TOKEN))
+        self.register_buffer("token_scale", torch.ones(TOKEN))
+
+    def fit_scales(self, scenes: SceneTensors) -> None:
+        """Set the scales of the inputs from scenes like these."""
+        tokens = _tokens(scenes).reshape(-1, TOKEN)
+        self.token_mean = tokens.mean(dim=0)
+        self.token_scale = tokens.std(dim=0).clamp(min=1e-3)
+
+    def forward(self, scenes: SceneTensors) -> Tensor:
+        """Tokens, shape (B, N, width)."""
+        spokes = (scenes.vertices - scenes.vertices.mean(dim=2, keepdim=True)) / 0.1
+        in_frame = torch.einsum("bnuk,bnkj->bnuj", spokes, scenes.frames)
+        patch = self.corners(torch.cat([spokes, in_frame], dim=-1)).mean(dim=2)
+        tokens = (_tokens(scenes) - self.token_mean) / self.token_scale
+        hidden: Tensor = self.embed(torch.cat([tokens, patch], dim=-1))
+        for block in self.blocks:
+            hidden = block(hidden)
+        return hidden
+
+
+class BoxNetwork(nn.Module):
+    """Scenes to boxes: a head a contact gives a centre and a width to either side.
+
+    The centre of p starts at the patch's middle relative to the nominal centre of mass; widths are positive, so that
+    low ≤ high holds for whatever weights. Boxes stay in the domain [−1, 1]. ``of_data`` sets the scales of inputs and
+    outputs.
+    """
+
+    scale: Tensor
+    offset: Tensor
+
+    def __init__(self, architecture: Architecture = Architecture()) -> None:
+        super().__init__()
+        self.architecture = architecture
+        width = architecture.width
+        self.encoder = Encoder(architecture)
+        self.head = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, 18))
+        self.register_buffer("scale", torch.ones(6))
+        self.register_buffer("offset", torch.zeros(6))
+
+    @classmethod
+    def of_data(cls, architecture: Architecture, scenes: SceneTensors, points: Tensor) -> BoxNetwork:
+        """A new network for scenes and solutions like these; weights come from torch's generator."""
+        network = cls(architecture)
+        network.encoder.fit_scales(scenes)
+        rest = points - _nominal(scenes)
+        network.offset = rest.mean(dim=(0, 1))
+        network.scale = rest.std(dim=(0, 1)).clamp(min=1e-3)
+        return network
+
+    def forward(self, scenes: SceneTensors) -> tuple[Tensor, Tensor]:
+        """(low, high), each of shape (B, N, 6)."""
+        raw = self.head(self.encoder(scenes))
+        centre = _nominal(scenes) + self.offset + self.scale * raw[..., :6]
+        below, above = self.scale * functional.softplus(raw[..., 6:12]), self.scale * functional.softplus(raw[..., 12:])
+        return (centre - below).clamp(-1.0, 1.0), (centre + above).clamp(-1.0, 1.0)
+
+
+class ChoiceNetwork(nn.Module):
+    """Scenes to the cost of each of K envelopes, whatever the order of the contacts: logits, shape (B, K)."""
+
+    def __init__(self, architecture: Architecture, options: int) -> None:
+        super().__init__()
+        self.architecture = architecture
+        width = architecture.width
+        self.encoder = Encoder(architecture)
+        self.head = nn.Sequential(nn.LayerNorm(width), nn.Linear(width, width), nn.SiLU(), nn.Linear(width, options))
+
+    def forward(self, scenes: SceneTensors) -> Tensor:
+        """Logits."""
+        return torch.as_tensor(self.head(self.encoder(scenes).mean(dim=1)))
+
+
+class Block(nn.Module):
+    """One round of self-attention over the contacts and one of thought a contact, both residual."""
+
+    def __init__(self, width: int, heads: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.before = nn.LayerNorm(width)
+        self.mixed = nn.Linear(width, 3 * width)
+        self.out = nn.Linear(width, width)
+        self.thought = nn.Sequential(
+            nn.LayerNorm(width), nn.Linear(width, 2 * width), nn.SiLU(), nn.Linear(2 * width, width)
+        )
+
+    def forward(self, hidden: Tensor) -> Tensor:
+        """Tokens, shape (B, N, width), to tokens."""
+        batch, count, width = hidden.shape
+        split = self.mixed(self.before(hidden)).reshape(batch, count, 3, self.heads, -1).permute(2, 0, 3, 1, 4)
+        weights = torch.softmax(split[0] @ split[1].transpose(-1, -2) / split[0].shape[-1] ** 0.5, dim=-1)
+        hidden = hidden + self.out((weights @ split[2]).transpose(1, 2).reshape(batch, count, width))
+        return torch.as_tensor(hidden + self.thought(hidden))
+
+
+def pinball(low: Tensor, high: Tensor, points: Tensor, share: float) -> Tensor:
+    """Quantile loss of the sides for the shares ``share`` and 1 − ``share`` of the solutions, a number a scene.
+
+    low, high, points: shape (B, N, 6).
+    """
+    under, over = points - low, points - high
+    lower = torch.maximum(share * under, (share - 1.0) * under)
+    upper = torch.maximum((1.0 - share) * over, -share * over)
+    return (lower + upper).mean(dim=(1, 2))
+
+
+def as_arrays(low: Tensor, high: Tensor) -> tuple[Array, Array]:
+    """The sides in double precision, for the solver."""
+    return low.detach().numpy().astype(np.float64), high.detach().numpy().astype(np.float64)
+
+
+def _nominal(scenes: SceneTensors) -> Tensor:
+    """[p, 0] with the toes in the middle of their patches and the body in its nominal place, shape (B, N, 6)."""
+    middle = scenes.vertices.mean(dim=2)
+    return torch.cat([middle, torch.zeros_like(middle)], dim=-1)
+
+
+def _tokens(scenes: SceneTensors) -> Tensor:
+    """What is known of each contact, shape (B, N, TOKEN)."""
+    middle = scenes.vertices.mean(dim=2)
+    spokes = scenes.vertices - middle[:, :, None]
+    moments = torch.einsum("bnuj,bnuk->bnjk", spokes, spokes)
+    row, column = torch.triu_indices(3, 3)
+    friction = scenes.friction[..., None]
+    vertical = scenes.frames[..., 2, 0][..., None] + friction * scenes.frames[..., 2, 2][..., None]
+    parts = [
+        middle, middle - scenes.shoulders, moments[..., row, column], scenes.frames.flatten(2), scenes.shoulders,
+        friction, scenes.reach[..., None], vertical,
+    ]  # fmt: skip
+    return torch.cat(parts, dim=-1)

@@ -1,0 +1,212 @@
+"""Neural selectors: the terrain's own box for every contact, learned from solutions and through P1's margins."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from stancekit.planners.arrays import Array
+from stancekit.planners.contact.envelope import Envelope
+from stancekit.planners.contact.relax import FEASIBLE_MARGIN, McCormick
+from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.contact.stages import Stages
+from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.scene.posture import pydantic_lines
+
+from ..dataset import Dataset
+from .network import BoxNetwork, SceneTensors, as_arrays
+from .selector import Observation
+from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
+from .training import NeuralSettings, Progress, Rows, Trainer
+
+FORMAT = "stancekit/neural/1"
+
+
+class NeuralSelector:
+    """A trained network with its calibration, for one class of problems.
+
+    room: how far every side of the network's boxes is moved out, non-dimensional. provenance: how it was learned.
+    """
+
+    name = "neural"
+
+    def __init__(
+        self,
+        network: BoxNetwork,
+        *,
+        problem_class: str,
+        legs: Sequence[str],
+        force_scale_n: float,
+        length_scale_m: float,
+        room: float = 0.0,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> None:
+        self.network = network.eval()
+        self.problem_class = problem_class
+        self.legs = tuple(legs)
+        self.force_scale_n = force_scale_n
+        self.length_scale_m = length_scale_m
+        self.room = room
+        self.provenance = dict(provenance or {})
+
+    def predict(
+        self,
+        observation: Observation,
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[NDArray[Any], Any]:
+        """Return the box's bounds, shape (12N,), or (B, 12N) for a batch. Raises InvalidInput for another N."""
+        boxes = self._boxes(SceneTensors.of_observation(observation, len(self.legs)))
+        actions = np.stack([box.to_vector() for box in boxes]).astype(np.float32)
+        return (actions if np.ndim(observation["friction"]) == 2 else actions[0]), state
+
+    def envelopes(self, problems: Sequence[ScaledProblem]) -> list[Envelope]:
+        """The boxes for these problems, for a planner."""
+        return self._boxes(SceneTensors.of_problems(problems))
+
+    def save(self, path: str | Path) -> None:
+        """Write the selector as one safetensors file."""
+        header = {
+            "problem_class": self.problem_class,
+            "legs": list(self.legs),
+            "force_scale_n": self.force_scale_n,
+            "length_scale_m": self.length_scale_m,
+            "architecture": asdict(self.network.architecture),
+            "calibration": {"room": self.room},
+            "provenance": self.provenance,
+        }
+        write_tensors(path, FORMAT, header, self.network.state_dict())
+
+    @classmethod
+    def load(
+        cls, path: str | Path, *, problem_class: str | None = None, legs: Sequence[str] | None = None
+    ) -> NeuralSelector:
+        """Read a selector. Raises InvalidInput for a file that is damaged or foreign, or made for other problems.
+
+        problem_class, legs: what it must have been learned for, where given.
+        """
+        header, tensors = read_tensors(path, FORMAT)
+        try:
+            raw = _Header.model_validate(header)
+        except ValidationError as error:
+            raise InvalidInput(f"{path}: {'; '.join(pydantic_lines(error))}") from None
+        if problem_class is not None and raw.problem_class != problem_class:
+            raise InvalidInput(f"{path}: expected a selector for {problem_class}, got one for {raw.problem_class}")
+        if legs is not None and raw.legs != list(legs):
+            raise InvalidInput(f"{path}: expected a selector for legs {list(legs)}, got one for {raw.legs}")
+        network = BoxNetwork(raw.architecture.architecture(path))
+        load_weights(network, tensors, path)
+        return cls(
+            network, problem_class=raw.problem_class, legs=raw.legs, force_scale_n=raw.force_scale_n,
+            length_scale_m=raw.length_scale_m, room=raw.calibration.room, provenance=raw.provenance,
+        )  # fmt: skip
+
+    def _boxes(self, scenes: SceneTensors) -> list[Envelope]:
+        with torch.no_grad():
+            lows, highs = as_arrays(*self.network(scenes))
+        return [roomy(low, high, self.room) for low, high in zip(lows, highs, strict=True)]
+
+
+def fit_neural(
+    dataset: Dataset,
+    settings: NeuralSettings = NeuralSettings(),
+    progress: Progress | None = None,
+    *,
+    calibration: Dataset | None = None,
+    checkpoint: Path | None = None,
+) -> NeuralSelector:
+    """Train and calibrate a selector on a data set; see ``NeuralSettings``. Uses one torch thread.
+
+    calibration: rows for the calibration, else a part of ``dataset`` is kept for it; never use test rows. checkpoint:
+    file to go on from when training was stopped. Raises InvalidInput where rows of a label are missing.
+    """
+    torch.set_num_threads(1)
+    train = dataset
+    if calibration is None:
+        train, calibration = dataset.split((1.0 - settings.calibration, settings.calibration))
+    elif calibration.problem_class != dataset.problem_class:
+        raise InvalidInput(f"calibration: expected {dataset.problem_class}, got {calibration.problem_class}")
+    feasible = Rows.of(train, "feasible")
+    infeasible = Rows.of(train, "infeasible") if settings.margin_epochs else None
+    model = Stages().box(feasible.problems[0])
+    digest = f"{dataset.header.digest} {len(train)}"
+    trainer = Trainer(feasible, infeasible, model, settings, digest, checkpoint)
+    network = trainer.run(progress)
+    held = Rows.of(calibration, "feasible")
+    room = calibrated_room(network, held, model, settings.target)
+    first = feasible.problems[0]
+    return NeuralSelector(
+        network,
+        problem_class=dataset.problem_class,
+        legs=dataset.header.legs,
+        force_scale_n=first.force_n,
+        length_scale_m=first.length_m,
+        room=room,
+        provenance={
+            "method": "neural",
+            "settings": asdict(settings),
+            "rows": len(train),
+            "calibration_rows": len(held),
+            "dataset": dataset.header.digest,
+            "history": trainer.history,
+        },
+    )
+
+
+def calibrated_room(
+    network: BoxNetwork, rows: Rows, model: McCormick, target: float, *, least: float = -0.01, most: float = 0.1
+) -> float:
+    """How far every side moves out (in, where negative) so that P1 admits ``target`` of these feasible problems.
+
+    P1 is monotone in the box, so each bisection step solves only the problems that are not settled yet. Returns the
+    smallest room found to reach the target, or ``most``.
+    """
+    with torch.no_grad():
+        lows, highs = as_arrays(*network(rows.scenes))
+
+    def admits(index: int, room: float) -> bool:
+        return model.solve(rows.problems[index], roomy(lows[index], highs[index], room)).margin <= FEASIBLE_MARGIN
+
+    open_rows, admitted, needed = list(range(len(rows))), 0, math.ceil(target * len(rows))
+    for _ in range(14):
+        room = 0.5 * (least + most)
+        inside = [index for index in open_rows if admits(index, room)]
+        if admitted + len(inside) >= needed:
+            most, open_rows = room, inside
+        else:
+            least, admitted = room, admitted + len(inside)
+            open_rows = sorted(set(open_rows) - set(inside))
+    return most
+
+
+def roomy(low: Array, high: Array, room: float) -> Envelope:
+    """The box with every side moved by ``room``, no further in than its middle, and within the domain [−1, 1]."""
+    middle = 0.5 * (low + high)
+    return Envelope(
+        low=np.clip(np.minimum(low - room, middle), -1.0, 1.0), high=np.clip(np.maximum(high + room, middle), -1.0, 1.0)
+    )
+
+
+class _Calibration(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+    room: float = Field(ge=-1.0, le=1.0)
+
+
+class _Header(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+    problem_class: str
+    legs: list[str] = Field(min_length=1)
+    force_scale_n: float
+    length_scale_m: float
+    architecture: ArchitectureJson
+    calibration: _Calibration
+    provenance: dict[str, Any]

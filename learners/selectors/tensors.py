@@ -1,0 +1,76 @@
+"""Files of tensors: safetensors with a JSON header. Nothing in them is ever run or unpickled."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import torch
+from pydantic import BaseModel, ConfigDict, Field
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save
+from torch import Tensor, nn
+
+from stancekit.planners.files import write_bytes
+from stancekit.planners.outcome import InvalidInput
+
+from .network import Architecture
+
+KEY = "stancekit"
+"""The one key of a file's metadata, which holds the JSON header with its ``format``; several have no fixed order."""
+
+
+def write_tensors(path: str | Path, kind: str, header: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> None:
+    """Write tensors and a JSON header, whole or not at all. kind: the format's name with its version."""
+    plain = {name: tensor.detach().contiguous() for name, tensor in tensors.items()}
+    write_bytes(path, save(plain, {KEY: json.dumps({**header, "format": kind}, sort_keys=True)}))
+
+
+def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
+    """Return (header, tensors). Raises InvalidInput for what is missing, truncated, foreign or not finite."""
+    path = Path(path)
+    if not path.is_file():
+        found = "a folder" if path.is_dir() else "nothing"
+        raise InvalidInput(f"{path}: expected a file of format {kind}, found {found}")
+    try:
+        with safe_open(path, framework="pt") as file:
+            header = json.loads((file.metadata() or {}).get(KEY, "null"))
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 — not a dictionary
+    except (SafetensorError, OSError, ValueError) as error:
+        raise InvalidInput(f"{path}: expected a whole file of format {kind}: {' '.join(str(error).split())}") from None
+    said = header.pop("format", None) if isinstance(header, dict) else None
+    if said != kind:
+        raise InvalidInput(f"{path}: expected format {kind}, got {'none' if said is None else str(said)[:60]}")
+    for name, tensor in tensors.items():
+        if not bool(torch.isfinite(tensor).all()):
+            raise InvalidInput(f"{path}: tensor {name}: expected finite numbers")
+    return header, tensors
+
+
+def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: str | Path) -> None:
+    """Put a file's tensors into a network. Raises InvalidInput unless names and shapes are the network's."""
+    wanted = {name: tuple(value.shape) for name, value in network.state_dict().items()}
+    found = {name: tuple(value.shape) for name, value in tensors.items()}
+    if wanted != found:
+        odd = sorted(name for name in wanted | found if wanted.get(name) != found.get(name))[0]
+        raise InvalidInput(f"{path}: tensor {odd}: expected shape {wanted.get(odd)}, got {found.get(odd)}")
+    network.load_state_dict(tensors)
+
+
+class ArchitectureJson(BaseModel):
+    """``Architecture`` as files have it; sizes are limited, so that a file cannot ask for all memory."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+    width: int = Field(ge=1, le=1024)
+    layers: int = Field(ge=1, le=32)
+    heads: int = Field(ge=1, le=32)
+    corner_width: int = Field(ge=1, le=1024)
+
+    def architecture(self, path: str | Path) -> Architecture:
+        """The value. Raises InvalidInput, naming the file, for sizes that do not go together."""
+        try:
+            return Architecture(**self.model_dump())
+        except InvalidInput as error:
+            raise InvalidInput(f"{path}: architecture: {error}") from None

@@ -1,0 +1,387 @@
+"""Every registered environment keeps Gymnasium's contract; EnvelopeSelection-v0 judges as the planners do."""
+
+import warnings
+from importlib import import_module
+
+import gymnasium
+import matplotlib
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import data_equivalence as same
+
+import stancekit.envs
+from stancekit.envs.scenes import ListedScenes, SampledScenes
+from stancekit.envs.selection import VERTICES, EnvelopeSelectionEnv, RewardWeights
+from stancekit.envs.terrains import DISTRIBUTIONS, distribution
+from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
+from stancekit.planners.contact.stages import PROJECTIONS
+from stancekit.planners.outcome import InvalidInput, PlanningFailed
+
+ENVS = sorted(name for name in gymnasium.registry if name.startswith("stancekit/"))
+MODES = [
+    (name, mode)
+    for name in ENVS
+    for mode in gymnasium.make(name).metadata["render_modes"]  # none for those that show nothing
+]
+DOMAIN = np.concatenate([-np.ones(18), np.ones(18)]).astype(np.float32)  # the whole box of three contacts
+
+
+@pytest.fixture(autouse=True)
+def headless():
+    """No window, and every warning is an error."""
+    matplotlib.use("agg")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+@pytest.fixture(params=ENVS)
+def env(request):
+    """Each of the registered environments, as a user gets it."""
+    made = gymnasium.make(f"stancekit.envs:{request.param}")
+    yield made
+    made.close()
+
+
+def played(env, seed, steps=5):
+    """Everything that is seen of an episode, the actions drawn from the seed, too."""
+    env.action_space.seed(seed)
+    seen = [env.reset(seed=seed)]
+    for _ in range(steps):
+        seen.append(env.step(env.action_space.sample()))
+        if seen[-1][2] or seen[-1][3]:
+            seen.append(env.reset())
+    return seen
+
+
+# ----------------------------------------------------------------------------------------------------------- contract
+
+
+def test_there_are_environments_to_look_at():
+    assert "stancekit/EnvelopeSelection-v0" in ENVS
+    gymnasium.register_envs(stancekit.envs)
+
+
+def test_gymnasiums_checker_has_nothing_to_say(env):
+    check_env(env.unwrapped, skip_render_check=True)
+
+
+def test_stable_baselines_checker_has_nothing_to_say(env):
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(env.unwrapped)
+
+
+def test_a_seed_reproduces_an_episode_exactly(env):
+    first, again, other = played(env, 5), played(env, 5), played(env, 6)
+    assert same(first, again, exact=True)
+    fresh = gymnasium.make(env.spec.id)
+    assert same(first, played(fresh, 5), exact=True)
+    assert not same(first[0][0], other[0][0])
+
+
+def test_spaces_hold_what_is_seen(env):
+    spaces = env.observation_space
+    assert isinstance(spaces, gymnasium.spaces.Dict)
+    assert all(type(space) is gymnasium.spaces.Box and space.dtype == np.float32 for space in spaces.values())
+    for seed in range(3):
+        seen = played(env, seed)
+        assert all(spaces.contains(step[0]) for step in seen)
+        assert all(np.isfinite(values).all() for step in seen for values in step[0].values())
+
+
+def test_info_is_numbers_of_fixed_shapes(env):
+    shapes = set()
+    for seed in range(6):
+        for step in played(env, seed):
+            if len(step) == 5:
+                info = step[4]
+                assert all(np.asarray(value).dtype.kind in "ifb" for value in info.values()), info
+                assert not any(np.isnan(value).any() for value in info.values()), info
+                shapes.add(tuple((name, np.shape(value)) for name, value in info.items()))
+    assert len(shapes) == 1
+
+
+def test_steps_are_five_plain_things(env):
+    env.reset(seed=0)
+    _, reward, terminated, truncated, _ = env.step(env.action_space.sample())
+    assert [type(value) for value in (reward, terminated, truncated)] == [float, bool, bool]
+    assert np.isfinite(reward)
+
+
+def test_reset_is_needed_first(env):
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(env.action_space.sample())
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.unwrapped.step(env.action_space.sample())
+
+
+def test_a_bad_action_is_refused(env):
+    env.reset(seed=0)
+    with pytest.raises(InvalidInput, match=r"^action: "):
+        env.unwrapped.step(np.zeros((2, 3), np.float32))
+
+
+@pytest.mark.parametrize("name", ENVS)
+def test_another_class_of_problems_has_its_own_spaces(name):
+    for problem in DISTRIBUTIONS:
+        env = gymnasium.make(name, problem=problem)
+        observation, _ = env.reset(seed=0)
+        legs = len(distribution(problem).legs)
+        assert observation["friction"].shape == (legs,)
+        assert observation["vertices"].shape == (legs * VERTICES * 3,)
+        assert env.action_space.contains(env.action_space.sample())
+
+
+@pytest.mark.parametrize("name", ENVS)
+def test_a_class_that_is_none_is_refused(name):
+    with pytest.raises(InvalidInput, match=r"^distribution: expected one of ground-3, wall-3, wall-5, got 'ice-3'$"):
+        gymnasium.make(name, problem="ice-3")
+
+
+@pytest.mark.parametrize("name", ENVS)
+def test_a_way_to_render_that_is_none_is_refused(name):
+    entry = gymnasium.registry[name].entry_point
+    module, _, kind = str(entry).partition(":")
+    with pytest.raises(InvalidInput, match=r"^render_mode: expected .*, got 'ansi'$"):
+        getattr(import_module(module), kind)(render_mode="ansi")
+
+
+@pytest.mark.parametrize(("name", "mode"), MODES)
+def test_every_way_to_render_works_without_a_screen(name, mode):
+    import matplotlib.pyplot as plt
+
+    env = gymnasium.make(name, render_mode=mode)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.unwrapped.render()
+    env.reset(seed=0)
+    before = env.render()
+    env.step(env.action_space.sample())
+    after = env.render()
+    if mode == "human":
+        assert (before, after) == (None, None)
+        assert plt.get_figlabels() == ["stancekit"]
+    else:
+        assert before.dtype == after.dtype == np.uint8
+        assert before.shape == after.shape
+        assert before.shape[2:] == (3,)
+        assert not np.array_equal(before, after)
+    env.close()
+    assert plt.get_figlabels() == []
+
+
+# ------------------------------------------------------------------------------------------------- EnvelopeSelection-v0
+
+
+@pytest.fixture(scope="module")
+def selection():
+    """The environment with all projections but the slow one."""
+    return EnvelopeSelectionEnv(projections=("fix-p", "fix-f", "fix-toes", "scp"))
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    source, rng = SampledScenes(distribution("wall-3")), np.random.default_rng(4)
+    return [source.draw(rng) for _ in range(6)]
+
+
+def library(problem_class="wall-3", legs=("RF", "RR", "LM"), boxes=2):
+    """Envelopes as wide as the whole domain, and then ever smaller ones."""
+    found = [Envelope(low=-np.ones((len(legs), 6)) / k, high=np.ones((len(legs), 6)) / k) for k in range(1, boxes + 1)]
+    return EnvelopeSet(
+        problem_class=problem_class,
+        legs=legs,
+        force_scale_n=98.1,
+        length_scale_m=0.6,
+        normals=np.tile([0.0, 1.0, 0.0], (len(legs), 1)),
+        tilt_rad=np.full(len(legs), 3.0),
+        envelopes=tuple(found),
+    )
+
+
+def test_info_has_these_keys(selection):
+    _, info = selection.reset(seed=0)
+    assert info == {}
+    info = selection.step(DOMAIN)[4]
+    assert list(info) == [
+        *("label", "p1_feasible", "margin", "gap", "log_volume", "chosen"),
+        *("project_fix_p", "project_fix_f", "project_fix_toes", "project_scp"),
+        *("reward_agreement", "reward_projection", "reward_tightness"),
+        *("expert_point", "expert_lower_bound", "p1_seconds", "p2_seconds", "expert_seconds"),
+    ]
+    assert info["expert_point"].shape == (3, 6)
+    assert (info["p1_seconds"], info["p2_seconds"], info["expert_seconds"]) == (0.0, 0.0, 0.0)
+
+
+def test_an_episode_is_one_step_whose_reward_is_the_sum_of_its_terms(selection):
+    labels = set()
+    for seed in range(12):
+        selection.reset(seed=seed)
+        _, reward, terminated, truncated, info = selection.step(DOMAIN)
+        assert (terminated, truncated) == (True, False)
+        assert reward == info["reward_agreement"] + info["reward_projection"] + info["reward_tightness"]
+        assert info["reward_agreement"] == (info["p1_feasible"] == info["label"])
+        assert info["reward_projection"] == 0.5 * info["project_fix_p"]
+        assert info["reward_tightness"] == pytest.approx(0.0)
+        assert info["project_fix_p"] <= info["project_scp"] <= info["label"]
+        assert info["p1_feasible"] == (info["margin"] <= 0.0)
+        assert np.any(info["expert_point"]) == info["label"]
+        assert (info["expert_lower_bound"] > 1e-4) == (not info["label"])
+        labels.add(info["label"])
+    assert labels == {0, 1}
+
+
+def test_the_experts_own_point_is_a_box_that_admits_what_it_should(scenes):
+    env = EnvelopeSelectionEnv(scenes=ListedScenes(scenes))
+    looked_at = 0
+    for _ in scenes:
+        env.reset()
+        point = env.step(DOMAIN)[4]["expert_point"]
+        if np.any(point):
+            action = np.concatenate([(point - 1e-4).ravel(), (point + 1e-4).ravel()])
+            _, reward, _, _, info = env.step(action)
+            assert (info["p1_feasible"], info["project_fix_p"]) == (1, 1)
+            assert reward > 1.59
+            looked_at += 1
+    assert looked_at
+
+
+def test_weights_are_what_the_terms_are_worth(scenes):
+    weights = RewardWeights(agreement=3.0, projection=0.0, tightness=2.0)
+    env = EnvelopeSelectionEnv(scenes=ListedScenes(scenes), weights=weights)
+    env.reset()
+    info = env.step(np.zeros(36, np.float32))[4]
+    assert info["reward_tightness"] == 2.0
+    assert info["reward_agreement"] == 3.0 * (info["label"] == 0)
+    assert info["log_volume"] == -np.inf
+
+
+def test_a_reversed_pair_is_put_in_order(selection):
+    selection.reset(seed=1)
+    straight, turned = selection.step(DOMAIN), selection.step(-DOMAIN)
+    assert same(straight[4], turned[4], exact=True)
+
+
+def test_the_better_of_two_boxes_is_chosen():
+    one, two = EnvelopeSelectionEnv(), EnvelopeSelectionEnv(boxes=2)
+    assert two.action_space.shape == (72,)
+    for seed in range(4):
+        one.reset(seed=seed)
+        two.reset(seed=seed)
+        alone = one.step(DOMAIN)[4]
+        first = two.step(np.concatenate([DOMAIN, np.zeros(36, np.float32)]))[4]
+        second = two.step(np.concatenate([np.zeros(36, np.float32), DOMAIN]))[4]
+        assert (first["chosen"], second["chosen"]) == (0, 1) or not alone["p1_feasible"]
+        assert first["p1_feasible"] == second["p1_feasible"] == alone["p1_feasible"]
+
+
+def test_a_library_is_chosen_from_by_number(selection, tmp_path):
+    from stancekit.planners.files import write_envelopes
+
+    write_envelopes(tmp_path / "e.json", library())
+    chosen = EnvelopeSelectionEnv(library=tmp_path / "e.json", projections=("fix-p", "fix-f", "fix-toes", "scp"))
+    assert chosen.action_space == gymnasium.spaces.Discrete(2)
+    check_env(chosen, skip_render_check=True)
+    selection.reset(seed=3)
+    chosen.reset(seed=3)
+    for index, action in enumerate((DOMAIN, DOMAIN / 2.0)):
+        assert same(selection.step(action)[4], chosen.step(np.int64(index))[4], exact=True)
+    for action in (2, -1):
+        with pytest.raises(InvalidInput, match=f"^action: expected 0 to 1, got {action}$"):
+            chosen.step(np.int64(action))
+
+
+def test_every_projection_can_be_asked_for():
+    env = EnvelopeSelectionEnv(projections=PROJECTIONS)
+    env.reset(seed=0)
+    info = env.step(DOMAIN)[4]
+    assert [name for name in info if name.startswith("project_")] == [
+        f"project_{way.replace('-', '_')}" for way in PROJECTIONS
+    ]
+
+
+def test_timing_is_told_when_asked_for(scenes):
+    env = EnvelopeSelectionEnv(scenes=ListedScenes(scenes), timing=True)
+    env.reset()
+    info = env.step(DOMAIN)[4]
+    assert 0.0 < info["p1_seconds"] < 60.0
+    assert info["expert_seconds"] == scenes[0].expert_seconds > 0.0
+
+
+def test_natural_scenes_come_as_they_are_drawn():
+    env, drawn = EnvelopeSelectionEnv("ground-3", balanced=False), []
+    for index in range(20):
+        env.reset(seed=0 if index == 0 else None)
+        drawn.append(env.step(DOMAIN)[4]["label"])
+    assert 15 <= sum(drawn) <= 20  # 95 % are feasible
+
+
+def test_listed_scenes_come_in_their_order_over_and_over(scenes):
+    env = EnvelopeSelectionEnv(scenes=ListedScenes(scenes))
+    seen = [env.reset()[0]["vertices"] for _ in range(2 * len(scenes))]
+    assert same(seen[: len(scenes)], seen[len(scenes) :], exact=True)
+    for scene, vertices in zip(scenes, seen, strict=False):
+        corners = np.stack([contact.patch.vertices_m for contact in scene.problem.contacts]) / 0.6
+        np.testing.assert_allclose(vertices, corners.ravel(), rtol=1e-6)
+
+
+def test_a_label_that_never_comes_up_is_told(monkeypatch):
+    from stancekit.envs import scenes
+
+    monkeypatch.setattr(scenes, "MAX_DRAWS", 0)
+    with pytest.raises(PlanningFailed, match=r"^wall-3: no scene of the wanted label in 0 draws$"):
+        SampledScenes(distribution("wall-3")).draw(np.random.default_rng(0))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"problem": 3}, "distribution: expected one of ground-3, wall-3, wall-5, got 3"),
+        ({"boxes": 0}, "boxes: expected an integer of at least 1, got 0"),
+        ({"boxes": 1.5}, "boxes: expected an integer of at least 1, got 1.5"),
+        ({"projections": ()}, "projections: expected some of fix-p, fix-f, fix-toes, scp, nlp, got []"),
+        ({"projections": ("magic",)}, "projections: expected some of fix-p, fix-f, fix-toes, scp, nlp, got ['magic']"),
+        ({"library": "none.json"}, "none.json: expected a file, found nothing there"),
+        (
+            {"library": library("ground-3")},
+            "library: expected envelopes learned for wall-3, got some for ground-3 and the legs RF, RR, LM",
+        ),
+        (
+            {"library": library(legs=("RF", "LM"))},
+            "library: expected envelopes learned for wall-3, got some for wall-3 and the legs RF, LM",
+        ),
+        (
+            {"library": library(), "boxes": 2},
+            "boxes: expected 1 with a library, whose envelopes are chosen one by one, got 2",
+        ),
+        ({"render_mode": "ansi"}, "render_mode: expected one of ['rgb_array', 'human'], got 'ansi'"),
+    ],
+)
+def test_bad_arguments_are_refused(arguments, message):
+    with pytest.raises(InvalidInput) as error:
+        EnvelopeSelectionEnv(**arguments)
+    assert str(error.value) == message
+
+
+def test_no_scenes_and_scenes_of_another_size_are_refused(scenes):
+    with pytest.raises(InvalidInput, match=r"^scenes: expected one or more, got none$"):
+        ListedScenes([])
+    env = EnvelopeSelectionEnv("wall-5", scenes=ListedScenes(scenes))
+    with pytest.raises(InvalidInput, match=r"^scene: expected 5 contacts on triangles, got 3 contacts on "):
+        env.reset(seed=0)
+
+
+@pytest.mark.parametrize(
+    ("action", "message"),
+    [
+        (np.zeros(35), r"^action: expected shape \(36,\), got \(35,\)$"),
+        (np.zeros(72), r"^action: expected shape \(36,\), got \(72,\)$"),
+        (0, r"^action: expected shape \(36,\), got \(\)$"),
+        (np.full(36, np.nan), "expected finite numbers"),
+        (np.full(36, 1e30), "expected magnitudes up to"),
+    ],
+)
+def test_an_action_that_is_no_box_is_refused(action, message, selection):
+    selection.reset(seed=0)
+    with pytest.raises(InvalidInput, match=message):
+        selection.step(action)
