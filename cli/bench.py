@@ -114,8 +114,9 @@ def comparison_figure(result: ClassResult) -> Figure:
     names |= {"project_nlp": "→ nlp"}
     bars = []
     for score in result.scores:
-        values = {"P1 feasible": score.p1_feasible.value, "P1 infeasible": score.p1_infeasible.value}
-        values |= {f"→ {way}": share.value for way, share in score.projected.items()}
+        shares = {"P1 feasible": score.p1_feasible, "P1 infeasible": score.p1_infeasible}
+        shares |= {f"→ {way}": share for way, share in score.projected.items()}
+        values = {name: share.value for name, share in shares.items() if share.of}
         paper = paper_row(result.problem_class, score.selector) or {}
         shown = {names[key]: value for key, value in paper.items() if names.get(key) in values}
         bars.append(ComparisonBar(selector=score.selector, values=values, paper=shown))

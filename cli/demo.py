@@ -39,10 +39,11 @@ class Demo:
         from stancekit.learners.experiment import Experiment
 
         experiment = Experiment.from_yaml(self.config or config_path("demo.yaml"))
+        executor = processes(self.workers)
         make_folder(self.out)
         results = []
         with stages("demo") as told:
-            for result in bench.run(experiment, self.out, executor=processes(self.workers), progress=told):
+            for result in bench.run(experiment, self.out, executor=executor, progress=told):
                 results.append(result)
                 report(result, as_json=self.json)
         return self._picture(results[0])

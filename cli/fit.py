@@ -91,6 +91,12 @@ class Fit:
         from stancekit.learners.fitting import FitSettings
         from stancekit.learners.settings import typed
 
+        if self.seed < 0:
+            raise InvalidInput(f"--seed: expected 0 or more, got {self.seed}")
+        if not 0.0 <= self.threshold < 1.0:
+            raise InvalidInput(f"--threshold: expected a number in [0, 1), got {self.threshold:g}")
+        if not self.time_limit_s > 0.0:
+            raise InvalidInput(f"--time-limit-s: expected a number above 0, got {self.time_limit_s:g}")
         own = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", "seed")
         given = {name: getattr(self, name) for name in own}
         extra = {} if self.config is None else read_mapping(self.config)

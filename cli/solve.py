@@ -25,8 +25,11 @@ LONGEST_S = 1e6
 MOST_INTERVALS = 64
 """A finer grid takes minutes to write down and more memory than most machines have."""
 OF_METHODS = {
-    "envelope": ("p1", "two-stage", "micp"), "project": ("two-stage",), "solver": ("micp",), "intervals": ("micp",)
-}  # fmt: skip
+    "envelope": ("p1", "two-stage", "micp"),
+    "project": ("p1", "lift", "two-stage"),
+    "solver": ("micp",),
+    "intervals": ("micp",),
+}
 """Which methods an option is for, where it is not for all."""
 
 
@@ -53,8 +56,8 @@ class Solve:
     (over the envelope, or the lift) and projection. nlp: IPOPT. micp: piecewise McCormick grid."""
     envelope: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for p1, two-stage and micp."""
-    project: Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"] = "scp"
-    """Projection of two-stage."""
+    project: Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"] | None = None
+    """Projection after the relaxation of two-stage (there scp unless another is named), p1 or lift."""
     solver: Literal["highs", "scip", "gurobi"] = "highs"
     """Solver of micp."""
     intervals: int = 4

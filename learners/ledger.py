@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field, fields
 from functools import cached_property
@@ -259,10 +260,22 @@ def read_tally(path: Path, header: Header) -> Tally:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove what killed runs were writing."""
+    """Remove what killed runs were writing; what a living process of this machine writes stays."""
     for name in (HEADER, "shard-*", "timing-*"):
         for path in folder.glob(f".{name}.*.tmp"):
-            path.unlink(missing_ok=True)
+            writer = path.name.split(".")[-2]
+            if not (writer.isdecimal() and _alive(int(writer))):
+                path.unlink(missing_ok=True)
+
+
+def _alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):
+        return True
+    return True
 
 
 def shard_name(shard: int) -> str:

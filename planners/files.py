@@ -6,6 +6,7 @@ import errno
 import json
 import os
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -158,8 +159,7 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     written to as it is. Raises InvalidInput where nothing can be written.
     """
     path = Path(path)
-    check_writable(path)
-    target = path.resolve()
+    target = check_writable(path)
     temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
     try:
         if path.exists() and not path.is_file():
@@ -173,18 +173,24 @@ def write_bytes(path: str | Path, content: bytes) -> None:
     except OSError as error:
         raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from None
     finally:
-        temporary.unlink(missing_ok=True)
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
-def check_writable(path: str | Path) -> None:
-    """Raise InvalidInput where no file can be written; ask before the work whose result goes there."""
+def check_writable(path: str | Path) -> Path:
+    """The file behind a path, asked for before the work whose result goes there. Raises InvalidInput if none can be."""
     path = Path(path)
-    if path.is_dir():
-        raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EISDIR)}")
-    if not path.parent.is_dir():
-        raise InvalidInput(f"{path}: expected an existing folder {path.parent}")
-    if not os.access(path if path.exists() and not path.is_file() else path.resolve().parent, os.W_OK):
-        raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EACCES)}")
+    try:
+        target = path.resolve()
+        if path.is_dir():
+            raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EISDIR)}")
+        if not path.parent.is_dir():
+            raise InvalidInput(f"{path}: expected an existing folder {path.parent}")
+        if not os.access(path if path.exists() and not path.is_file() else target.parent, os.W_OK):
+            raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EACCES)}")
+    except (OSError, RuntimeError) as error:  # RuntimeError: links that lead back to themselves
+        raise InvalidInput(f"{path}: cannot be written: {getattr(error, 'strerror', '') or error}") from None
+    return target
 
 
 def write_envelopes(path: str | Path, envelopes: EnvelopeSet) -> None:

@@ -19,7 +19,7 @@ def make_planner(
     method: Method,
     *,
     envelopes: EnvelopeSet | None = None,
-    projection: Projection = "scp",
+    projection: Projection | None = None,
     solver: str = "highs",
     intervals: int = 4,
     time_limit_s: float = 30.0,
@@ -28,6 +28,7 @@ def make_planner(
 ) -> Planner:
     """Make a planner. ``two-stage`` uses the envelopes, or the lift where there are none; ``p1`` needs envelopes.
 
+    projection: P2 after ``two-stage`` (SCP where None), ``p1`` or ``lift`` (none where None).
     solver, intervals: of ``micp``. time_limit_s: of one problem, for the methods that search.
     Raises InvalidInput for an unknown method, an envelope that is missing, or a solver that is not installed.
     """
@@ -36,11 +37,13 @@ def make_planner(
     if method == "p1":
         if envelopes is None:
             raise InvalidInput("envelope: expected an envelope file for the method p1, got none")
-        return TwoStagePlanner(envelopes=envelopes, projection=None, acceptance=acceptance, stages=stages)
-    if method == "lift":
-        return TwoStagePlanner(envelopes=None, projection=None, acceptance=acceptance, stages=stages)
-    if method == "two-stage":
         return TwoStagePlanner(envelopes=envelopes, projection=projection, acceptance=acceptance, stages=stages)
+    if method == "lift":
+        return TwoStagePlanner(envelopes=None, projection=projection, acceptance=acceptance, stages=stages)
+    if method == "two-stage":
+        return TwoStagePlanner(
+            envelopes=envelopes, projection=projection or "scp", acceptance=acceptance, stages=stages
+        )
     if method == "nlp":
         from .nlp import NlpPlanner
 

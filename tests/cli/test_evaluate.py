@@ -1,0 +1,119 @@
+"""`stancekit evaluate`: shares that can be counted again, in a table that fits every terminal."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from stancekit.cli.console import out
+from stancekit.cli.evaluate import score_table
+from stancekit.learners.evaluate import TABLE_I, Score, Share
+
+SHARES = ("p1_feasible", "p1_infeasible", "project_fix_p", "project_scp")
+
+
+def test_the_rows_are_shares_with_their_intervals(stancekit, labelled, envelopes):
+    ran = stancekit("evaluate", labelled, "--envelope", envelopes, "--project", "fix-p", "scp", "--json")
+    assert (ran.code, ran.err) == (0, "")
+    assert [record["selector"] for record in ran.records] == ["heuristic", "lift"]
+    for record in ran.records:
+        for name in SHARES:
+            assert record[f"{name}_of"] == 8
+            assert (8 * record[name]).is_integer()
+            low, high = record[f"{name}_interval"]
+            assert -1e-12 <= low <= record[name] <= high <= 1.0 + 1e-12
+        assert record["project_fix_p"] <= record["project_scp"] <= record["p1_feasible"]
+    assert ran.records[1]["p1_feasible"] == 1.0
+
+
+def test_shares_agree_with_solve(stancekit, labelled, envelopes, write):
+    from stancekit.learners.dataset import Dataset
+
+    data = Dataset.open(labelled)
+    file = write("p.jsonl", *(data.row(index).problem.to_json() for index in data.feasible))
+    solved = stancekit("solve", file, "--method", "two-stage", "--envelope", envelopes, "--json").records
+    (row,) = stancekit("evaluate", labelled, "--envelope", envelopes, "--project", "scp", "--no-lift", "--json").records
+    assert row["project_scp"] == sum(record["status"] == "feasible" for record in solved) / len(solved)
+
+
+def test_a_projection_named_twice_counts_once(stancekit, labelled):
+    once = stancekit("evaluate", labelled, "--project", "scp", "--json").records
+    twice = stancekit("evaluate", labelled, "--project", "scp", "scp", "--json").records
+    assert [{**row, "p1_ms": 0} for row in once] == [{**row, "p1_ms": 0} for row in twice]
+
+
+def some_scores():
+    ways = ("fix-p", "fix-f", "fix-toes", "scp", "nlp")
+    names = ("gmm-printed", "lift", "none", "[red]brackets", "a name that is far too long for any table of the world")
+    for name, hits in zip(names, (187, 300, 0, 5, 150), strict=True):
+        share = Share(hits=hits, of=300)
+        yield Score(selector=name, p1_feasible=share, p1_infeasible=share, projected=dict.fromkeys(ways, share))
+
+
+@pytest.mark.parametrize("columns", [40, 80, 120, 200])
+@pytest.mark.parametrize("problem_class", [*TABLE_I, "another class"])
+def test_the_table_loses_nothing_in_any_terminal(columns, problem_class, stancekit, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    out.print(score_table(problem_class, list(some_scores())))
+    said = capsys.readouterr().out
+    assert "…" not in said
+    assert max(len(line) for line in said.splitlines()) <= 80
+    for words in (
+        "62.3±5",
+        "100.0±1",
+        "0.0±1",
+        "[red]brackets",
+        "fix-toes",
+        "infeas.",
+        "300 feasible and 300 infeasible",
+    ):
+        assert words in " ".join(said.split()), words
+    assert ("paper: cluster" in said) == (problem_class in TABLE_I)
+
+
+def test_the_usual_table_fits_into_80_columns(stancekit, labelled, envelopes):
+    ran = stancekit("evaluate", labelled, "--envelope", envelopes)
+    assert (ran.code, ran.err) == (0, "")
+    lines = ran.out.splitlines()
+    assert max(len(line) for line in lines) <= 80
+    assert [line.strip() for line in lines[:2]] == [
+        "wall-3: % of 8 feasible and 8 infeasible postures",
+        "± half the 95 % interval",
+    ]
+    assert [line.split()[0] for line in lines[2:] if "±" in line] == ["heuristic", "lift"]
+    assert sum(line.startswith("paper: ") for line in lines) == 3
+
+
+def test_a_share_of_nothing_is_a_dash():
+    nothing = Share(hits=0, of=0)
+    table = score_table("wall-3", [Score(selector="x", p1_feasible=nothing, p1_infeasible=nothing, projected={})])
+    assert [next(iter(column.cells)) for column in list(table.columns)[1:]] == ["    –", "    –"]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--no-lift",), "--envelope, --selector: expected one or more files to compare, or the lift, got none"),
+        (("--project",), "--project: expected one or more projections, got none"),
+        (("--envelope", "none.json"), "none.json: expected a file, found nothing there"),
+        (("--workers", "0"), "workers: expected 1 or more, got 0"),
+    ],
+)
+def test_bad_options_are_one_line(options, message, refusal, labelled):
+    assert refusal("evaluate", labelled, *options) == message
+
+
+def test_envelopes_of_another_class_are_refused(refusal, labelled, envelopes, write):
+    other = json.loads(Path(envelopes).read_text()) | {"problem_class": "ground-3"}
+    said = refusal("evaluate", labelled, "--envelope", write("e.json", other))
+    assert said.startswith("e.json: expected ")
+    assert "learned for wall-3" in said
+    assert said.endswith("learned for ground-3")
+
+
+def test_a_data_set_of_nothing_but_trivial_rows_is_refused(refusal, stancekit):
+    draw = ("--natural", "--feasible", "1", "--infeasible", "0", "--seed", "6", "--workers", "1")
+    (summary,) = stancekit("label", "wall-3", "data", *draw, "--json").records
+    assert summary["rows"]["trivial"] == 1
+    assert refusal("evaluate", "data") == "data: expected feasible or not trivially infeasible rows, got none"
+    assert refusal("evaluate", "none") == "none: expected the folder of a data set, found nothing"

@@ -1,0 +1,157 @@
+"""`stancekit label`: a data set that nothing can spoil, neither a second run nor a hard stop."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from stancekit.learners import labelling
+from stancekit.learners.dataset import Dataset
+
+SAME = ("--feasible", "8", "--infeasible", "8", "--shard-size", "4", "--seed", "2", "--workers", "1")
+COMMAND = [sys.executable, "-m", "stancekit.cli.main", "label", "wall-3"]
+
+
+def shards(folder: Path) -> dict[str, bytes]:
+    """What the rows of a data set are kept in."""
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.parquet"))}
+
+
+@pytest.fixture
+def started(labelled, tmp_path):
+    """A data set with two of its four shards."""
+    folder = Path(shutil.copytree(labelled, tmp_path / "data"))
+    for path in sorted(folder.glob("*-0000[23].*")):
+        path.unlink()
+    return folder
+
+
+def test_the_summary_counts_what_was_kept_and_drawn(stancekit, labelled, tmp_path):
+    ran = stancekit("label", "wall-3", "data", *SAME, "--json")
+    assert (ran.code, ran.err) == (0, "")
+    (summary,) = ran.records
+    assert list(summary) == ["rows", "drawn", "cpu_s_per_1000", "solve_ms_median", "solve_ms_p99"]
+    assert summary["rows"] == {"feasible": 8, "infeasible": 8, "trivial": 0, "undecided": 0}
+    assert all(summary["drawn"][kind] >= count for kind, count in summary["rows"].items())
+    assert shards(tmp_path / "data") == shards(labelled)
+
+
+def test_people_are_told_the_same_in_words(stancekit, started):
+    ran = stancekit("label", "wall-3", "data", *SAME)
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.splitlines()[:2] == ["data", "  rows            8 feasible, 8 infeasible"]
+
+
+def test_a_run_goes_on_where_it_was_stopped(stancekit, started, labelled):
+    before = {path: path.stat().st_mtime_ns for path in started.glob("*.parquet")}
+    assert len(before) == 2
+    (started / ".shard-00002.parquet.999999999.tmp").write_bytes(b"half a shard")
+    assert stancekit("label", "wall-3", "data", *SAME).code == 0
+    assert shards(started) == shards(labelled)
+    assert {path: path.stat().st_mtime_ns for path in before} == before
+    assert not list(started.glob(".*"))
+
+
+def test_killed_at_any_moment_nothing_is_lost_and_nothing_double(stancekit, labelled, tmp_path):
+    folder, counts = tmp_path / "data", []
+    for stop_at in (0, 1, 3):
+        run = subprocess.Popen([*COMMAND, str(folder), *SAME], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+        deadline = time.monotonic() + 60.0
+        while not (folder / "header.json").exists() or len(shards(folder)) < stop_at:
+            assert time.monotonic() < deadline
+            time.sleep(0.005)
+        run.send_signal(signal.SIGKILL)
+        run.wait()
+        counts.append(len(shards(folder)))
+    assert counts == sorted(counts)
+    assert counts[-1] >= 3
+    assert stancekit("label", "wall-3", "data", *SAME).code == 0
+    assert shards(folder) == shards(labelled)
+    rows = [(row.shard, row.row) for row in Dataset.open(folder)]
+    assert len(rows) == len(set(rows)) == 16
+
+
+def test_two_runs_in_one_folder_make_one_data_set(labelled, tmp_path):
+    runs = [
+        subprocess.Popen([*COMMAND, str(tmp_path / "data"), *SAME], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        for _ in range(2)
+    ]
+    assert [(run.communicate()[1], run.returncode) for run in runs] == [(b"", 0)] * 2
+    assert shards(tmp_path / "data") == shards(labelled)
+
+
+def test_a_finished_data_set_is_summed_up_again(stancekit, labelled):
+    again = stancekit("label", "wall-3", labelled, *SAME, "--json")
+    assert again == stancekit("label", "wall-3", labelled, *SAME, "--json")
+    assert again.records[0]["rows"]["feasible"] == 8
+
+
+def test_ctrl_c_is_one_line(stancekit, monkeypatch):
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(labelling, "label", interrupt)
+    ran = stancekit("label", "wall-3", "data")
+    assert (ran.code, ran.out, ran.err) == (130, "", "stancekit: interrupted\n")
+
+
+def test_a_distribution_that_lacks_a_label_fails(stancekit, monkeypatch):
+    def give_up(*_, **__):
+        raise labelling.LabellingFailed("wall-3: shard 0 lacks 8 infeasible rows after 9 draws")
+
+    monkeypatch.setattr(labelling, "label", give_up)
+    ran = stancekit("label", "wall-3", "data")
+    assert (ran.code, ran.out) == (1, "")
+    assert ran.err == "stancekit: failed: wall-3: shard 0 lacks 8 infeasible rows after 9 draws\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("ice-3", "data"), "distribution: expected one of ground-3, wall-3, wall-5, got 'ice-3'"),
+        (("wall-3", "data", "--feasible", "-1"), "--feasible: expected an integer of at least 0, got -1"),
+        (("wall-3", "data", "--seed", "-1"), "--seed: expected an integer of at least 0, got -1"),
+        (("wall-3", "data", "--shard-size", "0"), "--shard-size: expected an integer of at least 1, got 0"),
+        (("wall-3", "data", "--workers", "0"), "--workers: expected 1 or more, got 0"),
+        (
+            ("wall-3", "data", "--feasible", "0", "--infeasible", "0"),
+            "--feasible, infeasible: expected one row or more, got none",
+        ),
+    ],
+)
+def test_bad_input_is_one_line_and_makes_nothing(arguments, message, refusal, tmp_path):
+    assert refusal("label", *arguments) == message
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_file_is_no_folder(refusal, write):
+    assert refusal("label", "wall-3", write("data", "{}")) == "data: expected a folder or room for one, got File exists"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("--seed", "3"), "seed: expected 3 as planned, got 2"),
+        (("--feasible", "9"), "feasible: expected 9 as planned, got 8"),
+        (("--natural",), "natural: expected True as planned, got False"),
+    ],
+)
+def test_the_folder_of_another_plan_is_left_alone(change, message, refusal, started):
+    before = shards(started)
+    assert refusal("label", "wall-3", "data", *SAME, *change) == f"data/header.json: {message}"
+    assert shards(started) == before
+
+
+def test_a_damaged_shard_is_named(refusal, started):
+    (started / "shard-00001.parquet").write_bytes(b"PAR1")
+    assert refusal("label", "wall-3", "data", *SAME).startswith("data/shard-00001.parquet: expected a whole Parquet")
+    header = json.loads((started / "header.json").read_text())
+    (started / "header.json").write_text(json.dumps(header | {"format": "stancekit/dataset/9"}))
+    said = refusal("label", "wall-3", "data", *SAME)
+    assert said == "data/header.json: format: expected 'stancekit/dataset/1', got 'stancekit/dataset/9'"

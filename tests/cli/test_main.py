@@ -1,0 +1,140 @@
+"""`stancekit` itself: help that teaches, one line for a slip of the fingers, and a quick start."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from dataclasses import fields
+
+import pytest
+
+from stancekit.cli import sample
+from stancekit.cli.main import verbs
+from stancekit.planners.outcome import PlanningFailed
+
+COMMAND = [sys.executable, "-m", "stancekit.cli.main"]
+HEAVY = ("cvxpy", "clarabel", "casadi", "scipy", "sklearn", "torch", "gymnasium", "matplotlib", "pyarrow", "joblib")
+
+
+@pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)])
+def test_help_shows_a_session_and_every_verb(arguments, stancekit):
+    ran = stancekit(*arguments)
+    assert (ran.code, ran.err) == (0, "")
+    assert max(len(line) for line in ran.out.splitlines()) <= 80
+    session = re.findall(r"^  stancekit (\w+)", ran.out, re.MULTILINE)
+    assert session == ["sample", "solve", "label", "label", "fit", "evaluate", "picture"]
+    listed = re.findall(r"^  (\w+) +[A-Z]", ran.out, re.MULTILINE)
+    assert listed == list(verbs())
+    assert {"sample", "solve", "verify", "label", "fit", "evaluate", "picture", "demo"} <= set(listed)
+
+
+@pytest.mark.parametrize("verb", sorted(verbs()))
+def test_every_verb_explains_itself(verb, stancekit, tmp_path):
+    ran = stancekit(verb, "--help")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.startswith(f"usage: stancekit {verb} [-h]")
+    assert verbs()[verb].__doc__.splitlines()[0][:60] in ran.out
+    options = [field.name for field in fields(verbs()[verb]) if "Positional" not in str(field.type)]
+    assert options
+    for option in options:
+        assert re.search(f"--(no-)?{option.replace('_', '-')}[ \n]", ran.out), option
+    assert os.listdir(tmp_path) == []
+
+
+def test_the_session_of_the_help_is_one_that_runs(stancekit, write, tmp_path):
+    small = {"label": ("--feasible", "4", "--infeasible", "4", "--workers", "1"), "fit": ("--steps", "1")}
+    (tmp_path / "data").mkdir()
+    lines = [line.split()[1:] for line in stancekit().out.splitlines() if line.startswith("  stancekit ")]
+    assert len(lines) == 7
+    for words in lines:
+        target = words[words.index(">") + 1] if ">" in words else None
+        arguments = words[: words.index(">")] if target else words
+        ran = stancekit(*arguments, *small.get(arguments[0], ()))
+        assert (ran.code, ran.err) == (0, ""), (words, ran)
+        if target:
+            write(target, ran.out)
+    assert (tmp_path / "posture.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("option", ["--version", "-V"])
+def test_the_version_is_one_line(option, stancekit):
+    assert re.fullmatch(r"stancekit \d+\.\d+\.\d+\n", stancekit(option).out)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("dance",), f"VERB: expected one of {', '.join(verbs())}, got 'dance'"),
+        (("--json",), f"VERB: expected one of {', '.join(verbs())}, got '--json'"),
+        (("sample", "wall-3", "--speed", "3"), "Unrecognized options: --speed, 3; see stancekit sample --help"),
+        (("sample", "wall-3", "wall-5"), "Unrecognized options: wall-5; see stancekit sample --help"),
+        (
+            ("sample", "wall-3", "--seed", "x"),
+            "Error parsing --seed: invalid literal for int() with base 10: 'x'; see stancekit sample --help",
+        ),
+        (
+            ("sample",),
+            "Missing from stancekit sample: NAME Distribution: ground-3, wall-3 or wall-5. (required); "
+            "see stancekit sample --help",
+        ),
+    ],
+)
+@pytest.mark.parametrize("columns", ["30", "80", "200"])
+def test_a_slip_is_one_line(arguments, message, columns, refusal, monkeypatch):
+    monkeypatch.setenv("COLUMNS", columns)
+    assert refusal(*arguments) == message
+
+
+def test_a_terminal_without_boxes_is_told_the_same():
+    plain = {**os.environ, "PYTHONIOENCODING": "ascii", "LC_ALL": "C"}
+    run = subprocess.run([*COMMAND, "fit"], capture_output=True, text=True, env=plain, check=False)
+    assert run.returncode == 2
+    assert run.stdout == ""
+    assert run.stderr.startswith("stancekit: error: Missing from stancekit fit: ")
+    assert run.stderr.endswith("; see stancekit fit --help\n")
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "message"),
+    [
+        (PlanningFailed("no plan\nat all"), 1, "stancekit: failed: no plan at all"),
+        (OSError(28, "No space left on device"), 1, "stancekit: failed: OSError: [Errno 28] No space left on device"),
+        (MemoryError("40 GiB"), 1, "stancekit: failed: MemoryError: 40 GiB"),
+        (KeyboardInterrupt(), 130, "stancekit: interrupted"),
+    ],
+)
+def test_what_fails_on_purpose_is_one_line_and_an_exit_code(error, code, message, stancekit, monkeypatch):
+    def fail(_):
+        raise error
+
+    monkeypatch.setattr(sample.Sample, "run", fail)
+    monkeypatch.setattr("stancekit.cli.main._close_output", lambda: None)  # it would close pytest's
+    ran = stancekit("sample", "wall-3")
+    assert (ran.code, ran.out, ran.err) == (code, "", message + "\n")
+
+
+def test_a_closed_pipe_ends_it_quietly(write, sampled, tmp_path):
+    file = write("p.jsonl", *(200 * sampled["wall-3"][:1]))
+    for verb in (["sample", "wall-3", "--count", "2000"], ["solve", str(tmp_path / file), "--json"]):
+        run = subprocess.Popen([*COMMAND, *verb], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        assert run.stdout is not None
+        assert json.loads(run.stdout.readline())
+        run.stdout.close()
+        assert run.stderr is not None
+        assert (run.stderr.read(), run.wait()) == ("", 0)
+
+
+def test_with_json_nothing_else_is_on_standard_output(write, sampled, tmp_path):
+    file = write("p.jsonl", sampled["wall-3"][0], {"mass_kg": 1.0}, sampled["wall-3"][1])
+    command = [*COMMAND, "solve", str(tmp_path / file), "--json"]
+    run = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
+    assert [json.loads(line)["status"] for line in run.stdout.splitlines()] == ["feasible", "invalid", "infeasible"]
+    assert run.stderr.count("\n") == 1
+    assert run.returncode == 2
+
+
+def test_it_starts_without_what_only_some_verbs_need():
+    code = f"import sys, stancekit.cli.main; print([name for name in {HEAVY!r} if name in sys.modules])"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout == "[]\n"
