@@ -13,9 +13,9 @@ from stancekit.envs.terrains import distribution
 from stancekit.planners.contact.stages import Projection
 from stancekit.planners.files import read_text
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.refusals import refusals
 
 from .fitting import FitSettings, Method
-from .settings import refusals
 
 
 @dataclass(frozen=True, kw_only=True)

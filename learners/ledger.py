@@ -23,7 +23,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from stancekit.planners.files import write_bytes
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene.posture import pydantic_lines
+from stancekit.planners.refusals import refusals
 
 SHARD_FORMAT = "stancekit/shard/1"
 HEADER = "header.json"
@@ -301,7 +301,7 @@ def _read_json(path: Path, model: type[Model]) -> Model:
     try:
         return model.model_validate_json(content)
     except ValidationError as error:
-        raise InvalidInput(f"{path}: " + "; ".join(pydantic_lines(error))) from None
+        raise InvalidInput(f"{path}: " + "; ".join(refusals(error))) from None
 
 
 def _line(error: Exception) -> str:

@@ -22,7 +22,7 @@ from stancekit.envs.terrains import distribution
 from stancekit.planners.arrays import Array
 from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene.posture import pydantic_lines
+from stancekit.planners.refusals import refusals
 
 from .selectors.tensors import read_tensors, write_tensors
 
@@ -208,7 +208,7 @@ class TrainedPolicy:
         try:
             shape = TypeAdapter(PolicyShape).validate_python(header["shape"])
         except ValidationError as error:
-            raise InvalidInput(f"{path}: " + "; ".join(pydantic_lines(error))) from None
+            raise InvalidInput(f"{path}: " + "; ".join(refusals(error))) from None
         if problem is not None and shape.problem != problem:
             raise InvalidInput(f"{path}: expected a policy for {problem}, got one for {shape.problem}")
         policy = shape.build()

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene.posture import pydantic_lines
+from stancekit.planners.refusals import refusals
 
 Settings = TypeVar("Settings")
 
@@ -25,15 +25,3 @@ def typed(kind: type[Settings], given: Mapping[str, Any], where: str) -> Setting
         return TypeAdapter(kind).validate_python(dict(given))
     except ValidationError as error:
         raise InvalidInput("; ".join(prefix + line for line in refusals(error))) from None
-
-
-def refusals(error: ValidationError) -> Iterator[str]:
-    """One line for everything wrong; where a dataclass refused its values, what it said with its place before it."""
-    for item, line in zip(error.errors(), pydantic_lines(error), strict=True):
-        cause = item.get("ctx", {}).get("error")
-        if item["type"] == "unexpected_keyword_argument":
-            yield f"{line.partition(':')[0]}: unknown key"
-        elif isinstance(cause, InvalidInput):
-            yield ".".join([*(str(part) for part in item["loc"]), str(cause)])
-        else:
-            yield line

@@ -12,7 +12,7 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from stancekit.planners.files import read_text
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene.posture import pydantic_lines
+from stancekit.planners.refusals import refusals
 
 from .experiment import Quota
 from .policy_file import EnvironmentName, PolicyShape
@@ -79,7 +79,7 @@ class TrainConfig:
         try:
             return TypeAdapter(cls).validate_python(data | dict(overrides or {}))
         except ValidationError as error:
-            raise InvalidInput(f"{path}: " + "; ".join(pydantic_lines(error))) from None
+            raise InvalidInput(f"{path}: " + "; ".join(refusals(error))) from None
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
 

@@ -20,7 +20,7 @@ from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene.posture import pydantic_lines
+from stancekit.planners.refusals import refusals
 
 from ..dataset import Dataset
 from .network import Architecture, ChoiceNetwork, SceneTensors
@@ -98,7 +98,7 @@ class Chooser:
             raw = _Header.model_validate(header)
             envelopes = EnvelopeSet.from_json(raw.envelopes)
         except ValidationError as error:
-            raise InvalidInput(f"{path}: {'; '.join(pydantic_lines(error))}") from None
+            raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
         if problem_class not in (None, envelopes.problem_class):

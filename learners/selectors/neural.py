@@ -19,7 +19,7 @@ from stancekit.planners.contact.relax import FEASIBLE_MARGIN, McCormick
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene.posture import pydantic_lines
+from stancekit.planners.refusals import refusals
 
 from ..dataset import Dataset
 from .network import BoxNetwork, SceneTensors, as_arrays
@@ -98,7 +98,7 @@ class NeuralSelector:
         try:
             raw = _Header.model_validate(header)
         except ValidationError as error:
-            raise InvalidInput(f"{path}: {'; '.join(pydantic_lines(error))}") from None
+            raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
         if problem_class is not None and raw.problem_class != problem_class:
             raise InvalidInput(f"{path}: expected a selector for {problem_class}, got one for {raw.problem_class}")
         if legs is not None and raw.legs != list(legs):

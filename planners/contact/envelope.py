@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..arrays import Array, checked, frozen
 from ..outcome import InvalidInput
+from ..refusals import refusals
 from ..scene import PostureProblem
-from ..scene.posture import pydantic_lines
 
 FORMAT = "stancekit/envelope/1"
 TILT_ROOM_RAD = np.deg2rad(10.0)
@@ -191,7 +191,7 @@ class EnvelopeSet:
         try:
             raw = _EnvelopeSetJson.model_validate(data)
         except ValidationError as error:
-            raise InvalidInput("; ".join(pydantic_lines(error))) from None
+            raise InvalidInput("; ".join(refusals(error))) from None
         rest = raw.model_dump(exclude={"format", "envelopes", "legs"})
         envelopes = []
         for index, box in enumerate(raw.envelopes):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, cast
 
@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..arrays import Array, checked, frozen, gathered
 from ..outcome import InvalidInput
+from ..refusals import refusals
 from .patch import Patch
 from .robot import Robot, hexapod
 
@@ -132,7 +133,7 @@ class PostureProblem:
         try:
             raw = _PostureJson.model_validate(data)
         except ValidationError as error:
-            raise InvalidInput("; ".join(pydantic_lines(error))) from None
+            raise InvalidInput("; ".join(refusals(error))) from None
         known, contacts = robot or hexapod(), list[Contact]()
         body = raw.model_dump(exclude={"format", "contacts"})
         gathered(
@@ -212,15 +213,3 @@ class _PostureJson(BaseModel):
     com_radius_m: float
     tilt_limit_rad: float
     contacts: list[_ContactJson] = Field(min_length=1)
-
-
-def pydantic_lines(error: ValidationError) -> Iterator[str]:
-    """One "key: what was expected, got what" for everything wrong in a file."""
-    for item in error.errors():
-        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).lstrip(".")
-        if item["type"] == "missing":
-            yield f"{key}: expected this key, got nothing"
-        elif item["type"] == "extra_forbidden":
-            yield f"{key}: unknown key"
-        else:
-            yield f"{key}: {item['msg']}, got {item['input']!r:.60}"

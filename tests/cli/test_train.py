@@ -47,7 +47,7 @@ def test_a_run_prints_its_curve_and_goes_on(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        (SMALL + "speed: 3\n", "speed: Unexpected keyword"),
+        (SMALL + "speed: 3\n", "speed: unknown key"),
         (SMALL.replace("steps: 16", "steps: many"), "steps: "),
         (SMALL.replace("EnvelopeSelection", "EnvelopeGuessing"), "environment: "),
         ("steps: [", "expected YAML"),

@@ -197,7 +197,7 @@ def test_a_header_with_a_wrong_plan_is_refused(copy: Path) -> None:
     header = json.loads((copy / "header.json").read_text())
     header["plan"] |= {"seed": "x", "colour": 1}
     (copy / "header.json").write_text(json.dumps(header))
-    message = "plan.seed: Input should be a valid integer, got 'x'; plan.colour: Unexpected keyword argument, got 1"
+    message = "plan.seed: Input should be a valid integer, got 'x'; plan.colour: unknown key"
     assert refusal(copy) == f"{copy}/header.json: {message}"
 
 

@@ -310,7 +310,8 @@ def test_what_is_no_flat_convex_polygon_is_refused(vertices, message):
 
 @pytest.mark.parametrize("doubled", [(0,), (0, 2), (0, 1), (0, 1, 2, 3)])
 def test_a_corner_given_twice_is_one_corner(doubled):
-    flat([corner for i, corner in enumerate(SQUARE) for _ in range(1 + (i in doubled))])
+    patch = flat([corner for i, corner in enumerate(SQUARE) for _ in range(1 + (i in doubled))])
+    assert len(patch.vertices_m) == 4 + len(doubled)
 
 
 @pytest.mark.parametrize(
