@@ -45,6 +45,9 @@ GROUPS = {
     "com": "m",
 }
 """The groups of constraints in the order of a report, and the unit of what is violated."""
+LARGEST_UNIT_M = 1.0
+"""Violations are measured in the problem's scales, but in no more than this length and the robot's weight: a file that
+claims huge scales buys no tolerance with them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,8 +146,8 @@ def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float
 
 def _measured(problem: PostureProblem, posture: Posture, tolerance: float) -> Report:
     contacts, legs = problem.contacts, problem.legs
-    length, moment_scale = problem.length_scale_m, problem.moment_scale_nm
-    scale = moment_scale / length
+    scale = problem.moment_scale_nm / problem.length_scale_m
+    length, force = min(problem.length_scale_m, LARGEST_UNIT_M), min(scale, problem.weight_n)
     c, theta, toes, forces = posture.com_m, posture.rotation_rad, posture.toes_m, posture.forces_n
     arms = toes - c
     shoulders = np.array([contact.shoulder_m for contact in contacts])
@@ -172,15 +175,15 @@ def _measured(problem: PostureProblem, posture: Posture, tolerance: float) -> Re
     net = forces.sum(axis=0)
     net[2] -= problem.weight_n
     # fmt: off
-    add_norm(net, scale, axes)                                                     # Σ f + m g = 0            (5)
-    residual_nm = add_norm(cross(arms, forces).sum(axis=0), moment_scale, axes)    # Σ (p_w − c) × f = 0      (6)
+    add_norm(net, force, axes)                                                     # Σ f + m g = 0            (5)
+    residual_nm = add_norm(cross(arms, forces).sum(axis=0), force * length, axes)  # Σ (p_w − c) × f = 0      (6)
     f = (forces[:, None, :] @ contact_frames(problem))[:, 0, :]                    # f_n, f_y, f_z [N]        (3)
     friction = np.array([contact.patch.friction for contact in contacts])
     shear = f[:, 1:]
-    add(np.sqrt((shear * shear).sum(axis=1)) - friction * f[:, 0], scale, legs)    # ‖f_t‖ ≤ μ f_n           (10)
+    add(np.sqrt((shear * shear).sum(axis=1)) - friction * f[:, 0], force, legs)    # ‖f_t‖ ≤ μ f_n           (10)
     least = scale * np.array([contact.force_min for contact in contacts])
     most = scale * np.array([contact.force_max for contact in contacts])
-    add(np.maximum(least - f, f - most), scale, legs, (" n", " y", " z"))          # f_min ≤ f ≤ f_max
+    add(np.maximum(least - f, f - most), force, legs, (" n", " y", " z"))          # f_min ≤ f ≤ f_max
     to_toe = arms - shoulders - cross(theta, shoulders)                            # p_w − c − (I + [Θ]×) v  (11)
     reach = np.array([contact.reach_m for contact in contacts])
     add(np.sqrt((to_toe * to_toe).sum(axis=1)) - reach, length, legs)              # ‖·‖ ≤ reach             (11)

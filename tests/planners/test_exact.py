@@ -345,3 +345,16 @@ def test_a_triangle_is_halved_by_the_median_to_its_longest_edge():
     np.testing.assert_allclose(one, [[0, 0, 0], [1, 0, 0], [0.5, 2, 0]])
     np.testing.assert_allclose(other, [[0.5, 2, 0], [0, 4, 0], [0, 0, 0]])
     assert halving_chord(np.vstack([triangle, [-1.0, 1.0, 0.0]])) == (0.0, 2.0)
+
+
+def test_huge_scales_in_a_file_buy_no_tolerance(stages, drawn):
+    infeasible = 0
+    for seed in range(12):
+        plain = drawn("wall-3", seed)
+        contacts = tuple(replace(c, force_min=c.force_min / 1000, force_max=c.force_max / 1000) for c in plain.contacts)
+        huge = replace(plain, contacts=contacts, force_scale_n=98100.0, length_scale_m=600.0)
+        truth = ExactPlanner(stages=stages).solve(plain).status
+        infeasible += truth is Status.INFEASIBLE
+        said = ExactPlanner(stages=stages, max_nodes=20).solve(huge).status
+        assert said in (truth, Status.UNDECIDED)
+    assert infeasible >= 3
