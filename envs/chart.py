@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.arrays import Array
 from stancekit.planners.contact.envelope import Envelope
+from stancekit.planners.files import check_writable, write_bytes
 from stancekit.planners.outcome import InvalidInput
 
 Size = tuple[int, int]
@@ -288,14 +289,8 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     suffix = target.suffix.lower()
     if suffix not in UNDATED:
         raise InvalidInput(f"{target}: expected a name that ends in {', '.join(UNDATED)}, got {suffix or 'no suffix'}")
-    if not target.parent.is_dir():
-        raise InvalidInput(f"{target}: expected a folder that exists, got {target.parent}")
+    check_writable(target)
     drawn = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "stancekit"}):
         figure.savefig(drawn, format=suffix[1:], dpi=figure.dpi, metadata=UNDATED[suffix])
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(drawn.getvalue())
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
+    write_bytes(target, drawn.getvalue())

@@ -81,6 +81,12 @@ class FitSettings:
         for name in ("clusters", "boxes", "steps", "batch"):
             if getattr(self, name) < 1:
                 raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)!r}")
+        if not 0.0 <= self.threshold < 1.0:
+            raise InvalidInput(f"threshold: expected a number in [0, 1), got {self.threshold!r}")
+        if not 0.0 < self.time_limit_s < float("inf"):
+            raise InvalidInput(f"time_limit_s: expected a number above 0, got {self.time_limit_s!r}")
+        if self.seed < 0:
+            raise InvalidInput(f"seed: expected 0 or more, got {self.seed!r}")
 
     def concerning(self, method: Method) -> dict[str, Any]:
         """The settings that this method uses, JSON-ready."""

@@ -12,6 +12,7 @@ from sklearn.mixture import GaussianMixture
 
 from stancekit.planners.arrays import Array
 from stancekit.planners.contact.envelope import Envelope
+from stancekit.planners.outcome import InvalidInput
 
 from .boundary import largest_box
 from .quantile import quantile_box
@@ -104,6 +105,8 @@ def membership(mixture: GaussianMixture, points: Array) -> Array:
 
 
 def _mixture(flat: Array, clusters: int, seed: int) -> GaussianMixture:
+    if clusters > len(flat):
+        raise InvalidInput(f"clusters: expected at most {len(flat)}, one a solution, got {clusters}")
     return GaussianMixture(clusters, covariance_type="full", reg_covar=1e-5, random_state=seed).fit(flat)
 
 

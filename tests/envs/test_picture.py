@@ -1,6 +1,7 @@
 """The pictures: they show what they are given, say what they cannot show, and are written whole or not at all."""
 
 import itertools
+import os
 import subprocess
 import sys
 from collections.abc import Mapping
@@ -237,7 +238,7 @@ def test_a_saved_picture_can_be_read_and_is_the_same_every_time(suffix: str, tmp
     [
         ("a.gif", "expected a name that ends in .png, .pdf, .svg, got .gif"),
         ("a", "expected a name that ends in .png, .pdf, .svg, got no suffix"),
-        ("no/a.png", "expected a folder that exists, got {folder}/no"),
+        ("no/a.png", "expected an existing folder {folder}/no"),
     ],
 )
 def test_a_name_that_cannot_be_written_is_refused_in_one_line(name: str, message: str, tmp_path: Path) -> None:
@@ -254,10 +255,10 @@ def test_a_failed_write_leaves_the_old_picture_and_nothing_else(
     path.write_bytes(b"old")
 
     def fail(*_: object) -> None:
-        raise OSError("the disc is full")
+        raise OSError(28, "the disc is full")
 
-    monkeypatch.setattr(Path, "replace", fail)
-    with pytest.raises(OSError, match="the disc is full"):
+    monkeypatch.setattr(os, "replace", fail)
+    with pytest.raises(InvalidInput, match="cannot be written: the disc is full"):
         save(draw_comparison(ROWS, size_px=SMALL), path)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
