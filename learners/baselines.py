@@ -17,7 +17,7 @@ from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.arrays import Array
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.outcome import InvalidInput, StancekitError, Status
 
 from .policy_file import moved
 
@@ -92,11 +92,11 @@ class SelectionVecEnv(VecEnv):
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Refused: sub-environments share what they have."""
-        raise NotImplementedError("the sub-environments of a batch have no attributes of their own")
+        raise StancekitError("the sub-environments of a batch have no attributes of their own")
 
     def env_method(self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any) -> list[Any]:
         """Refused: sub-environments share what they have."""
-        raise NotImplementedError("the sub-environments of a batch have no methods of their own")
+        raise StancekitError("the sub-environments of a batch have no methods of their own")
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
         """Nothing is wrapped."""
