@@ -54,7 +54,6 @@ class LiftModel:
     """
 
     def __init__(self, contacts: int, vertices: int, *, whole_box: bool) -> None:
-        self._whole_box = whole_box
         body, toes = Body(contacts), Toes(contacts, vertices)
         lifted = cp.Variable(3 * contacts * vertices, name="lifted")
         by_vertex = cp.reshape(lifted, (contacts * vertices, 3), order="C")

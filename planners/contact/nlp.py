@@ -32,7 +32,6 @@ class NlpModel:
     """
 
     def __init__(self, contacts: int, vertices: int, *, max_iterations: int = 200, time_limit_s: float = 5.0) -> None:
-        self._size = (contacts, vertices)
         equal, below = contacts + 6, 2 * contacts + 1
         self._row_bounds = (np.r_[np.zeros(equal), np.full(below, -np.inf)], np.zeros(equal + below))
         self._solver = cs.nlpsol(

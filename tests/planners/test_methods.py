@@ -1,0 +1,45 @@
+"""Contract of every planner: its status speaks of the posture problem, and carries what can be checked."""
+
+import numpy as np
+import pytest
+
+from stancekit.envs.terrains import DISTRIBUTIONS
+from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
+from stancekit.planners.contact.exact import ExactPlanner
+from stancekit.planners.contact.methods import METHODS, make_planner
+from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.verify import check_certificate, check_posture
+
+
+@pytest.fixture(scope="module")
+def problems():
+    rng = np.random.default_rng(11)
+    return [DISTRIBUTIONS["wall-3"].sample(rng) for _ in range(8)]
+
+
+@pytest.fixture(scope="module")
+def whole(problems):
+    """One box that holds everything: p and f lie in [−1, 1]."""
+    box = Envelope(low=-np.ones((3, 6)), high=np.ones((3, 6)))
+    return EnvelopeSet.for_problems("wall-3", problems, [box])
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_answers_with_evidence_and_never_against_the_exact_one(method, problems, whole):
+    envelopes = whole if method in ("p1", "two-stage") else None
+    planner = make_planner(method, envelopes=envelopes, intervals=2)
+    truth = [ExactPlanner().solve(problem).status for problem in problems]
+    assert {Status.FEASIBLE, Status.INFEASIBLE} <= set(truth)
+    for problem, status in zip(problems, truth, strict=True):
+        outcome = planner.solve(problem)
+        assert outcome.status in (status, Status.UNDECIDED)
+        assert (outcome.posture is not None) == (outcome.status is Status.FEASIBLE)
+        assert (outcome.certificate is not None) == (outcome.status is Status.INFEASIBLE)
+        assert outcome.posture is None or check_posture(problem, outcome.posture).accepted
+        assert outcome.certificate is None or check_certificate(problem, outcome.certificate).accepted
+        assert outcome.seconds > 0.0
+
+
+def test_an_unknown_method_is_refused():
+    with pytest.raises(InvalidInput, match="expected one of exact, p1, lift, two-stage, nlp, micp, got 'magic'"):
+        make_planner("magic")
