@@ -34,8 +34,8 @@ $(STAMP): pyproject.toml setup.py constraints.txt
 	@$(PIP) install -c $(PINS) "setuptools>=77"
 	@echo "setup 2/4: stancekit and what it runs on (numpy, cvxpy, clarabel, casadi, gymnasium, ...)"
 	@$(PIP) install -c $(PINS) --no-build-isolation -e .
-	@echo "setup 3/4: torch, Ray and the other solvers (the largest download, some minutes on a slow line)"
-	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[exact,rl,evo,ray,datasets]"
+	@echo "setup 3/4: torch, Ray, the other solvers, simulators (the largest download, some minutes on a slow line)"
+	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[exact,rl,evo,ray,datasets,kin,bullet,mujoco,viz,dynamixel,ros,log]"
 	@echo "setup 4/4: tools for testing and checking"
 	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[dev]"
 	@touch $@
@@ -55,6 +55,8 @@ test: lint  ## lint, then every test
 
 demo: setup  ## plan on sampled terrain and write pictures and files to out/demo
 	@$(BIN)/stancekit demo --out out/demo
+	@$(BIN)/stancekit plan icy-walls --out out/demo/climb.json --picture out/demo/climb.png
+	@$(BIN)/stancekit simulate out/demo/climb.json
 
 bench: setup  ## run every script in benchmarks/
 	@test -n "$(BENCHMARKS)" || { echo "there is no script in benchmarks/"; exit 1; }

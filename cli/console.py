@@ -64,3 +64,27 @@ def progress(title: str) -> Iterator[Callable[[int, int], None]]:
     with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
         task = bar.add_task(title, total=None)
         yield lambda done, total: bar.update(task, completed=done, total=total)
+
+
+@contextmanager
+def stages(title: str) -> Iterator[Callable[[str, int, int], None]]:
+    """One bar, told the stage; where standard error is no terminal, a line when a stage begins."""
+    seen: list[str] = []
+    with progress(title) as bar:
+
+        def told(stage: str, done: int, total: int) -> None:
+            if not seen or seen[-1] != stage:
+                seen.append(stage)
+                if not err.is_terminal:
+                    err.print(stage, markup=False)
+            bar(done, total)
+
+        yield told
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder for results. Raises InvalidInput where there is no room for one."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"{folder}: expected a folder or room for one, got {error.strerror}") from None

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .bench import comparison_figure, make_folder, report, stages
-from .console import err
+from .bench_envelopes import comparison_figure, report
+from .console import err, make_folder, stages
 
 if TYPE_CHECKING:
     from stancekit.learners.bench import ClassResult

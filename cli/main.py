@@ -22,12 +22,16 @@ from .demo import Demo
 from .evaluate import Evaluate
 from .export import Export
 from .fit import Fit
+from .gait import Gait
 from .label import LabelPostures
 from .picture import Picture
+from .plan import PlanCourse
 from .sample import Sample
+from .simulate import Simulate
 from .solve import Solve
 from .train import Train
 from .verify import Verify
+from .warp import Warp
 
 DESCRIPTION = """Legged robots learn and plan on hard terrain.
 
@@ -39,6 +43,12 @@ A session, from terrain to a picture:
   stancekit fit data/train --method gmm --out envelope.json
   stancekit evaluate data/test --envelope envelope.json
   stancekit picture postures.jsonl --out posture.png
+
+Key frames over a course, and a gait over curved ground:
+  stancekit plan walls --out plan.json --picture plan.png
+  stancekit verify plan.json
+  stancekit simulate plan.json --world bullet
+  stancekit gait ripple --goal 1.5,1 --out gait.json --picture gait.png
 
 Exit code: 0 done; 1 ran, but a check failed; 2 bad input.
 With --json, one JSON object a line on standard output, and nothing else there."""
@@ -53,6 +63,10 @@ Verb = (
     | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
     | Annotated[Picture, tyro.conf.subcommand("picture")]
     | Annotated[Export, tyro.conf.subcommand("export")]
+    | Annotated[PlanCourse, tyro.conf.subcommand("plan")]
+    | Annotated[Simulate, tyro.conf.subcommand("simulate")]
+    | Annotated[Warp, tyro.conf.subcommand("warp")]
+    | Annotated[Gait, tyro.conf.subcommand("gait")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]
     | Annotated[Demo, tyro.conf.subcommand("demo")]
 )
@@ -70,7 +84,12 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if arguments in ([], ["--help"], ["-h"]):
         print(overview())
         return
-    sys.exit(run(parse(arguments)))
+    try:
+        verb = parse(arguments)
+    except BrokenPipeError:  # `stancekit VERB --help | head`
+        _close_output()
+        sys.exit(0)
+    sys.exit(run(verb))
 
 
 def overview() -> str:

@@ -21,18 +21,19 @@ EVIDENCE = {"feasible": "posture", "infeasible": "certificate"}
 
 @dataclass
 class Verify:
-    """Check postures and proofs of infeasibility against their problems, or a whole data set against itself.
+    """Check answers again: postures and proofs, a data set, a plan of key frames, a gait.
 
-    `stancekit verify problems.jsonl answers.jsonl` takes the n-th answer for the n-th problem; answers are what
-    `stancekit solve --certificate --out answers.jsonl` writes. `stancekit verify data/wall-3` checks every witness and
-    every certificate of a data set. No solver takes part. Exit code 1 if anything is refused, and that is also what
-    happens to a claim that comes without its evidence.
+    `stancekit verify plan.json` checks a plan of key frames or a gait trajectory against the course or terrain in
+    the file, whatever the file says of itself. `stancekit verify problems.jsonl answers.jsonl` takes the n-th
+    answer for the n-th problem; answers are what `stancekit solve --certificate --out answers.jsonl` writes.
+    `stancekit verify data/wall-3` checks every witness and every certificate of a data set. No solver takes part.
+    Exit code 1 if anything is refused, and that is also what happens to a claim that comes without its evidence.
     """
 
     problems: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PROBLEMS")]
-    """Problem file, or - for standard input; or a data set folder."""
+    """Problem file, or - for standard input; or a data set folder, a plan file, a gait file."""
     answers: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[ANSWERS]")] = None
-    """File of answers, or - for standard input; none for a data set."""
+    """File of answers, or - for standard input; none for a data set, a plan or a gait."""
     tolerance: float = TOLERANCE
     """Largest violation of an accepted posture (non-dimensional)."""
     explain: bool = False
@@ -45,7 +46,7 @@ class Verify:
         if not 0.0 < self.tolerance < 1.0:
             raise InvalidInput(f"--tolerance: expected a number between 0 and 1, got {self.tolerance:g}")
         if self.answers is None:
-            return self._dataset()
+            return self._file() if self.problems.is_file() else self._dataset()
         refused = 0
         invalid = 0
         for record in self._verdicts(self.answers):
@@ -59,12 +60,41 @@ class Verify:
                 out.print(f"{record['where']}: {record['verdict']}: {record['message']}", markup=False)
         return 2 if invalid else int(refused > 0)
 
+    def _file(self) -> int:
+        """A plan of key frames or a gait trajectory: one verdict."""
+        from stancekit.planners import plan_file
+        from stancekit.planners.files import parse_json, read_text
+        from stancekit.planners.gait import record
+
+        name = str(self.problems)
+        try:
+            data = parse_json(read_text(self.problems), name)
+        except InvalidInput:
+            data = None  # problems come as JSON lines, too
+        if self.explain:
+            raise InvalidInput(f"--explain: expected a file of answers with it, got {name} alone")
+        if plan_file.is_plan_file(self.problems):
+            checked = plan_file.check_file(self.problems, tolerance=self.tolerance)
+            accepted, message, found = checked.accepted, checked.message, checked.to_json()
+        elif record.is_trajectory(data):
+            if self.tolerance != TOLERANCE:
+                raise InvalidInput("--tolerance: expected none with a gait, whose groups have limits of their own")
+            report = record.check_file(self.problems)
+            accepted, message = report.accepted, report.message
+            verdict = "accepted" if accepted else "refused"
+            found = {"where": name, "kind": "gait", "verdict": verdict, **report.to_json()}
+        else:
+            raise InvalidInput(f"{name}: expected a data set folder, a plan or a gait, or a file of answers after it")
+        if self.json:
+            emit(found)
+        else:
+            out.print(f"{name}: {message}", markup=False)
+        return int(not accepted)
+
     def _dataset(self) -> int:
         from stancekit.learners.dataset import Dataset
         from stancekit.learners.labelling import recheck
 
-        if self.problems.is_file():
-            raise InvalidInput(f"{self.problems}: expected a data set folder, or a file of answers after it")
         if self.explain or self.tolerance != TOLERANCE:
             option = "--explain" if self.explain else "--tolerance"
             raise InvalidInput(f"{option}: expected a file of answers with it, got a data set, which has its own plan")

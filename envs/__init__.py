@@ -17,3 +17,13 @@ gymnasium.register(
     entry_point="stancekit.envs.refinement:EnvelopeRefinementEnv",
     order_enforce=True,
 )
+gymnasium.register(
+    id="stancekit/Traverse-v0",
+    entry_point="stancekit.envs.traverse:TraverseEnv",
+    order_enforce=True,
+)
+gymnasium.register(
+    id="stancekit/WarpedGait-v0",
+    entry_point="stancekit.envs.gait:WarpedGaitEnv",
+    order_enforce=True,
+)

@@ -119,10 +119,11 @@ def draw_legend(
         axes.add_patch(Rectangle((x, 16.0), 18.0, 18.0, fc=to_rgba(LEG_COLOURS[0], 0.1), ec=LEG_COLOURS[0], lw=1.3))
         x += 27.0
         words("envelope on $p$")
-    _friction_bar(figure, width, bottom, friction)
+    friction_bar(figure, width, bottom, friction)
 
 
-def _friction_bar(figure: Figure, width: float, bottom: float, friction: ScalarMappable) -> None:
+def friction_bar(figure: Figure, width: float, bottom: float, friction: ScalarMappable) -> None:
+    """The scale of colours that stand for friction, at the right of the legend; width and bottom in pixels."""
     height = 100.0 * figure.get_figheight()
     axes = figure.add_axes(((width - 210.0) / width, (bottom + 22.0) / height, 180.0 / width, 12.0 / height))
     bar = figure.colorbar(friction, cax=axes, orientation="horizontal")

@@ -177,7 +177,7 @@ class Painter:
         outlines, fills, edges, widths = ([face[k] for face in faces] for k in (1, 2, 3, 4))
         collection = PolyCollection(outlines, facecolors=fills, edgecolors=edges, linewidths=widths, joinstyle="round")
         axes.add_collection(collection, autolim=False)
-        low, high = self._frame()
+        low, high = self.frame()
         paper = 100.0 * np.array(axes.bbox.size) / axes.figure.dpi
         scale = float(np.max((high - low) / paper))
         middle = 0.5 * (low + high)
@@ -187,7 +187,7 @@ class Painter:
         self._write(axes, scale, low, high)
         return scale
 
-    def _frame(self) -> tuple[Array, Array]:
+    def frame(self) -> tuple[Array, Array]:
         """Corners of what is shown, shape (2,): all of the robot, and of the terrain what is not too far from it."""
         whole = np.concatenate([face[1] for face in self._faces])
         near = np.concatenate([face[1] for face in self._faces if face[0][0] in (ROBOT, VEIL, FORCE)])

@@ -29,7 +29,7 @@ COUNT_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eig
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Scene:
+class Scene:
     """What is drawn, in the world frame and metres."""
 
     problem: PostureProblem
@@ -120,28 +120,28 @@ def draw_posture(
             frozen(getattr(posture, name), shape, f"posture: {name}")
     if envelope is not None and envelope.contacts != count:
         raise InvalidInput(f"envelope: expected {count} contacts, got {envelope.contacts}")
-    scene = _Scene(problem=problem, posture=posture)
+    scene = Scene(problem=problem, posture=posture)
     figure = chart.sheet(size_px)
     painter = _view(scene)
     friction = chart.friction_colours([patch.friction for patch in scene.patches])
     _draw_terrain(painter, scene, friction)
-    _draw_body(painter, scene)
+    draw_body(painter, scene)
     if posture is not None:
-        _draw_legs(painter, scene)
+        draw_legs(painter, scene)
         _draw_forces(painter, scene, posture)
     if envelope is not None:
         low, high = (scene.com + problem.length_scale_m * bounds for bounds in envelope.position)
         for k in range(count):
             painter.box(low[k], high[k], leg_colour(k))
     _draw_com(painter, scene)
-    _name_legs(painter, scene)
+    name_legs(painter, scene)
     floor = 0.0 if envelope is None else 252.0
     axes = chart.plain_axes(figure, 24.0, floor + 70.0, 92.0)
     scale = painter.paint(axes)
     x, y = painter.project(scene.com)[0][0]
     chart.mark_com(axes, (float(x), float(y)), 8.0 * scale)
     longest = 160.0 if envelope is None else 95.0
-    arrow = None if posture is None else _arrow_scale(scale / scene.metres_a_newton, longest)
+    arrow = None if posture is None else arrow_scale(scale / scene.metres_a_newton, longest)
     chart.draw_legend(figure, floor + 12.0, friction, arrow=arrow, boxes=envelope is not None)
     if envelope is not None:
         chart.draw_strip(figure, problem.legs, envelope, None if posture is None else _point(problem, posture))
@@ -149,14 +149,14 @@ def draw_posture(
     return figure
 
 
-def _arrow_scale(newtons_a_unit: float, longest: float) -> tuple[float, str]:
+def arrow_scale(newtons_a_unit: float, longest: float) -> tuple[float, str]:
     """The longest arrow of a round force, in units of paper, and its label."""
     power = 10.0 ** np.floor(np.log10(longest * newtons_a_unit))
     newtons = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= longest * newtons_a_unit)
     return newtons / newtons_a_unit, f"contact force, {newtons:g} N"
 
 
-def _words(scene: _Scene, caption: str) -> tuple[str, str]:
+def _words(scene: Scene, caption: str) -> tuple[str, str]:
     """Title and the line below it."""
     problem, posture = scene.problem, scene.posture
     weight = f"{problem.weight_n:.1f} N"
@@ -178,7 +178,7 @@ def _point(problem: PostureProblem, posture: Posture) -> Array:
     return np.concatenate([(posture.toes_m - posture.com_m) / problem.length_scale_m, forces], axis=1)
 
 
-def _view(scene: _Scene) -> Painter:
+def _view(scene: Scene) -> Painter:
     """The viewpoint from which the patches show their faces, stand apart and are not behind the body."""
     centres = np.array([patch.centre_m for patch in scene.patches])
     home = scene.problem.com_nominal_m
@@ -196,7 +196,7 @@ def _view(scene: _Scene) -> Painter:
     return max((Painter(scene.extent.mean(axis=0), *angle, away_m) for angle in angles), key=merit)
 
 
-def _draw_terrain(painter: Painter, scene: _Scene, friction: ScalarMappable) -> None:
+def _draw_terrain(painter: Painter, scene: Scene, friction: ScalarMappable) -> None:
     """Patches as the faces of stones on a wall or on the ground: one plane for each direction they face."""
     low, high = scene.extent[0] - 0.1 * scene.unit, scene.extent[1] + 0.1 * scene.unit
     sides: dict[tuple[int, float], list[Patch]] = {}
@@ -212,7 +212,7 @@ def _draw_terrain(painter: Painter, scene: _Scene, friction: ScalarMappable) -> 
             painter.stone(patch.vertices_m, axis, level, friction.to_rgba(np.array(patch.friction)), INK)
 
 
-def _draw_shadow(painter: Painter, scene: _Scene, level: float) -> None:
+def _draw_shadow(painter: Painter, scene: Scene, level: float) -> None:
     """What the robot would shade of level ground under a high sun."""
     lines = [scene.body(0.97, 0.0)]
     for joints in scene.legs():
@@ -225,7 +225,7 @@ def _draw_shadow(painter: Painter, scene: _Scene, level: float) -> None:
         painter.face(shade, "#e3e7ec", GROUND, depth=-8.0)
 
 
-def _draw_body(painter: Painter, scene: _Scene) -> None:
+def draw_body(painter: Painter, scene: Scene) -> None:
     """A hexagonal prism with a deck, its corners at the shoulders, and a chevron that points ahead."""
     alpha = 1.0 if scene.posture is not None else 0.55
     thick = 0.06 * scene.unit
@@ -238,7 +238,7 @@ def _draw_body(painter: Painter, scene: _Scene) -> None:
     painter.face(scene.com + chevron @ scene.turn.T, STEEL, ROBOT, depth=painter.near(scene.com) + 0.1 * scene.unit)
 
 
-def _draw_legs(painter: Painter, scene: _Scene) -> None:
+def draw_legs(painter: Painter, scene: Scene) -> None:
     bone = 0.033 * scene.unit
     for k, joints in enumerate(scene.legs()):
         for a, b, start, end in zip(joints[:-1], joints[1:], (1.2, 1.0, 0.8), (1.1, 0.8, 0.45), strict=True):
@@ -260,7 +260,7 @@ def _leg(shoulder: Array, toe: Array, outward: Array, reach_m: float) -> Array:
     return np.array([shoulder, hip, hip + along / length * line + np.sqrt(max(thigh**2 - along**2, 0.0)) * bend, toe])
 
 
-def _draw_forces(painter: Painter, scene: _Scene, posture: Posture) -> None:
+def _draw_forces(painter: Painter, scene: Scene, posture: Posture) -> None:
     """Contact forces from the toes, in cones as high as the normal force, and the weight from the centre of mass."""
     scale, thickness = scene.metres_a_newton, 0.016 * scene.unit
     for patch, toe, force in zip(scene.patches, posture.toes_m, posture.forces_n, strict=True):
@@ -275,7 +275,7 @@ def _draw_forces(painter: Painter, scene: _Scene, posture: Posture) -> None:
     painter.label(scene.com + weight, f"{scene.problem.weight_n:.1f} N", INK)
 
 
-def _name_legs(painter: Painter, scene: _Scene) -> None:
+def name_legs(painter: Painter, scene: Scene) -> None:
     """The limb's name at its toe, with its force; without a posture at its patch, and a line from its shoulder."""
     for k, contact in enumerate(scene.problem.contacts):
         if scene.posture is None:
@@ -288,7 +288,7 @@ def _name_legs(painter: Painter, scene: _Scene) -> None:
             painter.label(scene.posture.toes_m[k], f"{contact.leg} {newtons:.0f} N", leg_colour(k))
 
 
-def _draw_com(painter: Painter, scene: _Scene) -> None:
+def _draw_com(painter: Painter, scene: Scene) -> None:
     """The ball that the centre of mass may move in."""
     outline = scene.problem.com_nominal_m + scene.problem.com_radius_m * CIRCLE @ painter.axes[:2]
     painter.face(outline, (*rgb(INK), 0.04), FORCE, depth=-9.0)

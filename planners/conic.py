@@ -8,6 +8,7 @@ sparse tensor times the vector of parameters, put into one Clarabel solver whose
 from __future__ import annotations
 
 import enum
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import SimpleNamespace
@@ -111,6 +112,7 @@ class ConicModel:
         """Solve for this data. Keys that the model does not know are passed over: models can share a dictionary."""
         self._load(values)
         self._solver.update(q=self._q(), A=self._a_values(), b=self._b())
+        begin = time.perf_counter()
         answer = self._solver.solve()
         if answer.status not in _STATUS:  # rare: ask again with a scaling of its own and refined steps
             careful = solver_settings(careful=True)
@@ -122,7 +124,7 @@ class ConicModel:
             z=np.array(answer.z),
             objective=float(answer.obj_val) + float((self._offset_tensor @ self._theta)[0]),
             iterations=int(answer.iterations),
-            seconds=float(answer.solve_time),
+            seconds=time.perf_counter() - begin,  # its own clock counts the set-up again in every solve
         )
 
     def value(self, name: str, solution: ConicSolution) -> Array:

@@ -31,7 +31,7 @@ def read_text(path: str | Path) -> str:
         raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
     text = decoded(content, str(path))
     if not text.strip():
-        raise InvalidInput(f"{path}: expected JSON, the file is empty")
+        raise InvalidInput(f"{path}: expected some text, the file is empty")
     return text
 
 

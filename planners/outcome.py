@@ -25,6 +25,10 @@ class PlanningFailed(StancekitError):
     """A plan was asked for and none was found; the message says why."""
 
 
+class HardwareFault(StancekitError):
+    """A device did not do what it was told, or fell silent; the message says which part and what was seen."""
+
+
 class Status(enum.StrEnum):
     """The three answers to "can the robot hold this posture?"."""
 

@@ -36,7 +36,7 @@ from .terms import Body, Equilibrium, Forces, Toes
 
 TANGENTS = 16  # planes around a disc: the polygon exceeds it by 2 % at its corners, the polyhedron of a ball by 4 %
 _ANY = 1e9  # gap: the first point found ends the search, since a claim needs no best point
-_SOLVERS: dict[str, tuple[str, str, dict[str, Any]]] = {  # its module, its time limit's key, its other options
+SOLVERS: dict[str, tuple[str, str, dict[str, Any]]] = {  # its module, its time limit's key, its other options
     "highs": ("highspy", "time_limit", {"threads": 1, "parallel": "off", "mip_rel_gap": _ANY, "mip_abs_gap": _ANY}),
     "scip": ("pyscipopt", "limits/time", {"limits/gap": _ANY}),
     "gurobi": ("gurobipy", "TimeLimit", {"Threads": 1, "MIPGap": _ANY}),
@@ -71,7 +71,7 @@ class MicpModel:
         envelope_rows: bool = False,
     ) -> None:
         check_options(intervals=intervals, encoding=encoding, grid=grid, solver=solver)
-        _, self._limit, options = _SOLVERS[solver]
+        _, self._limit, options = SOLVERS[solver]
         self._options = options | {"solver": solver.upper()}
         if solver == "gurobi":  # in an environment of its own it does not print its licence
             self._options["env"] = import_module("gurobipy").Env(params={"OutputFlag": 0})
@@ -79,7 +79,7 @@ class MicpModel:
         position, moments = cp.Variable((contacts, 3), name="position"), cp.Variable((contacts, 9), name="moments")
         toes_w, axes = toes.position(), cp.Parameter((3, 9 * contacts), name="moment_axes")
         self._answers = (body.com, body.rotation, toes_w, forces.forces)
-        self._cells = _Cells(contacts, (intervals, intervals if grid == "both" else 1), encoding)
+        self._cells = Cells(contacts, (intervals, intervals if grid == "both" else 1), encoding)
         constraints = [
             Equilibrium(3 * contacts).of_forces(forces.flat()), forces.in_cones(), *forces.in_box(),
             *toes.on_patches(), body.within_reach(toes_w), *body.within_limits(),
@@ -179,7 +179,7 @@ class MicpPlanner:
         )  # fmt: skip
 
 
-class _Cells:
+class Cells:
     """The grid over p and f of every contact, and m = p f on it.
 
     counts: pieces a p_j and an f_k. Rows of α, β and w: 3i + j, 3i + k and 9i + 3j + k for contact i.
@@ -286,13 +286,13 @@ def without_cones(constraint: cp.Constraint) -> list[cp.Constraint]:
 def check_options(*, intervals: int, encoding: str, grid: str, solver: str, envelope_use: str = "rows") -> None:
     """Raise InvalidInput for options that there are not, and for a solver that is not installed."""
     given = {"encoding": encoding, "grid": grid, "envelope_use": envelope_use, "solver": solver}
-    known = (("log", "unary"), ("both", "position"), ("rows", "shrink"), tuple(_SOLVERS))
+    known = (("log", "unary"), ("both", "position"), ("rows", "shrink"), tuple(SOLVERS))
     for (name, value), values in zip(given.items(), known, strict=True):
         if value not in values:
             raise InvalidInput(f"{name}: expected one of {', '.join(values)}, got {value!r}")
     if intervals < 1 or (encoding == "log" and intervals & (intervals - 1)):
         raise InvalidInput(f"intervals: expected 1 or more, and a power of two for 'log', got {intervals}")
-    if util.find_spec(_SOLVERS[solver][0]) is None:
+    if util.find_spec(SOLVERS[solver][0]) is None:
         raise InvalidInput(f"solver: {solver} is not installed: pip install stancekit[exact]")
 
 

@@ -22,7 +22,7 @@ from .scaled import ScaledProblem
 
 PULL = 1e-2
 """Weight of ½‖x − x_start‖², the only objective: it makes the answer unique and keeps it near the start."""
-_CONVERGED = frozenset({"Solve_Succeeded", "Solved_To_Acceptable_Level", "Feasible_Point_Found"})
+CONVERGED = frozenset({"Solve_Succeeded", "Solved_To_Acceptable_Level", "Feasible_Point_Found"})
 
 
 class NlpModel:
@@ -35,7 +35,7 @@ class NlpModel:
         equal, below = contacts + 6, 2 * contacts + 1
         self._row_bounds = (np.r_[np.zeros(equal), np.full(below, -np.inf)], np.zeros(equal + below))
         self._solver = cs.nlpsol(
-            "posture", "ipopt", posture_program(contacts, vertices), _options(max_iterations, time_limit_s)
+            "posture", "ipopt", posture_program(contacts, vertices), ipopt_options(max_iterations, time_limit_s)
         )
         self._fix_toes = FixToes(contacts)
 
@@ -55,7 +55,7 @@ class NlpModel:
             lbg=self._row_bounds[0], ubg=self._row_bounds[1],
         )  # fmt: skip
         status = str(self._solver.stats()["return_status"])
-        point = _point(scaled, np.asarray(found["x"], dtype=np.float64).ravel(), converged=status in _CONVERGED)
+        point = _point(scaled, np.asarray(found["x"], dtype=np.float64).ravel(), converged=status in CONVERGED)
         if not np.isfinite(point.residual):
             return point, status
         polished = self._fix_toes.solve(scaled, point.toes)
@@ -180,7 +180,8 @@ def posture_program(contacts: int, vertices: int) -> dict[str, Any]:
     }
 
 
-def _options(max_iterations: int, time_limit_s: float) -> dict[str, Any]:
+def ipopt_options(max_iterations: int, time_limit_s: float) -> dict[str, Any]:
+    """IPOPT without a word on the terminal, ended by iterations or the clock, the same in every run."""
     ipopt = {
         "print_level": 0, "sb": "yes", "max_iter": max_iterations, "max_wall_time": time_limit_s,
         "tol": 1e-9, "constr_viol_tol": 1e-9, "acceptable_iter": 0, "bound_relax_factor": 0.0,

@@ -54,7 +54,7 @@ class ScaledProblem:
         contacts = problem.contacts
         most = max(len(contact.patch.vertices_m) for contact in contacts)
         return cls(
-            vertices=np.stack([_padded(contact.patch.vertices_m, most) for contact in contacts]) / length_m,
+            vertices=np.stack([padded(contact.patch.vertices_m, most) for contact in contacts]) / length_m,
             frames=np.stack([contact.patch.frame for contact in contacts]),
             shoulders=np.stack([contact.shoulder_m for contact in contacts]) / length_m,
             reach=np.array([contact.reach_m for contact in contacts]) / length_m,
@@ -110,7 +110,7 @@ class ScaledProblem:
     def narrowed(self, index: int, vertices: Array, force_min: Array, force_max: Array) -> ScaledProblem:
         """The problem with one contact confined to a piece of its patch and of its force box."""
         pieces, low, high = self.vertices.copy(), self.force_min.copy(), self.force_max.copy()
-        pieces[index], low[index], high[index] = _padded(vertices, self.size[1]), force_min, force_max
+        pieces[index], low[index], high[index] = padded(vertices, self.size[1]), force_min, force_max
         return replace(self, vertices=pieces, force_min=low, force_max=high)
 
     def values(self) -> dict[str, Array | float]:
@@ -152,6 +152,7 @@ def side_by_side(blocks: Array) -> Array:
     return blocks.reshape(-1, 3, 3).transpose(1, 0, 2).reshape(3, -1)
 
 
-def _padded(vertices: Array, count: int) -> Array:
+def padded(vertices: Array, count: int) -> Array:
+    """A border with its last vertex repeated up to ``count`` vertices."""
     short = count - len(vertices)
     return vertices if short == 0 else np.concatenate([vertices, np.repeat(vertices[-1:], short, axis=0)])

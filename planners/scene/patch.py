@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -45,10 +46,12 @@ class Patch:
             )
         _check_polygon(self.vertices_m, self.normal, self.shear_reference)
 
-    @property
+    @cached_property
     def frame(self) -> Array:
         """R_WC, columns n, y = z × n, z: the axes of f_n, f_y, f_z (eq. 3), shape (3, 3)."""
-        return _frame(self.normal, self.shear_reference)
+        axes = _frame(self.normal, self.shear_reference)
+        axes.setflags(write=False)
+        return axes
 
     @property
     def centre_m(self) -> Array:

@@ -299,8 +299,8 @@ def test_another_format_is_refused(form, problem, write, stancekit):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "f: expected JSON, the file is empty"),
-        (" \n\t\n", "f: expected JSON, the file is empty"),
+        ("", "f: expected some text, the file is empty"),
+        (" \n\t\n", "f: expected some text, the file is empty"),
         ("{", "f: expected JSON, broken at line 1 column 2: Expecting property name enclosed in double quotes"),
         ("[]", "f: expected one or more problems, got an empty array"),
         ("3", "f: expected a JSON object with format 'stancekit/posture/1', got int"),

@@ -18,7 +18,9 @@ from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.contact.stages import PROJECTIONS
 from stancekit.planners.outcome import InvalidInput, PlanningFailed
 
-ENVS = sorted(name for name in gymnasium.registry if name.startswith("stancekit/"))
+SLOW = {"stancekit/WarpedGait-v0"}  # a step solves a walk: its contract, on short walks, is in test_gait.py
+ENVS = sorted(name for name in gymnasium.registry if name.startswith("stancekit/") and name not in SLOW)
+OF_POSTURES = [name for name in ENVS if "Envelope" in name]
 MODES = [
     (name, mode)
     for name in ENVS
@@ -122,7 +124,7 @@ def test_a_bad_action_is_refused(env):
         env.unwrapped.step(np.zeros((2, 3), np.float32))
 
 
-@pytest.mark.parametrize("name", ENVS)
+@pytest.mark.parametrize("name", OF_POSTURES)
 def test_another_class_of_problems_has_its_own_spaces(name):
     for problem in DISTRIBUTIONS:
         env = gymnasium.make(name, problem=problem)
@@ -133,7 +135,7 @@ def test_another_class_of_problems_has_its_own_spaces(name):
         assert env.action_space.contains(env.action_space.sample())
 
 
-@pytest.mark.parametrize("name", ENVS)
+@pytest.mark.parametrize("name", OF_POSTURES)
 def test_a_class_that_is_none_is_refused(name):
     with pytest.raises(InvalidInput, match=r"^distribution: expected one of ground-3, wall-3, wall-5, got 'ice-3'$"):
         gymnasium.make(name, problem="ice-3")

@@ -103,7 +103,7 @@ def test_unknown_methods_and_too_little_data_are_refused(dataset: Dataset) -> No
     ("content", "name", "message"),
     [
         (None, "x.json", "expected a file, found nothing there"),
-        (b"", "x.json", "expected JSON, the file is empty"),
+        (b"", "x.json", "expected some text, the file is empty"),
         (b"{}", "x.json", "format: "),
         (b"\x80\x04pickle", "x.json", "expected UTF-8 text, byte 0 is not"),
         (b"\x80\x04pickle", "x.safetensors", "expected a whole safetensors file, got something else"),

@@ -45,9 +45,9 @@ def test_what_is_no_text_file_is_named(tmp_path):
     assert refusal(read_text, file) == f"{file}: expected a file, found nothing there"
     assert refusal(read_text, tmp_path) == f"{tmp_path}: expected a file, found a folder"
     file.write_bytes(b"")
-    assert refusal(read_text, file) == f"{file}: expected JSON, the file is empty"
+    assert refusal(read_text, file) == f"{file}: expected some text, the file is empty"
     file.write_bytes(b" \n\t\n")
-    assert refusal(read_text, file) == f"{file}: expected JSON, the file is empty"
+    assert refusal(read_text, file) == f"{file}: expected some text, the file is empty"
     file.write_bytes(b'{"a": "\xff"}')
     assert refusal(read_text, file) == f"{file}: expected UTF-8 text, byte 7 is not"
     file.write_text('{"a": "ü"}', encoding="utf-8")

@@ -1,0 +1,199 @@
+"""Walls with panels of ice: who finds plans, who proves that there is none, and how fast? One thread each.
+
+python benchmarks/regions.py --count 30 --seed 0 --out out/regions
+
+Random panels of .3 m, half of them without friction, M = 4 and 8 key frames, 2 to 4 candidate patches a toe. The peers
+HiGHS and SCIP get the lift with a binary a slot (``region_peers.py``); their choices and toes go through the same P2
+and verifier as the two-stage planner's. A course is proved infeasible where the verifier accepts the certificate; HiGHS
+and SCIP only claim. Times are wall times, models being compiled left out. Finished courses are kept in the folder.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import region_peers
+import tyro
+from rich.console import Console
+from rich.table import Table
+from threadpoolctl import threadpool_limits
+
+from stancekit.envs.courses import icy_walls
+from stancekit.planners.files import read_text, write_text
+from stancekit.planners.keyframes.clock import Clock
+from stancekit.planners.keyframes.decoupled import DecoupledPlanner
+from stancekit.planners.keyframes.planner import PlanAcceptance, plan_of
+from stancekit.planners.keyframes.project import PlanPoint
+from stancekit.planners.keyframes.scaled import ScaledCourse
+from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
+from stancekit.planners.outcome import Status
+from stancekit.planners.plan import PlanOutcome
+from stancekit.planners.scene.course import Course
+
+
+@dataclass(frozen=True, kw_only=True)
+class Options:
+    """Which courses, and for how long."""
+
+    frames: tuple[int, ...] = (4, 8)
+    regions: tuple[int, ...] = (2, 3, 4)
+    """Candidate patches a toe."""
+    count: int = 30
+    """Courses of every size."""
+    seed: int = 0
+    planners: tuple[str, ...] = ("two-stage", "decoupled", "highs", "scip")
+    time_limit_s: float = 20.0
+    """Of every planner, a course."""
+    out: Path = Path("out/regions")
+    """Folder of finished courses; another run goes on from them."""
+    json: bool = False
+    """One object a line on standard output, a size and planner each."""
+
+
+class Peer:
+    """A mixed-integer solver on the lift with binaries, then P2 and the verifier."""
+
+    def __init__(self, name: str, models: CourseModels, time_limit_s: float) -> None:
+        self.name, self._models, self._limit = name, models, time_limit_s
+
+    def solve(self, course: Course) -> PlanOutcome:
+        """HiGHS: planes within the cones for a plan, then planes about them for a refutation. SCIP: the cones."""
+        clock, scaled = Clock.start(), ScaledCourse.of(course)
+        lift = self._models.lift(scaled, clock)
+        mixed = region_peers.Mixed.of(lift, scaled)
+        plan, claim, message = None, "", ""
+        for said in self._said(mixed):
+            clock.count(1, said.seconds)
+            claim = said.label
+            if said.x is not None:
+                shares = said.x[mixed.first :].reshape(scaled.layout.placements, scaled.layout.regions)
+                choice = shares.argmax(axis=1)
+                chosen = scaled.chosen(choice)
+                weights = np.maximum(said.x[lift.model.columns("weights")], 0.0)
+                slots = np.arange(len(choice)) * scaled.layout.regions + choice
+                toes = np.einsum("pu,pud->pd", weights[slots], scaled.vertices[slots])
+                start = PlanPoint(
+                    com=said.x[lift.model.columns("com")], rotation=said.x[lift.model.columns("rotation")],
+                    toes=toes / np.maximum(weights[slots].sum(axis=1), 1e-9)[:, None],
+                    forces=np.zeros((len(scaled.layout.bearing[0]), 3)), residual=float("inf"),
+                )  # fmt: skip
+                point = self._models.projector(chosen).scp(chosen, start, clock)
+                message = "" if point.found else "P2 found no plan"
+                plan = plan_of(scaled, choice, point, provenance={"planner": self.name}) if point.found else None
+            if plan is not None or claim == "infeasible":
+                break
+        return PlanAcceptance().outcome(
+            course, method=self.name, clock=clock, plan=plan, claim=claim, message=message,
+            details={"projected": float(claim == "feasible")},
+        )  # fmt: skip
+
+    def _said(self, mixed: region_peers.Mixed) -> Any:
+        if self.name == "scip":
+            yield region_peers.scip(mixed, time_limit_s=self._limit)
+            return
+        inner = region_peers.highs(mixed, inner=True, time_limit_s=0.5 * self._limit)
+        if inner.label == "feasible":
+            yield inner
+        yield region_peers.highs(mixed, inner=False, time_limit_s=self._limit - inner.seconds)
+
+
+def main(options: Options) -> None:
+    """Solve, print and keep."""
+    models = CourseModels()
+    planners: dict[str, Any] = {
+        "two-stage": TwoStageCoursePlanner(models=models, time_limit_s=options.time_limit_s),
+        "decoupled": DecoupledPlanner(models=models),
+        **{name: Peer(name, models, options.time_limit_s) for name in ("highs", "scip")},
+    }
+    for frames in options.frames:
+        for regions in options.regions:
+            rows = [course_row(planners, options, frames, regions, index) for index in range(options.count)]
+            cells = [cell(rows, name) | {"frames": frames, "regions": regions} for name in options.planners]
+            show(cells, options.json)
+
+
+def course_row(
+    planners: dict[str, Any], options: Options, frames: int, regions: int, index: int
+) -> dict[str, dict[str, Any]]:
+    """Every planner's answer to one course, from the folder where it is there."""
+    rng = np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=(frames, regions, index)))
+    course = icy_walls(rng, frames, regions)
+    row = {}
+    for turn in range(len(options.planners)):
+        name = options.planners[(turn + index) % len(options.planners)]
+        path = options.out / f"{options.seed}-{frames}-{regions}-{index}-{name}-{options.time_limit_s:g}.json"
+        if not path.exists():
+            begin = time.perf_counter()
+            outcome = planners[name].solve(course)
+            answer = {
+                "status": outcome.status.value, "claim": outcome.claim, "message": outcome.message,
+                "seconds": outcome.seconds, "solver_seconds": outcome.solver_seconds, "solves": outcome.solves,
+                "wall_s": time.perf_counter() - begin, "compile_s": outcome.compile_s, **outcome.details,
+            }  # fmt: skip
+            options.out.mkdir(parents=True, exist_ok=True)
+            write_text(path, json.dumps(answer))
+        row[name] = json.loads(read_text(path))
+    return row
+
+
+def cell(rows: list[dict[str, dict[str, Any]]], name: str) -> dict[str, Any]:
+    """What one planner did on the courses of one size, beside what is known of them from all planners."""
+    feasible = [any(said["status"] == Status.FEASIBLE.value for said in row.values()) for row in rows]
+    refuted = [any(said["status"] == Status.INFEASIBLE.value for said in row.values()) for row in rows]
+    said = [row[name] for row in rows]
+    seconds = np.array([s["seconds"] for s in said])
+    found = np.array([s["status"] == Status.FEASIBLE.value for s in said])
+    proved = np.array([s["status"] == Status.INFEASIBLE.value for s in said])
+    tried = sum(s.get("projected", 0.0) for s in said)
+    return {
+        "planner": name,
+        "feasible": sum(feasible),
+        "infeasible": sum(refuted),
+        "open": len(rows) - sum(feasible) - sum(refuted),
+        "found": int(found.sum()),
+        "proved": int(proved.sum()),
+        "claimed_infeasible": sum(s["claim"] == "infeasible" for s in said),
+        "false_no": sum(s["claim"] == "infeasible" and yes for s, yes in zip(said, feasible, strict=True)),
+        "unknown": sum(s["status"] == "undecided" and s["claim"] != "infeasible" for s in said),
+        "p2_success": float(found.sum() / tried) if tried else None,
+        "median_s": float(np.median(seconds)),
+        "p90_s": float(np.quantile(seconds, 0.9)),
+        "max_s": float(seconds.max()),
+        "found_median_s": float(np.median(seconds[found])) if found.any() else None,
+        "proved_median_s": float(np.median(seconds[proved])) if proved.any() else None,
+        "on_ice": float(np.mean([s["on_ice"] for s in said if "on_ice" in s] or [np.nan])),
+    }
+
+
+def show(cells: list[dict[str, Any]], as_json: bool) -> None:
+    """One size's table."""
+    if as_json:
+        for found in cells:
+            print(json.dumps(found), flush=True)
+        return
+    first = cells[0]
+    table = Table(
+        title=f"M = {first['frames']}, {first['regions']} regions: {first['feasible']} courses with a plan, "
+        f"{first['infeasible']} refuted, {first['open']} open"
+    )
+    heads = ("planner", "plans", "proved no", "claimed no", "unknown", "P2 %", "median s", "p90 s", "max s", "on ice %")
+    for head in heads:
+        table.add_column(head, justify="left" if head == "planner" else "right")
+    for found in cells:
+        p2, ice = found["p2_success"], found["on_ice"]
+        table.add_row(
+            found["planner"], str(found["found"]), str(found["proved"]), str(found["claimed_infeasible"]),
+            str(found["unknown"]), "" if p2 is None else f"{100 * p2:.0f}", f"{found['median_s']:.2f}",
+            f"{found['p90_s']:.2f}", f"{found['max_s']:.2f}", f"{100 * ice:.0f}" if ice == ice else "",
+        )  # fmt: skip
+    Console(width=120).print(table)
+
+
+if __name__ == "__main__":
+    with threadpool_limits(1):
+        main(tyro.cli(Options))

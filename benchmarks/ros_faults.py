@@ -1,0 +1,192 @@
+"""What happens when a robot behind an emulated rosbridge goes wrong: every kind of fault at random times.
+
+    python benchmarks/ros_faults.py [--kinds …] [--count 20] [--seed 0] [--ros 2] [--ending hold] [--json]
+
+All 24 joints swing by ±0.4 rad at 0.4 Hz, streamed at 50 Hz through the guard (``SafeWorld``) to the emulator of
+``tests/emulators``, in the same process or, for "host killed" (SIGKILL), in one of its own. A fault comes at a time
+drawn from [0.3, 2] s. told: from the fault until the loop was stopped. still: from the fault until the last time that
+any joint of the emulated robot turned faster than 0.02 rad/s, seen every 5 ms. after: commands that the robot got later
+than 50 ms after the stop, while the loop went on asking ten times more. Medians, and the worst of all in brackets. For
+"stuck joint" the swing has to come far enough from where that joint is. Times are wall-clock times on whatever machine
+this runs on.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+from pathlib import Path
+from typing import Any, Literal
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import numpy as np
+
+from stancekit.envs.runner.ending import ENDINGS, Ending, end
+from stancekit.envs.runner.estop import StopLatch, Stopped
+from stancekit.envs.runner.safety import SafeWorld
+from stancekit.envs.worlds.ros import RosWorld
+from stancekit.envs.worlds.ros_setup import same_names
+from stancekit.planners.arrays import Array
+from stancekit.planners.outcome import HardwareFault
+from stancekit.planners.scene import hexapod
+from stancekit.planners.scene.urdf import joint_names
+from tests.emulators.rosbridge import FAULTS, RosBridge
+
+ROBOT = hexapod()
+JOINTS = joint_names(ROBOT)
+START = np.tile([0.0, 0.3, 0.0, 1.2], len(ROBOT.limbs))
+HOST = ("host killed", "slow host", "NaN command", "stop pressed")
+KINDS = (*(kind for kind in FAULTS if kind != "rejects goals"), *HOST)
+SETTLE_S = 0.6
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
+    parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--ros", type=int, choices=(1, 2), default=2)
+    parser.add_argument("--ending", choices=ENDINGS, default="hold")
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    for kind in asked.kinds:
+        rng = np.random.default_rng([asked.seed, KINDS.index(kind)])
+        runs = [tried(kind, float(rng.uniform(0.3, 2.0)), asked.ros, asked.ending) for _ in range(asked.count)]
+        record = {"kind": kind, "ros": asked.ros, "ending": asked.ending} | summary(runs)
+        print(json.dumps(record) if asked.json else line(record), flush=True)
+
+
+def tried(kind: str, at_s: float, ros: Literal[1, 2], ending: Ending) -> dict[str, Any]:
+    """One run with one fault."""
+    with RosBridge(JOINTS, START, ros=ros) as bridge:
+        moved = Moved(bridge)
+        told = killed(bridge, at_s, ros) if kind == "host killed" else driven(bridge, kind, at_s, ros, ending)
+        time.sleep(SETTLE_S)
+        fault_s, stop_s = told.pop("fault_s"), told.pop("stop_s")
+        after = sum(when > stop_s + 0.05 for what, when in bridge.log if what in ("stream", "goal"))
+        moved.end()
+        return told | {"told_s": stop_s - fault_s, "still_s": max(moved.last_s - fault_s, 0.0), "after": after}
+
+
+def driven(bridge: RosBridge, kind: str, at_s: float, ros: Literal[1, 2], ending: Ending) -> dict[str, Any]:
+    """Swing until the fault stops it, and then try to go on."""
+    latch, message, stop_s = StopLatch(), "nothing stopped it", float("nan")
+    setup = same_names(JOINTS, port=bridge.port, ros=ros, estop="/e_stop", controller_manager="/controller_manager")
+    with SafeWorld(RosWorld(ROBOT, setup), latch=latch, dry=False) as world:
+        world.reset((), START, np.zeros(3), np.eye(3))
+        world.arm()
+        begin = time.monotonic()
+        if kind in FAULTS:
+            bridge.inject(kind, at_s)
+        try:
+            while (passed := time.monotonic() - begin) < at_s + 4.0:
+                world.step(spoiled(kind, passed > at_s, swing(passed), latch))
+        except (Stopped, HardwareFault) as error:
+            message, stop_s = str(error), time.monotonic()
+        for _ in range(10):
+            refused(world)
+        ended = end(world, ending, None, 0.4)
+    faults = [when for what, when in bridge.log if what == f"fault: {kind}"]
+    return {"message": message, "left": ended.left, "fault_s": (faults or [begin + at_s])[0], "stop_s": stop_s}
+
+
+def spoiled(kind: str, now: bool, targets: Array, latch: StopLatch) -> Array:
+    """The targets, with what the host does wrong from now on."""
+    if now and kind == "slow host":
+        time.sleep(0.5)
+    elif now and kind == "stop pressed":
+        latch.trip("stop pressed")
+    return np.full_like(targets, np.nan) if now and kind == "NaN command" else targets
+
+
+def refused(world: SafeWorld) -> None:
+    """One command more; it may not go through."""
+    try:
+        world.step(START)
+    except (Stopped, HardwareFault):
+        return
+    raise AssertionError("a command went through after the stop")
+
+
+def killed(bridge: RosBridge, at_s: float, ros: Literal[1, 2]) -> dict[str, Any]:
+    """Swing in a process of its own, and kill that."""
+    host = multiprocessing.get_context("spawn").Process(target=host_main, args=(bridge.port, ros), daemon=True)
+    host.start()
+    while sum(what == "stream" for what, _ in list(bridge.log)) < 5:
+        time.sleep(0.01)
+    time.sleep(at_s)
+    assert host.pid is not None
+    os.kill(host.pid, signal.SIGKILL)
+    now = time.monotonic()
+    host.join()
+    return {"message": "", "left": "left to the device", "fault_s": now, "stop_s": now}
+
+
+def host_main(port: int, ros: Literal[1, 2]) -> None:
+    """The process that is killed."""
+    with RosWorld(ROBOT, same_names(JOINTS, port=port, ros=ros)) as world:
+        world.reset((), START, np.zeros(3), np.eye(3))
+        world.torque(True)
+        begin = time.monotonic()
+        while (passed := time.monotonic() - begin) < 30.0:
+            world.step(swing(passed))
+
+
+def swing(passed_s: float) -> Array:
+    """Targets of all joints, shape (J,)."""
+    return np.asarray(START + 0.4 * np.sin(2.0 * np.pi * 0.4 * passed_s))
+
+
+class Moved:
+    """When a joint of the emulated robot turned last."""
+
+    def __init__(self, bridge: RosBridge) -> None:
+        self.last_s, self._bridge, self._over = 0.0, bridge, threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """Look no more."""
+        self._over.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._over.wait(0.005):
+            state = self._bridge.state()
+            if np.abs(state["rate_rad_s"]).max() > 0.02:
+                self.last_s = state["now_s"]
+
+
+def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Counts, medians and worst."""
+    told, still = (np.array([run[key] for run in runs]) for key in ("told_s", "still_s"))
+    lefts = {run["left"] for run in runs}
+    return {
+        "runs": len(runs), "stopped": int(np.isfinite(told).sum()), "told_ms": 1e3 * float(np.median(told)),
+        "told_worst_ms": 1e3 * float(told.max()), "still_ms": 1e3 * float(np.median(still)),
+        "still_worst_ms": 1e3 * float(still.max()), "after": sum(run["after"] for run in runs),
+        "left": {left: sum(run["left"] == left for run in runs) for left in sorted(lefts)},
+        "message": runs[0]["message"],
+    }  # fmt: skip
+
+
+def line(record: dict[str, Any]) -> str:
+    """A record for people."""
+    left = ", ".join(f"{count} × {left}" for left, count in record["left"].items())
+    return (
+        f"{record['kind']:16s} {record['stopped']}/{record['runs']} stopped, told {record['told_ms']:.0f} "
+        f"({record['told_worst_ms']:.0f}) ms, still {record['still_ms']:.0f} ({record['still_worst_ms']:.0f}) ms, "
+        f"{record['after']} commands after, {left}: {record['message']}"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,108 @@
+"""``stancekit bench envelopes``: the comparison of all selectors, from labels to the table."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from .console import emit, make_folder, out, stages
+from .evaluate import score_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from stancekit.learners.bench import ClassResult
+
+
+@dataclass
+class BenchEnvelopes:
+    """Paper E's Table I, every method on held-out terrains, with 95 % intervals and the paper's own rows.
+
+    Labels training, calibration and test terrains, learns a selector by every method of the configuration, and rolls
+    all of them out on the same test terrains. Data sets, selectors, rows and pictures are kept in a folder: a run that
+    is stopped goes on where it was, and what follows from the same settings is used again.
+    """
+
+    config: Path | None = None
+    """Experiment file (YAML); configs/bench-envelopes.yaml where there is none."""
+    quick: bool = False
+    """Use the file's section quick: small data, short training."""
+    out: Path | None = None
+    """Folder for everything that is made; out/bench, or out/bench-quick, where there is none."""
+    workers: int = max(os.cpu_count() or 1, 1)
+    """Processes for labelling and rollouts."""
+    executor: Literal["processes", "ray"] = "processes"
+    """Where labelling and rollouts run: on this machine, or on a Ray cluster."""
+    address: str | None = None
+    """Ray cluster: host:port of its head, auto, or local."""
+    json: bool = False
+    """One JSON object a row."""
+
+    def run(self) -> int:
+        """Run the bench, and write the table and a picture a class."""
+        from stancekit.configs import config_path
+        from stancekit.envs.picture import save
+        from stancekit.learners import bench
+        from stancekit.learners.executor import executor
+        from stancekit.learners.experiment import Experiment
+        from stancekit.planners.files import write_text
+
+        experiment = Experiment.from_yaml(self.config or config_path("bench-envelopes.yaml"), quick=self.quick)
+        where = executor(self.executor, workers=self.workers, address=self.address)
+        folder = self.out or Path("out/bench-quick" if self.quick else "out/bench")
+        make_folder(folder)
+        table: list[dict[str, Any]] = []
+        with stages("bench") as told:
+            for result in bench.run(experiment, folder, executor=where, progress=told):
+                records = rows(result)
+                table += records
+                write_text(folder / "table.json", json.dumps(table, indent=1) + "\n")
+                save(comparison_figure(result), folder / f"{result.problem_class}.png")
+                report(result, as_json=self.json)
+        if not self.json:
+            out.print(f"table and pictures: {folder}", markup=False)
+        return 0
+
+
+def rows(result: ClassResult) -> list[dict[str, Any]]:
+    """The comparison as JSON-ready rows, the paper's figures with those it has."""
+    from stancekit.learners.evaluate import paper_row
+
+    records = []
+    for score in result.scores:
+        paper = paper_row(result.problem_class, score.selector)
+        record = {"problem_class": result.problem_class, **score.to_json(), "balanced": score.balanced}
+        records.append(record if paper is None else {**record, "paper": paper})
+    return records
+
+
+def report(result: ClassResult, *, as_json: bool) -> None:
+    """Print one class, as JSON lines or as a table."""
+    if as_json:
+        for record in rows(result):
+            emit(record)
+        return
+    out.print(score_table(result.problem_class, list(result.scores)))
+    out.print()
+
+
+def comparison_figure(result: ClassResult) -> Figure:
+    """The comparison as a picture, the paper's figures as markers."""
+    from stancekit.envs.picture import ComparisonBar, draw_comparison
+    from stancekit.learners.evaluate import paper_row
+
+    names = {"p1_feasible": "P1 feasible", "p1_infeasible": "P1 infeasible", "project_fix_p": "→ fix-p"}
+    names |= {"project_nlp": "→ nlp"}
+    bars = []
+    for score in result.scores:
+        shares = {"P1 feasible": score.p1_feasible, "P1 infeasible": score.p1_infeasible}
+        shares |= {f"→ {way}": share for way, share in score.projected.items()}
+        values = {name: share.value for name, share in shares.items() if share.of}
+        paper = paper_row(result.problem_class, score.selector) or {}
+        shown = {names[key]: value for key, value in paper.items() if names.get(key) in values}
+        bars.append(ComparisonBar(selector=score.selector, values=values, paper=shown))
+    return draw_comparison(bars, caption=f"{result.problem_class}: {bars and result.scores[0].p1_feasible.of} feasible "
+                           f"and {result.scores[0].p1_infeasible.of} infeasible held-out terrains")  # fmt: skip

@@ -1,0 +1,185 @@
+"""``stancekit bench gait``: paper W's four benchmarks, its Table I, every chart and the product beside them."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from stancekit.planners.outcome import InvalidInput
+
+from .console import emit, make_folder, out, stages
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from stancekit.learners.gait_bench import GaitBenchSettings
+
+OPTIONS = {"every": "tasks", "cap_s": "cap", "terrains": "terrain", "methods": "chart"}
+"""Settings by the options that give them."""
+
+
+@dataclass
+class BenchGait:
+    """Paper W's benchmarks: 24 directions on ripple and cone, 15 targets on hill and pit, by every chart.
+
+    Success is the paper's: a largest violation below 1e-4 within 200 iterations; verified success: the verifier accepts
+    what the motion does between the knots. Each task from the terrain-following guess and from perturbed ones.
+
+    All of it takes hours on one core. A run that is stopped goes on with the next cell.
+    """
+
+    quick: bool = False
+    """One task a terrain by four methods: a few minutes on one core."""
+    terrain: Annotated[str, tyro.conf.arg(metavar="NAMES")] = ""
+    """Some of ripple, cone, hill, pit, pit-84, pit-87, with commas; the paper's four where there is none."""
+    chart: Annotated[str, tyro.conf.arg(metavar="METHODS")] = ""
+    """Some methods, with commas, e.g. ambient,warped,decoupled,portfolio,ambient-lbfgs; all where there is none."""
+    tasks: int | None = None
+    """Each how manieth task of a terrain; 1 is all of them."""
+    seeds: int | None = None
+    """Perturbed guesses a task, besides the guess itself; 3 where there is none."""
+    cap: float | None = None
+    """CPU time at which a solve is cut off and counts as a failure [s]."""
+    workers: int = 1
+    """Processes."""
+    out: Path | None = None
+    """Folder for the cells and the tables; out/bench-gait, or out/bench-gait-quick, where there is none."""
+    json: bool = False
+    """One JSON object a cell."""
+
+    def run(self) -> int:
+        """Measure what is missing, and print the tables."""
+        from stancekit.learners import gait_bench, gait_figures
+        from stancekit.planners.files import write_text
+
+        settings = self._settings()
+        folder = self.out or Path("out/bench-gait-quick" if self.quick else "out/bench-gait")
+        make_folder(folder)
+        rows: list[dict[str, Any]] = []
+        with stages("bench gait") as told:
+            for row in gait_bench.run(settings, folder, told, self.workers):
+                rows.append(row)
+                if self.json:
+                    emit(row)
+        records = gait_figures.table(rows)
+        write_text(folder / "table.json", json.dumps(records, indent=1) + "\n")
+        if not self.json:
+            for made in (success_table(records), speed_table(records), motion_table(records)):
+                out.print(made)
+            for line in comparisons(rows):
+                out.print(line, markup=False, highlight=False)
+            out.print(f"cells and table: {folder}", markup=False)
+        return 0
+
+    def _settings(self) -> GaitBenchSettings:
+        from dataclasses import replace
+
+        from stancekit.learners.gait_bench import GaitBenchSettings
+
+        settings = GaitBenchSettings.quick() if self.quick else GaitBenchSettings()
+        asked: dict[str, Any] = {"every": self.tasks, "seeds": self.seeds, "cap_s": self.cap}
+        asked |= {"terrains": _names(self.terrain), "methods": _names(self.chart)}
+        given = {name: value for name, value in asked.items() if value not in (None, ())}
+        try:
+            return replace(settings, **given)
+        except InvalidInput as error:
+            name, colon, rest = str(error).partition(":")
+            raise InvalidInput(f"--{OPTIONS.get(name, name)}{colon}{rest}") from None
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(name.strip() for name in text.split(",") if name.strip())
+
+
+def success_table(records: list[dict[str, Any]]) -> Table:
+    """Paper W's Table I: success, and what the verifier accepts of it."""
+    from rich.table import Table
+
+    terrains = list(dict.fromkeys(record["terrain"] for record in records))
+    found = Table(
+        title="Table I",
+        caption="success % / verified %, of as many cells; (paper W's success %); ! n: n cells were cut off by --cap",
+    )
+    found.add_column("method", no_wrap=True)
+    for terrain in terrains:
+        found.add_column(terrain, justify="right", no_wrap=True)
+    cells = {(record["label"], record["terrain"]): record for record in records}
+    for label in dict.fromkeys(record["label"] for record in records):
+        found.add_row(label, *(_rates(cells.get((label, terrain))) for terrain in terrains))
+    return found
+
+
+def _rates(record: dict[str, Any] | None) -> str:
+    if record is None:
+        return ""
+    text = f"{100 * record['success']:.0f} / {100 * record['verified']:.0f} of {record['cells']}"
+    text += "" if record["paper"] is None else f" ({100 * record['paper']:.0f})"
+    return text + (f" ! {record['capped']}" if record["capped"] else "")
+
+
+def speed_table(records: list[dict[str, Any]]) -> Table:
+    """Iterations and CPU time of what succeeded."""
+    return _table(
+        records,
+        "Iterations and CPU time",
+        "of cells that succeeded: median, lower and upper quartile; solver: share of the CPU time in IPOPT and MUMPS, "
+        "the rest is evaluation; a portfolio's time is of all its phases",
+        {"iterations": "iterations", "cpu_s": "CPU s", "iteration_s": "s / iteration", "linear_share": "solver"},
+    )
+
+
+def motion_table(records: list[dict[str, Any]]) -> Table:
+    """What the motions do between the nodes."""
+    return _table(
+        records,
+        "Between the nodes",
+        "of cells that succeeded: median, lower and upper quartile; outside cone: share of standing samples outside "
+        "the true cone; before: a portfolio's first feasible point",
+        {
+            "outside_cone": "outside cone", "force_rms": "force rms m·g", "reach_mm": "reach mm",
+            "penetration_mm": "depth mm", "peak_before_g": "before g", "peak_g": "peak g",
+        },
+    )  # fmt: skip
+
+
+def _table(records: list[dict[str, Any]], title: str, caption: str, columns: dict[str, str]) -> Table:
+    from rich.table import Table
+
+    found = Table(title=title, caption=caption)
+    for name in ("method", "terrain"):
+        found.add_column(name, no_wrap=True)
+    for name in columns.values():
+        found.add_column(name, justify="right", no_wrap=True)
+    for record in records:
+        found.add_row(record["label"], record["terrain"], *(_quartiles(record[name]) for name in columns))
+    return found
+
+
+def _quartiles(values: list[float] | None) -> str:
+    if values is None:
+        return ""
+    low, middle, high = (f"{value:.3g}" if abs(value) >= 5e-4 else "0" for value in values)
+    return f"{middle} ({low}–{high})"
+
+
+def comparisons(rows: list[dict[str, Any]]) -> list[str]:
+    """Iterations and times against the baseline, on the cells in which both succeeded."""
+    from stancekit.learners.gait_bench import METHODS
+    from stancekit.learners.gait_figures import BASELINE, ratios
+
+    found = []
+    for method in dict.fromkeys(row["method"] for row in rows):
+        if method == BASELINE or METHODS[method].portfolio:
+            continue
+        shares = {name: ratios(rows, method, name) for name in ("iterations", "cpu_s")}
+        told = [
+            f"{terrain} {shares['iterations'][terrain]:.2f} × iterations, {shares['cpu_s'][terrain]:.2f} × time"
+            for terrain in shares["iterations"]
+        ]
+        if told:
+            found.append(f"{METHODS[method].label} over {METHODS[BASELINE].label}: " + "; ".join(told))
+    return found

@@ -1,0 +1,277 @@
+"""``stancekit plan``: key frames over a course."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+from rich.markup import escape
+from rich.table import Table
+
+from stancekit.planners.outcome import InvalidInput
+
+from .console import as_options, complain, emit, out, progress
+
+if TYPE_CHECKING:
+    from stancekit.planners.contact.envelope import EnvelopeSet
+    from stancekit.planners.keyframes.modes import Modes
+    from stancekit.planners.keyframes.planner import CoursePlanner
+    from stancekit.planners.plan import Plan, PlanOutcome
+    from stancekit.planners.scene.course import Course
+    from stancekit.planners.verify_plan import PlanReport
+
+LONGEST_S = 1e6
+MOST_INTERVALS = 64
+OF_PLANNERS = {
+    "reserve": ("two-stage",),
+    "relaxation": ("two-stage",),
+    "envelope": ("two-stage", "micp"),
+    "projection": ("two-stage", "micp"),
+    "solver": ("micp",),
+    "intervals": ("micp",),
+}
+"""Which planners an option is for, where it is not for all."""
+
+
+@dataclass
+class PlanCourse:
+    """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries.
+
+    COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall) or a YAML or JSON file of your own.
+
+      stancekit plan walls --frames 8 --out climb.json --picture climb.png
+      stancekit plan icy-walls --html climb.html
+      stancekit verify climb.json
+
+    A plan that is found has been accepted by a verifier that knows nothing of planners: every stance of every key
+    frame, and the way between. status is feasible, infeasible (with a proof that was checked) or undecided (a limit was
+    met, or the planner cannot prove what it claims). bound is a proved lower bound on the objective of any plan: the
+    difference is the most that a better plan could win.
+
+    Exit code 1 where there is no plan, and a line says which constraints fail, at which frame and limb, by how much.
+    """
+
+    course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
+    """Built-in name, or YAML or JSON file."""
+    planner: Literal["two-stage", "micp", "nlp", "decoupled", "exact"] = "two-stage"
+    """two-stage: convex relaxation and projection. exact: branch and bound to the best plan, for short courses. micp:
+    piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces after, a baseline that fails on ice."""
+    relaxation: Literal["lift", "envelope"] | None = None
+    """First stage of two-stage: lift needs nothing learned, envelope is the paper's and needs --envelope; the one that
+    fits unless named."""
+    envelope: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Envelope file for two-stage and micp, as `stancekit fit` writes it; for two-stage also a file of modes."""
+    projection: Literal["scp", "fix-p", "fix-toes"] = "scp"
+    """Second stage of two-stage and micp. fix-p: the paper's. fix-toes: frees body and forces. scp: frees all, in
+    steps."""
+    solver: Literal["highs", "scip", "gurobi"] = "highs"
+    """Solver of micp."""
+    intervals: int = 4
+    """Pieces of each axis in micp's grid, a power of two."""
+    reserve: bool = True
+    """Plan with 80 % of the friction where that has a plan, else with 90 %, else with all of it: what is executed then
+    has something in hand. Two-stage only; bound is told where all of it was needed, or with --no-reserve."""
+    frames: int | None = None
+    """Number of key frames M, where not the course's own."""
+    time_limit_s: float = 60.0
+    """Limit for the planner; what is not decided by then is undecided [s]."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None
+    """Plan file: .json, and .npz beside it with the numbers; for `stancekit verify` and `stancekit simulate`."""
+    picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Picture of the plan: .png, .pdf or .svg."""
+    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
+    """Video of the plan's motion (extra viz)."""
+    html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html")] = None
+    """Page in three dimensions that a browser opens from disk, without a network (extra viz)."""
+    json: bool = False
+    """One JSON object with the verdict and all numbers on standard output."""
+
+    def run(self) -> int:
+        """Plan, write what was asked for; exit code 1 without a plan."""
+        from stancekit.planners.caution import plan_with_reserve
+        from stancekit.planners.scene.course_spec import read_course
+
+        self._check()
+        planner = self._planner()
+        course = read_course(self.course, self.frames)
+        with progress(f"plan {course.name} by {self.planner}") as bar:
+            outcome = plan_with_reserve(planner, course) if self._reserved() else planner.solve(course)
+            bar(1, 1)
+        report = None if outcome.plan is None else self._write(outcome.plan)
+        if self.json:
+            emit(self._record(course, outcome, report))
+        else:
+            out.print(_table(course, outcome))
+            for line in [] if outcome.plan is None or report is None else self._said(outcome.plan, report):
+                out.print(line, markup=False, highlight=False)
+        if report is None:
+            complain(f"stancekit: no plan: {course.name}: {outcome.message or outcome.claim or outcome.status.value}")
+        return int(report is None or not report.accepted)
+
+    def _reserved(self) -> bool:
+        return self.reserve and self.planner == "two-stage"
+
+    def _outputs(self) -> list[Path]:
+        return [path for path in (self.out, self.picture, self.video, self.html) if path is not None]
+
+    def _check(self) -> None:
+        """Raise InvalidInput for an option that is out of range, for another planner, or a file that cannot be."""
+        from stancekit.planners.files import check_writable
+
+        if not 0.0 < self.time_limit_s <= LONGEST_S:
+            raise InvalidInput(
+                f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got {self.time_limit_s:g}"
+            )
+        if self.intervals > MOST_INTERVALS:
+            raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {self.intervals}")
+        for field in fields(self):
+            planners = OF_PLANNERS.get(field.name, (self.planner,))
+            if self.planner not in planners and getattr(self, field.name) != field.default:
+                raise InvalidInput(
+                    f"--{field.name}: expected --planner {' or '.join(planners)} with it, got {self.planner}"
+                )
+        if self.relaxation == "envelope" and self.envelope is None:
+            raise InvalidInput("--relaxation: expected --envelope FILE with envelope, got none")
+        if self.relaxation == "lift" and self.envelope is not None:
+            raise InvalidInput("--envelope: expected --relaxation envelope with it, got lift")
+        if self.out is not None:
+            from stancekit.planners.plan_file import plan_paths
+
+            for target in plan_paths(self.out):
+                check_writable(target)
+        if self.picture is not None:
+            from stancekit.envs.plan_picture import check_picture
+
+            check_picture(self.picture)
+        if self.video is not None:
+            from stancekit.envs.video import check_video
+
+            check_video(self.video)
+        if self.html is not None:
+            from stancekit.envs.plan_page import check_page
+
+            check_page(self.html)
+
+    def _planner(self) -> CoursePlanner:
+        from stancekit.planners.keyframes.methods import make_course_planner
+
+        envelopes = None if self.envelope is None else _envelopes(self.envelope)
+        with as_options():
+            return make_course_planner(
+                self.planner,
+                relaxation=self.relaxation,
+                envelopes=envelopes,
+                projection=self.projection,
+                solver=self.solver,
+                intervals=self.intervals,
+                time_limit_s=self.time_limit_s,
+            )
+
+    def _write(self, plan: Plan) -> PlanReport:
+        """Verify the plan once more, and write the files that were asked for."""
+        from stancekit.planners.verify_plan import check_plan
+
+        report = check_plan(plan)
+        if self.out is not None:
+            from stancekit.planners.plan_file import write_plan
+
+            write_plan(self.out, plan, report)
+        if self.picture is not None:
+            from stancekit.envs.picture import save
+            from stancekit.envs.plan_picture import draw_plan
+
+            save(draw_plan(plan), self.picture)
+        if self.video is not None:
+            from stancekit.envs.plan_picture import FPS, frame_count, plan_frames
+            from stancekit.envs.video import write_video
+
+            with progress(f"video {self.video}") as bar:
+                write_video(self.video, _counted(plan_frames(plan), bar, frame_count(plan)), fps=FPS)
+        if self.html is not None:
+            from stancekit.envs.plan_page import write_plan_page
+
+            write_plan_page(self.html, plan)
+        return report
+
+    def _said(self, plan: Plan, report: PlanReport) -> Iterator[str]:
+        """What people are told of a plan, below the table."""
+        share = plan.provenance.get("friction_share", 1.0)
+        if share != 1.0:
+            yield f"planned with {100 * share:.0f} % of the friction"
+        yield f"verifier: {report.message}; the last key frame is {1e3 * report.goal_m:.0f} mm from the goal"
+        if plan.modes is not None:
+            terrain = "" if plan.course.modes is None else f"; of the terrain: {_row(plan.course.modes)}"
+            yield f"modes z: {_row(plan.modes.tolist())}{terrain}"
+        yield from (f"wrote {path}" for path in self._outputs())
+
+    def _record(self, course: Course, outcome: PlanOutcome, report: PlanReport | None) -> dict[str, Any]:
+        """Everything as one JSON object."""
+        numbers = ("objective", "bound", "residual", "compile_s", "seconds", "solver_seconds")
+        record: dict[str, Any] = {
+            "course": course.name,
+            "frames": course.frames,
+            "planner": outcome.method,
+            "status": outcome.status.value,
+            **{name: _or_null(getattr(outcome, name)) for name in numbers},
+            "solves": outcome.solves,
+            "claim": outcome.claim,
+            "message": outcome.message,
+            "details": {name: _or_null(float(value)) for name, value in outcome.details.items()},
+        }
+        if outcome.plan is not None and report is not None:
+            from stancekit.planners.plan_report import plan_arrays
+
+            arrays = plan_arrays(outcome.plan).items()
+            record["verdict"] = report.to_json()
+            record["plan"] = {name: None if array is None else array.tolist() for name, array in arrays}
+            record["files"] = [str(path) for path in self._outputs()]
+        return record
+
+
+def _counted(frames: Iterator[Any], bar: Callable[[int, int], None], total: int) -> Iterator[Any]:
+    for done, frame in enumerate(frames, 1):
+        bar(done, max(done, total))
+        yield frame
+
+
+def _envelopes(path: Path) -> EnvelopeSet | Modes:
+    """An envelope file, or one of modes. Raises InvalidInput."""
+    from stancekit.planners.files import parse_json, read_envelopes, read_text
+    from stancekit.planners.keyframes.modes import FORMAT, Modes
+
+    data = parse_json(read_text(path), str(path))
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        return read_envelopes(path)
+    try:
+        return Modes.from_json(data)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None
+
+
+def _table(course: Course, outcome: PlanOutcome) -> Table:
+    table = Table(box=None, header_style="bold")
+    for name in ("course", "planner", "frames", "status", "objective", "bound", "compile", "solve"):
+        left = name in ("course", "planner", "status")
+        table.add_column(name, justify="left" if left else "right", overflow="fold", no_wrap=name != "course")
+    colour = {"feasible": "green", "infeasible": "red", "undecided": "yellow"}[outcome.status.value]
+    table.add_row(
+        escape(course.name), outcome.method, str(course.frames), f"[{colour}]{outcome.status.value}[/]",
+        _number(outcome.objective), _number(outcome.bound), f"{outcome.compile_s:.2f} s", f"{outcome.seconds:.3f} s",
+    )  # fmt: skip
+    return table
+
+
+def _row(numbers: Sequence[int]) -> str:
+    return " ".join(str(number) for number in numbers)
+
+
+def _number(value: float) -> str:
+    return f"{value:.4g}" if math.isfinite(value) else "–"
+
+
+def _or_null(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,128 @@
+"""``stancekit simulate``: execute a plan in a simulated world and compare."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+from rich.table import Table
+
+from stancekit.planners.outcome import InvalidInput
+
+from .console import complain, emit, out
+
+if TYPE_CHECKING:
+    from stancekit.envs.execution import Execution
+    from stancekit.planners.plan import Plan
+
+
+@dataclass
+class Simulate:
+    """Execute a plan in a world: position control, friction as in the course; what was planned against what happened.
+
+    The robot presses with the forces of the plan and follows it by joint positions. It succeeds if it does not fall,
+    its centre of mass ends within 3 cm of the plan's, and no foot slides by more than 2 cm. `stancekit plan walls
+    --out plan.json` makes a plan. Needs the extras kin and bullet or mujoco.
+
+    Exit code 0 where the execution succeeded, 1 where it failed or the plan is not verified, 2 for bad input.
+    """
+
+    plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
+    """Plan file."""
+    world: Literal["bullet", "mujoco"] = "mujoco"
+    """Which simulator."""
+    forces: Literal["shared", "planned"] = "shared"
+    """Press as planned, or with forces shared anew among the limbs of every stance, with a reserve of friction."""
+    pace: float = 1.0
+    """How fast: 2 takes half the time, as far as the joints can turn."""
+    picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Picture of the end, .png, .pdf or .svg."""
+    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Video, .mp4, at twice the pace; takes a minute or more."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File for what was recorded every 5 ms, .npz."""
+    json: bool = False
+    """Print the report as one JSON object."""
+
+    def run(self) -> int:
+        """Read, execute, compare."""
+        from stancekit.envs.execution import simulate
+        from stancekit.envs.motion import Timing
+        from stancekit.planners.plan_file import read_plan
+
+        if not 0.1 <= self.pace <= 4.0:
+            raise InvalidInput(f"--pace: expected a number from 0.1 to 4, got {self.pace:g}")
+        self._check_files()
+        plan, header = read_plan(self.plan)
+        if not header["verified"]:
+            complain(f"stancekit: failed: {self.plan}: the verifier rejected this plan; it is not executed")
+            return 1
+        execution = simulate(plan, self.world, forces=self.forces, timing=Timing().at_pace(self.pace))
+        self._write(plan, execution)
+        if self.json:
+            emit({"plan": str(self.plan), **execution.to_json()})
+        else:
+            out.print(_table(execution))
+            for path in (self.picture, self.video, self.out):
+                if path is not None:
+                    out.print(f"written: {path}", markup=False)
+        return 0 if execution.succeeded else 1
+
+    def _check_files(self) -> None:
+        """Raise InvalidInput for a file that cannot be written."""
+        from stancekit.envs.plan_picture import check_picture
+        from stancekit.envs.video import check_video
+        from stancekit.planners.files import check_writable
+
+        if self.picture is not None:
+            check_picture(self.picture)
+        if self.video is not None:
+            check_video(self.video)
+        if self.out is not None:
+            if self.out.suffix != ".npz":
+                raise InvalidInput(f"--out: expected a name that ends in .npz, got {self.out}")
+            check_writable(self.out)
+
+    def _write(self, plan: Plan, execution: Execution) -> None:
+        if self.out is not None:
+            from stancekit.planners.files import write_bytes
+
+            write_bytes(self.out, execution.trace.to_npz())
+        if self.picture is not None:
+            from stancekit.envs.execution_picture import draw_execution
+            from stancekit.envs.picture import save
+
+            save(draw_execution(plan, execution), self.picture)
+        if self.video is not None:
+            from stancekit.envs.execution_picture import FPS, execution_frames
+            from stancekit.envs.video import write_video
+
+            write_video(self.video, execution_frames(plan, execution), FPS)
+
+
+def _table(run: Execution) -> Table:
+    table = Table(box=None, show_header=False)
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    final, worst, slid, shift, error = (
+        1e3 * value for value in (run.com_final_m, run.com_worst_m, float(run.slip_m.max()), run.shift_m, run.error_m)
+    )
+    table.add_row("verdict", "[green]executed as planned[/]" if run.succeeded else "[red]failed[/]")
+    if run.message:
+        table.add_row("", run.message)
+    table.add_row("centre of mass", f"{final:.1f} mm from the plan's at the end, {worst:.1f} mm at most")
+    table.add_row("feet", f"slid {slid:.1f} mm at most, over {len(run.slip_m)} placements")
+    table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
+    torques = (
+        f"{run.torque_worst_nm:.1f} Nm at most, planned {run.planned_torque_nm:.1f}, limit {run.torque_limit_nm:g}"
+    )
+    table.add_row("joints", f"{torques}; inverse kinematics within {error:.2g} mm")
+    table.add_row(
+        "body", f"turned {run.tilt_worst_rad:.3f} rad from the plan; its origin {shift:.1f} mm from the centre of mass"
+    )
+    if run.bump_s > 0.0:
+        table.add_row("terrain", f"touched something other than a foot for {run.bump_s:.2f} s")
+    table.add_row("time", f"{run.seconds:.1f} s in {run.world}, {run.wall_s:.1f} s to compute")
+    return table

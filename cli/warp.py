@@ -1,0 +1,129 @@
+"""``stancekit warp``: the map that flattens a terrain."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+from rich.markup import escape
+from rich.table import Table
+
+from stancekit.planners.outcome import InvalidInput
+
+from .console import as_options, emit, out
+
+if TYPE_CHECKING:
+    from stancekit.planners.warp.report import MapReport
+
+
+@dataclass
+class Warp:
+    """Make the map that flattens a terrain, and measure it.
+
+    TERRAIN is ripple, cone, hill, pit, pit-84 or pit-87; FAMILY:DIFFICULTY:SEED with rough, stairs, stones, waves or
+    ramps, as in rough:0.5:7; or a file: .npy, .csv, .png, .npz, or a mesh (.stl, .obj, .ply, .off, .glb).
+
+    least_det is min det J on lines three times as dense as the quadrature: above 0 the map folds nowhere. match: how
+    far the map's ground is from the terrain. Conformal error: 1 − σ_min/σ_max of J.
+
+    Exit code: 0 done; 1 the map of a published method folds, or no map can be made; 2 bad input.
+    """
+
+    terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
+    """A reference terrain, a random one by FAMILY:DIFFICULTY:SEED, or a file."""
+    cells: Annotated[str, tyro.conf.arg(metavar="X,Y,Z")] = "24,24,6"
+    """Cells of the tri-cubic grid along each axis."""
+    height_m: float = 2.3
+    """Thickness of the band above the terrain [m]."""
+    method: Literal["fast", "local-global", "accelerated", "gauss-newton"] = "fast"
+    """fast: ours, exact at the ground. local-global: Algorithm 1 of the paper; gauss-newton: its second method, with a
+    barrier; both as published, with no snap. accelerated: Algorithm 1 with the nearest similarity, no factorisation and
+    Anderson acceleration, with no snap."""
+    iterations: int = 100
+    """Most iterations of the method."""
+    spacing_m: float = 0.05
+    """Grid spacing of a file, and at which a mesh is sampled [m]."""
+    unit_m: float = 1.0
+    """What one unit of lengths in a file means [m]; 0.001 for millimetres."""
+    heights_m: Annotated[str | None, tyro.conf.arg(metavar="BLACK,WHITE")] = None
+    """Heights of black and white in a .png [m]."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """File for the map, .npz."""
+    picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Picture of the map: .png, .pdf or .svg."""
+    json: bool = False
+    """One JSON object on standard output."""
+
+    def run(self) -> int:
+        """Read the terrain, make the map, write and say what came of it."""
+        from stancekit.planners.files import check_writable
+        from stancekit.planners.scene.terrains import named_terrain
+        from stancekit.planners.warp.conformal import fit_map
+
+        cells = _numbers(self.cells, "--cells", int, 3)
+        if not 1 <= self.iterations <= 10_000:
+            raise InvalidInput(f"--iterations: expected 1 to 10000, got {self.iterations}")
+        if self.out is not None and self.out.suffix != ".npz":
+            raise InvalidInput(f"--out: expected a name that ends in .npz, got {self.out}")
+        for path in (self.out, self.picture):
+            if path is not None:
+                check_writable(path)
+        options: dict[str, Any] = {"spacing_m": self.spacing_m, "unit_m": self.unit_m}
+        if self.heights_m is not None:
+            options["height_m"] = _numbers(self.heights_m, "--heights-m", float, 2)
+        field = named_terrain(self.terrain, **options)
+        with as_options():
+            fit = fit_map(
+                field, cells=(cells[0], cells[1], cells[2]), height_m=self.height_m, method=self.method,
+                iterations=self.iterations,
+            )  # fmt: skip
+        if self.out is not None:
+            fit.map.to_file(self.out)
+        if self.picture is not None:
+            from stancekit.envs.chart import save
+            from stancekit.envs.map_picture import draw_map
+
+            save(draw_map(fit.map, field, fit.report), self.picture)
+        if self.json:
+            emit(fit.report.to_json())
+        else:
+            out.print(_table(fit.report))
+        return 0 if fit.report.least_det > 0.0 else 1
+
+
+def _numbers(text: str, option: str, kind: type, count: int) -> tuple[Any, ...]:
+    try:
+        found = tuple(kind(part) for part in text.split(","))
+    except ValueError:
+        found = ()
+    if len(found) != count:
+        raise InvalidInput(f"{option}: expected {count} numbers with commas between them, got {text!r}")
+    return found
+
+
+def _table(report: MapReport) -> Table:
+    from stancekit.planners.warp.report import spread
+
+    table = Table(box=None, show_header=False)
+    table.add_column(style="bold")
+    table.add_column()
+    ground, torso = spread(report.ground_error), spread(report.torso_error)
+    folded = "" if report.least_det > 0.0 else " [red]the map folds[/]"
+    where = ", ".join(f"{value:.2f}" for value in report.least_det_at_m)
+    percent = "{mean:.1%} on average, {p95:.1%} at the 95th percentile, {max:.1%} at most"
+    for name, text in (
+        ("terrain", escape(report.terrain)),
+        ("method", f"{report.method}, {' × '.join(map(str, report.cells))} cells"),
+        ("time", f"{report.cpu_s:.2f} CPU-s, {len(report.energy) - 1} iterations, {report.evaluations} evaluations"),
+        ("min det J", f"{report.least_det:.3f} at ({where}) m{folded}"),
+        ("match", f"{1e3 * report.match_m[0]:.3f} mm at most, {1e3 * report.match_m[1]:.3f} mm rms"),
+        ("before the snap", f"{1e3 * report.unsnapped_m[0]:.1f} mm at most, {1e3 * report.unsnapped_m[1]:.1f} mm rms"),
+        ("conformal error", percent.format(**ground)),
+        ("  .5 m above", percent.format(**torso)),
+        ("note", escape(report.message)),
+    ):
+        if text:
+            table.add_row(name, text)
+    return table

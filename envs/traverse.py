@@ -1,0 +1,289 @@
+"""Traverse-v0: a course walked window by window, by the planner that the agent chooses for the coming key frames."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from stancekit.planners.contact.envelope import EnvelopeSet
+from stancekit.planners.keyframes.enveloped import EnvelopeCoursePlanner
+from stancekit.planners.keyframes.modes import Modes
+from stancekit.planners.keyframes.planner import CoursePlanner
+from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
+from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
+from stancekit.planners.plan import Plan, PlanOutcome
+from stancekit.planners.plan_window import Standing, course_window, joined
+from stancekit.planners.scene.course import Course
+from stancekit.planners.scene.course_keys import CourseSpec
+from stancekit.planners.scene.course_spec import read_spec
+from stancekit.planners.verify_plan import check_plan
+
+from .course_view import CourseView, View
+from .courses import perturbed
+from .expert import expert_envelopes
+
+MAX_DRAWS = 50
+"""Draws until a course whose first key frame holds."""
+PICTURE_PX = (960, 720)
+NO_MODE = -1
+"""In ``info``: a frame beyond the course's end, or a course that does not say its modes."""
+
+
+class Executed(Protocol):
+    """What an executor says: whether the robot did what was planned."""
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether it arrived, upright and without slipping."""
+        ...
+
+
+Executor = Callable[[Plan], Executed]
+CourseSource = Callable[[np.random.Generator], Course]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TraverseWeights:
+    """What a step is worth: reward = progress · (share of the path's length that the COM went forward along it)
+    + feasible · [a verified plan] − failure · [none, or one whose execution failed] − solve · (convex problems solved)
+    − second · (seconds of planning, compiling left out; with ``timing`` only).
+    """
+
+    progress: float = 1.0
+    feasible: float = 0.1
+    failure: float = 0.2
+    solve: float = 0.005
+    second: float = 0.1
+
+
+class TraverseEnv(gym.Env[View, np.int64]):
+    """One step: see the coming candidate patches, choose who plans the next ``horizon`` key frames, be moved there.
+
+    Observation: see ``CourseView``. Action: index of a planner: 0 the two-stage planner over the lift, 1 and up the
+    same over the envelopes given. Where the chosen planner finds no plan, the robot stays and the agent may choose
+    again. The episode ends at the last frame, where it is proved that no plan goes on from here, and where an execution
+    fails; it is cut off after ``patience`` steps in vain.
+    Info after a reset and a step (numeric, fixed shapes): ``feasible``, ``infeasible`` (proved), ``refused`` (the
+    envelope was not learned for these limbs or patches), ``executed`` (1 done, 0 failed, −1 not tried), ``frame``,
+    ``solves``, ``progress_m``, ``objective``, ``residual``, ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,):
+    the mode of the terrain under each coming frame, −1 where unknown; ``reward_<term>``; and ``plan_seconds``,
+    ``compile_seconds``, which stay 0 unless ``timing``: a clock in ``info`` would make equal episodes differ.
+
+    courses: names, files or descriptions, one of which is drawn and perturbed by ``amount``; or a function of a random
+    generator. frames: M of each, None for its own. horizon: key frames a step. envelopes: what to offer beside the
+    lift, None for the expert's rules for walking and climbing (paper E §IV-A). planners: replaces all of these.
+    limbs, regions, corners: of the view: how many limbs, the most candidates a toe and corners a patch. executor: plays
+    the plan of every window on a world, ``partial(execution.simulate, world="mujoco")`` for one, each from a standing
+    start. models: compiled models to share with other environments of this process.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
+
+    def __init__(
+        self,
+        courses: Sequence[str | CourseSpec] | CourseSource = ("stairs", "walls", "ground-to-wall"),
+        *,
+        frames: int | None = 9,
+        horizon: int = 2,
+        amount: float = 1.0,
+        envelopes: Sequence[EnvelopeSet | Modes] | None = None,
+        planners: Sequence[CoursePlanner] | None = None,
+        weights: TraverseWeights = TraverseWeights(),
+        patience: int = 4,
+        limbs: int = 6,
+        regions: int | None = None,
+        corners: int = 4,
+        executor: Executor | None = None,
+        models: CourseModels | None = None,
+        timing: bool = False,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
+        for name, value, least in (("horizon", horizon, 1), ("patience", patience, 1), ("corners", corners, 3)):
+            if not isinstance(value, int) or value < least:
+                raise InvalidInput(f"{name}: expected {least} or more, got {value!r}")
+        self.render_mode = render_mode
+        self._draw, self._view = _source(courses, frames, amount, horizon, limbs, regions, corners)
+        models = models or CourseModels()
+        self._planners = tuple(_planners(envelopes, models) if planners is None else planners)
+        if not self._planners:
+            raise InvalidInput("planners: expected one or more, got none")
+        self._start = TwoStageCoursePlanner(models=models)
+        self._horizon, self._weights, self._patience, self._timing = horizon, weights, patience, timing
+        self._executor = executor
+        self._course: Course | None = None
+        self._walked: list[Plan] = []
+        self._frame = self._vain = 0
+        self._over = True
+        self.observation_space: spaces.Space[Any] = self._view.space()
+        self.action_space: spaces.Space[Any] = spaces.Discrete(len(self._planners))
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[View, dict[str, Any]]:
+        """Draw courses until one has a first key frame that holds. Raises PlanningFailed after MAX_DRAWS."""
+        super().reset(seed=seed)
+        for _ in range(MAX_DRAWS):
+            course = self._draw(self.np_random)
+            if course.frames < 2:
+                raise InvalidInput(f"course: expected two or more frames to go, got {course.frames}")
+            plan = self._start.solve(course_window(course, 0, 0)).plan
+            if plan is not None:
+                self._course, self._walked = course, [plan]
+                self._frame, self._vain, self._over = 0, 0, False
+                return self._observe(course), self._info(course, _Try())
+        raise PlanningFailed(f"no course in {MAX_DRAWS} draws whose first key frame holds")
+
+    def step(self, action: np.int64) -> tuple[View, float, bool, bool, dict[str, Any]]:
+        """Let the chosen planner plan the next window; go there if it can."""
+        if self._course is None or self._over:
+            raise gym.error.ResetNeeded("reset the environment before the first step and after the last")
+        given = np.asarray(action)
+        if given.shape != () or given.dtype.kind not in "iu" or not 0 <= given < len(self._planners):
+            raise InvalidInput(f"action: expected a planner, 0 to {len(self._planners) - 1}, got {action!r}")
+        course, begin = self._course, self._frame
+        tried = self._try(course, self._planners[int(action)])
+        if tried.plan is not None:
+            self._walked.append(tried.plan)
+            self._frame += tried.plan.course.frames - 1
+        self._vain += tried.plan is None
+        dead = tried.infeasible or tried.executed == 0
+        terminated = dead or self._frame == course.frames - 1
+        truncated = not terminated and self._vain >= self._patience
+        self._over = terminated or truncated
+        info = self._info(course, tried, begin)
+        reward = sum(value for name, value in info.items() if name.startswith("reward_"))
+        return self._observe(course), float(reward), terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Draw the way so far over the course."""
+        if self._course is None:
+            raise gym.error.ResetNeeded("reset the environment before rendering")
+        from .picture import to_rgb
+        from .plan_picture import draw_plan
+
+        caption = f"{self._course.name}: key frame {self._frame} of {self._course.frames - 1}"
+        return to_rgb(draw_plan(self.walk(), caption=caption, size_px=PICTURE_PX))
+
+    def walk(self) -> Plan:
+        """The plan of everything that was walked in this episode, from the first key frame on."""
+        if self._course is None:
+            raise gym.error.ResetNeeded("reset the environment before asking for the walk")
+        return joined(self._course, self._walked)
+
+    def _try(self, course: Course, planner: CoursePlanner) -> _Try:
+        """Plan the next window, have the walk with it verified, execute it."""
+        last = min(self._frame + self._horizon, course.frames - 1)
+        window = course_window(course, self._frame, last, Standing.at_end(self._walked[-1]))
+        try:
+            outcome = planner.solve(window)
+        except InvalidInput:  # an envelope that was not learned for these limbs or patches
+            return _Try(refused=True)
+        plan = outcome.plan
+        if plan is not None and not check_plan(joined(course, [*self._walked, plan])).accepted:
+            plan = None  # it holds by itself, but cannot be reached from where the last one ended
+        executed = -1 if plan is None or self._executor is None else int(self._executor(plan).succeeded)
+        return _Try(outcome=outcome, plan=plan, executed=executed)
+
+    def _observe(self, course: Course) -> View:
+        return self._view.see(course, self._frame, Standing.at_end(self._walked[-1]))
+
+    def _info(self, course: Course, tried: _Try, begin: int = 0) -> dict[str, Any]:
+        weights, standing = self._weights, Standing.at_end(self._walked[-1])
+        coming = range(self._frame + 1, self._frame + 1 + self._horizon)
+        modes = course.modes or ()
+        outcome, clock = tried.outcome, float(self._timing)
+        solves = 0 if outcome is None else outcome.solves
+        seconds = 0.0 if outcome is None else clock * outcome.seconds
+        return {
+            "feasible": int(tried.plan is not None),
+            "infeasible": int(tried.infeasible),
+            "refused": int(tried.refused),
+            "executed": tried.executed,
+            "frame": self._frame,
+            "solves": solves,
+            "progress_m": tried.progress_m,
+            "objective": 0.0 if tried.plan is None or outcome is None else float(outcome.objective),
+            "residual": 0.0 if tried.plan is None or outcome is None else float(outcome.residual),
+            "com_m": np.array(standing.com_m),
+            "toes_m": np.array(standing.toes_m),
+            "terrain_modes": np.array([modes[k] if k < len(modes) else NO_MODE for k in coming]),
+            "reward_progress": weights.progress * tried.progress_m / way_m(course),
+            "reward_feasible": weights.feasible * (tried.plan is not None),
+            "reward_failure": -weights.failure * (tried.failed),
+            "reward_effort": -weights.solve * solves - weights.second * seconds,
+            "plan_seconds": seconds,
+            "compile_seconds": 0.0 if outcome is None else clock * outcome.compile_s,
+        }
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Try:
+    """What came of planning a window; nothing was tried where all is at its default."""
+
+    outcome: PlanOutcome | None = None
+    plan: Plan | None = None
+    refused: bool = False
+    executed: int = -1
+
+    @property
+    def infeasible(self) -> bool:
+        """It is proved that there is no plan."""
+        return self.outcome is not None and self.outcome.status is Status.INFEASIBLE
+
+    @property
+    def failed(self) -> bool:
+        """No plan, or one that did not work."""
+        return self.refused or self.executed == 0 or (self.outcome is not None and self.plan is None)
+
+    @property
+    def progress_m(self) -> float:
+        """How far the COM went forward along its nominal path [m]."""
+        if self.plan is None:
+            return 0.0
+        course, steps = self.plan.course, np.diff(self.plan.com_m, axis=0)
+        return float(sum(step @ course.direction(k) for k, step in enumerate(steps, 1)))
+
+
+def way_m(course: Course) -> float:
+    """Length of the nominal path [m]; 1 where it does not move."""
+    length = float(np.linalg.norm(np.diff(course.com_nominal_m, axis=0), axis=1).sum())
+    return length if length > 1e-9 else 1.0
+
+
+def _source(
+    courses: Sequence[str | CourseSpec] | CourseSource,
+    frames: int | None,
+    amount: float,
+    horizon: int,
+    limbs: int,
+    regions: int | None,
+    corners: int,
+) -> tuple[CourseSource, CourseView]:
+    """What draws courses, and the size of their views. Raises InvalidInput."""
+    if callable(courses):
+        if regions is None:
+            raise InvalidInput("regions: expected the most candidates of a toe where courses is a function, got None")
+        return courses, CourseView(limbs=limbs, horizon=horizon, regions=regions, corners=corners)
+    specs = [read_spec(course) if isinstance(course, str) else course for course in courses]
+    specs = [spec if frames is None else spec.with_frames(frames) for spec in specs]
+    if not specs:
+        raise InvalidInput("courses: expected one or more, got none")
+    seen = regions or max(spec.candidates.count for spec in specs)
+
+    def draw(rng: np.random.Generator) -> Course:
+        return perturbed(specs[int(rng.integers(len(specs)))], rng, amount=amount)
+
+    return draw, CourseView(limbs=limbs, horizon=horizon, regions=seen, corners=corners)
+
+
+def _planners(envelopes: Sequence[EnvelopeSet | Modes] | None, models: CourseModels) -> Sequence[CoursePlanner]:
+    """The two-stage planner over the lift, and over each of the envelopes."""
+    if envelopes is None:
+        envelopes = (expert_envelopes("ground"), expert_envelopes("wall"))
+    return [TwoStageCoursePlanner(models=models), *(EnvelopeCoursePlanner(given, models=models) for given in envelopes)]

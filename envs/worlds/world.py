@@ -1,0 +1,74 @@
+"""What a world is: joints under position control on a terrain, one control period a step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+
+from stancekit.planners.arrays import Array
+from stancekit.planners.scene import Patch, Robot
+from stancekit.planners.scene.urdf import Servo
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """What a world says after a control period; J joints, N limbs.
+
+    time_s: since the reset. position_m, rotation: of the body's frame in the world, shape (3,), (3, 3).
+    velocity: linear [m/s] and angular [rad/s], world frame, shape (6,). angles_rad, rates_rad_s, torques_nm: of the
+    joints, shape (J,). feet_m: centres of the feet, shape (N, 3). forces_n: contact forces on the feet, world frame,
+    mean over the period, shape (N, 3) [N]. bump_n: mean force of the terrain on anything but feet [N].
+    sent_rad: the targets that were really sent, after limits, shape (J,).
+    """
+
+    time_s: float
+    position_m: Array
+    rotation: Array
+    velocity: Array
+    angles_rad: Array
+    rates_rad_s: Array
+    torques_nm: Array
+    feet_m: Array
+    forces_n: Array
+    bump_n: float
+    sent_rad: Array
+
+
+class World(Protocol):
+    """Three verbs, and what it can do. A context manager; ``reset`` may be called again."""
+
+    name: str
+    robot: Robot
+    servo: Servo
+    joints: tuple[str, ...]
+    rate_hz: float
+
+    def reset(self, terrain: Sequence[Patch], angles_rad: Array, position_m: Array, rotation: Array) -> State:
+        """Put the robot, at rest, into this pose over this terrain."""
+        ...
+
+    def step(self, targets_rad: Array) -> State:
+        """One control period with these position targets, shape (J,) [rad]."""
+        ...
+
+    def close(self) -> None:
+        """Give everything back; once is enough."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+def sendable(targets: Array, before: Array, servo: Servo, period_s: float) -> Array:
+    """Targets as a servo takes them: within the joints' limits, and no farther from the last ones than it can turn."""
+    step = servo.velocity_rad_s * period_s
+    limbs = len(targets) // len(servo.lower_rad)
+    kept = np.clip(targets, np.tile(servo.lower_rad, limbs), np.tile(servo.upper_rad, limbs))
+    return np.asarray(np.clip(kept, before - step, before + step))

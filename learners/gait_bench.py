@@ -1,0 +1,285 @@
+"""Paper W's benchmarks again: how often, how fast and how well charts find gaits that are feasible, and that verify.
+
+Every cell is one task of a terrain, one initial guess and one method, and a file of its own, written when it is
+measured: a run that is stopped goes on with the next cell. Cells come in an order that stays balanced wherever it
+stops: tasks far apart first, all terrains and methods of a task together.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import zlib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stancekit.planners.arrays import checked
+from stancekit.planners.files import parse_json, read_text, write_text
+from stancekit.planners.gait.formulation import formulate
+from stancekit.planners.gait.judge import GaitReport, check_trajectory
+from stancekit.planners.gait.portfolio import Caps, plan_gait, ways
+from stancekit.planners.gait.robot import anymal
+from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.outcome import InvalidInput, PlanningFailed
+from stancekit.planners.scene.heightfield import HeightField
+from stancekit.planners.scene.terrains import reference_tasks, reference_terrain
+from stancekit.planners.warp.spline_map import SplineMap
+
+from .executor import processes
+
+TERRAINS = ("ripple", "cone", "hill", "pit")
+STEEPER = ("pit-84", "pit-87")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """A way to solve. settings: those of ``GaitSettings`` that it sets; portfolio: the product, with all phases."""
+
+    label: str
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    portfolio: bool = False
+
+
+_PAPER = {"dynamics": "printed", "trunk_clearance_m": None}
+METHODS: Mapping[str, Method] = {
+    "ambient": Method(label="baseline: ambient, PCDM", settings={"chart": "ambient", **_PAPER}),
+    "warped": Method(label="warped, as published", settings={"chart": "warped", **_PAPER}),
+    "decoupled": Method(label="ours: decoupled, centred", settings={"chart": "decoupled"}),
+    "portfolio": Method(label="ours: portfolio, smoothed", portfolio=True),
+    "warped-exact": Method(label="ours: warped-exact, centred", settings={"chart": "warped-exact"}),
+    "shear": Method(label="shear, centred", settings={"chart": "shear"}),
+    "ambient-centred": Method(label="ambient, centred", settings={"chart": "ambient"}),
+    "ambient-lbfgs": Method(label="baseline, L-BFGS", settings={"chart": "ambient", "hessian": "lbfgs", **_PAPER}),
+    "warped-lbfgs": Method(
+        label="warped, as published, L-BFGS", settings={"chart": "warped", "hessian": "lbfgs", **_PAPER}
+    ),
+    "decoupled-lbfgs": Method(
+        label="ours: decoupled, L-BFGS", settings={"chart": "decoupled", "hessian": "lbfgs"}
+    ),
+}  # fmt: skip
+"""By name. The paper's own methods have its dynamics and no term for the trunk."""
+PAPER: Mapping[str, Mapping[str, float]] = {
+    "ambient-lbfgs": {"ripple": 0.48, "cone": 0.0, "hill": 0.0, "pit": 0.0},
+    "warped-lbfgs": {"ripple": 0.92, "cone": 1.0, "hill": 1.0, "pit": 0.13},
+}
+"""Success of paper W's Table I (Knitro, 200 iterations)."""
+JUDGED = ("reach", "penetration", "trunk", "cone", "slip", "contact_gap")
+"""Groups of the verifier whose values a cell keeps."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaitBenchSettings:
+    """What is measured.
+
+    every: each how manieth task of a terrain; seeds: perturbed guesses a task, besides the guess itself; noise: their
+    deviation on every variable [m, rad, m·g]; iterations: of a solve; cap_s: CPU time at which a solve is cut off and
+    counts as a failure [s]; total_s: of a portfolio.
+    """
+
+    terrains: tuple[str, ...] = TERRAINS
+    methods: tuple[str, ...] = tuple(METHODS)
+    every: int = 1
+    seeds: int = 3
+    noise: float = 0.02
+    iterations: int = 200
+    cap_s: float = 120.0
+    total_s: float = 240.0
+
+    def __post_init__(self) -> None:
+        for name, known in (("terrains", (*TERRAINS, *STEEPER)), ("methods", tuple(METHODS))):
+            unknown = sorted(set(getattr(self, name)) - set(known))
+            if unknown or not getattr(self, name):
+                raise InvalidInput(f"{name}: expected some of {', '.join(known)}, got {', '.join(unknown) or 'none'}")
+        for name, least in (("every", 1), ("seeds", 0), ("iterations", 1)):
+            if getattr(self, name) < least:
+                raise InvalidInput(f"{name}: expected {least} or more, got {getattr(self, name)}")
+        checked(self.noise, "noise", above=0.0, most=1.0)
+        for name in ("cap_s", "total_s"):
+            checked(getattr(self, name), name, above=0.0)
+
+    @classmethod
+    def quick(cls) -> GaitBenchSettings:
+        """Minutes on one core: one task a terrain, as it is, by the methods that matter most."""
+        methods = ("ambient", "warped", "decoupled", "portfolio")
+        return cls(methods=methods, every=24, seeds=0, cap_s=15.0, total_s=45.0)
+
+    def protocol(self) -> dict[str, Any]:
+        """What a cell's figures depend on."""
+        return {name: getattr(self, name) for name in ("noise", "iterations", "cap_s", "total_s")}
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One task, one guess (0: the terrain-following one, else perturbed with this seed), one method."""
+
+    terrain: str
+    task: int
+    seed: int
+    method: str
+
+    @property
+    def file(self) -> str:
+        """Name of its file."""
+        return f"{self.terrain}-{self.task:02d}-{self.seed}-{self.method}.json"
+
+
+def cells(settings: GaitBenchSettings) -> list[Cell]:
+    """Every cell, in the order in which they are measured."""
+    found: list[Cell] = []
+    for seed in range(settings.seeds + 1):
+        turns = {name: _spread(len(reference_tasks(name)), settings.every) for name in settings.terrains}
+        for k in range(max(len(tasks) for tasks in turns.values())):
+            found += [
+                Cell(name, turns[name][k], seed, method)
+                for name in settings.terrains
+                if k < len(turns[name])
+                for method in settings.methods
+            ]
+    return found
+
+
+def _spread(count: int, every: int) -> list[int]:
+    """0, every, 2 every, …, those far from the ones before first (van der Corput)."""
+    return sorted(range(0, count, every), key=lambda k: int(f"{k // every:016b}"[::-1], 2))
+
+
+def run(
+    settings: GaitBenchSettings,
+    folder: Path,
+    told: Callable[[str, int, int], None] | None = None,
+    workers: int = 1,
+) -> Iterator[dict[str, Any]]:
+    """Measure the cells that the folder does not have by this protocol; yield the row of every cell, as they come."""
+    every, missing = cells(settings), []
+    for cell in every:
+        row = _kept(cell, settings, folder)
+        if row is None:
+            missing.append(cell)
+        else:
+            yield row
+    done = len(every) - len(missing)
+    for row in processes(workers)([partial(measured, cell, settings, folder) for cell in missing]):
+        done += 1
+        if told is not None:
+            told(f"{row['terrain']} {row['task']}, {METHODS[row['method']].label}", done, len(every))
+        yield row
+
+
+def _kept(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any] | None:
+    path = folder / cell.file
+    kept = parse_json(read_text(path), str(path)) if path.exists() else {}
+    row: dict[str, Any] | None = kept.get("row") if kept.get("protocol") == settings.protocol() else None
+    return row
+
+
+def measured(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any]:
+    """The row of one cell, and its file."""
+    row = {**asdict(cell), **measure(cell, settings, folder)}
+    content = json.dumps({"protocol": settings.protocol(), "row": row}, indent=1, allow_nan=False)
+    write_text(folder / cell.file, content + "\n")
+    return row
+
+
+def measure(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any]:
+    """The figures of one cell; times are CPU time [s]."""
+    method, task = METHODS[cell.method], gait_task(cell.terrain, cell.task)
+    try:
+        if method.portfolio:
+            return _planned(cell, settings, task)
+        own = GaitSettings(max_iterations=settings.iterations, **method.settings)
+        warp = _map(cell.terrain, folder) if own.chart.startswith("warped") else None
+    except PlanningFailed as error:
+        return {"success": False, "verified": False, "status": str(error), "message": str(error)}
+    program = formulate(task, own, warp)
+    guess = program.perturbed(_rng(cell), settings.noise) if cell.seed else program.guess
+    from stancekit.planners.gait.account import Account
+
+    account = Account(solve_s=settings.cap_s, total_s=settings.cap_s)
+    solution = account(program, guess)
+    report = check_trajectory(solution.trajectory())
+    step = account.steps[0]
+    return {
+        "success": step.success, "verified": step.success and report.accepted, "status": step.status,
+        "iterations": step.iterations, "cpu_s": step.seconds, "evaluating_s": step.seconds_evaluating,
+        "linear_s": step.seconds_linear, "violations": [_finite(value) for value in step.violations],
+        "capped": not step.success and step.seconds >= settings.cap_s,
+        **figures(report),
+    }  # fmt: skip
+
+
+def _planned(cell: Cell, settings: GaitBenchSettings, task: GaitTask) -> dict[str, Any]:
+    """The product: all phases, from a guess that is perturbed alike in every chart."""
+    caps = Caps(solve_s=settings.cap_s, total_s=settings.total_s)
+    attempts = [way.perturbed(cell.seed, settings.noise) if cell.seed else way for way in ways(task)]
+    plan = plan_gait(task, GaitSettings(max_iterations=settings.iterations), caps=caps, attempts=attempts)
+    best = plan.attempts[-1]
+    phases = {name: [step for step in plan.steps if step.phase == name] for name in ("feasible", "smooth", "densify")}
+    before = plan.feasible[-1]
+    return {
+        "success": any(report is not None for report in plan.feasible), "verified": plan.verified,
+        "status": best.solution.status, "chart": best.attempt.chart,
+        "iterations": sum(step.iterations for step in phases["feasible"]),
+        "cpu_s": plan.seconds,
+        "evaluating_s": sum(step.seconds_evaluating for step in plan.steps),
+        "linear_s": sum(step.seconds_linear for step in plan.steps),
+        "phase_s": {name: sum(step.seconds for step in steps) for name, steps in phases.items()},
+        "phase_iterations": {name: sum(step.iterations for step in steps) for name, steps in phases.items()},
+        "capped": not plan.verified and plan.seconds >= settings.total_s,
+        "before": None if before is None else figures(before),
+        **figures(best.report),
+    }  # fmt: skip
+
+
+def figures(report: GaitReport) -> dict[str, Any]:
+    """What the verifier measured: its figures, the values of some groups [SI], and what it refuses."""
+    values = {group.group: group.value for group in report.groups if group.group in JUDGED}
+    return {
+        "message": report.message,
+        "refused": [group.group for group in report.refused],
+        **{name: _finite(value) for name, value in {**values, **report.figures}.items()},
+    }
+
+
+def gait_task(terrain: str, number: int) -> GaitTask:
+    """A task of paper W's benchmark for ANYmal.
+
+    In pits the robot faces its goal, for its suckers are in front; elsewhere it faces x and walks in all directions.
+    """
+    asked = reference_tasks(terrain)[number]
+    way = asked.goal_xy_m - asked.start_xy_m
+    return GaitTask(
+        robot=anymal(), terrain=_terrain(terrain), start_xy_m=asked.start_xy_m, goal_xy_m=asked.goal_xy_m,
+        adhesive=asked.adhesive, start_yaw_rad=math.atan2(way[1], way[0]) if terrain.startswith("pit") else 0.0,
+    )  # fmt: skip
+
+
+@lru_cache(maxsize=4)
+def _terrain(name: str) -> HeightField:
+    return reference_terrain(name)
+
+
+@lru_cache(maxsize=4)
+def _map(terrain: str, folder: Path) -> SplineMap:
+    """The terrain's map, from the folder where it was made before. Raises PlanningFailed for one that folds."""
+    from stancekit.planners.warp.conformal import flatten
+
+    path = folder / f"map-{terrain}.npz"
+    if path.exists():
+        return SplineMap.from_file(path)
+    made = flatten(_terrain(terrain))
+    made.to_file(path)
+    return made
+
+
+def _rng(cell: Cell) -> np.random.Generator:
+    """The same for all methods of a task and a seed."""
+    return np.random.default_rng([zlib.crc32(cell.terrain.encode()), cell.task, cell.seed])
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

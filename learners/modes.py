@@ -1,0 +1,60 @@
+"""Envelopes for mode switching (paper E §IV-A, end): a box a terrain over [p, f], the forces in world axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stancekit.envs.terrains import distribution
+from stancekit.planners.arrays import Array
+from stancekit.planners.contact.envelope import Envelope
+from stancekit.planners.contact.exact import ExactPlanner
+from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.contact.stages import Stages
+from stancekit.planners.keyframes.modes import Modes, world_points
+from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.scene import PostureProblem
+
+from .selectors.quantile import quantile_box
+
+
+def learn_modes(
+    distributions: Sequence[str] = ("ground-3", "wall-3"),
+    *,
+    rng: np.random.Generator,
+    count: int = 500,
+    share: float = 0.0,
+    stages: Stages | None = None,
+) -> Modes:
+    """Draw postures of each distribution, solve them exactly, and put the quantile box around their solutions.
+
+    count: solutions of each. share: of them left out on each side of each dimension; with none it is the exterior
+    boundary of Algorithm 2. The modes are named after the terrains and counted in the order given, which for ground and
+    wall is that of ``Course.modes``.
+    Raises InvalidInput for a count below 1.
+    """
+    if count < 1:
+        raise InvalidInput(f"count: expected 1 or more, got {count}")
+    planner = ExactPlanner(stages=stages or Stages())
+    samples = dict[str, tuple[Sequence[PostureProblem], Sequence[Envelope]]]()
+    for name in distributions:
+        problems, points = solved_postures(name, count, planner, rng)
+        box = quantile_box(world_points(problems, points), share=share)
+        samples[distribution(name).terrain] = (problems, [box])
+    return Modes.around(samples)
+
+
+def solved_postures(
+    name: str, count: int, planner: ExactPlanner, rng: np.random.Generator
+) -> tuple[list[PostureProblem], Array]:
+    """Feasible problems of a distribution as they come, and the point [p, f] of a witness each, shape (K, N, 6)."""
+    source = distribution(name)
+    problems, points = list[PostureProblem](), list[Array]()
+    while len(points) < count:
+        problem = source.sample(rng)
+        posture = planner.solve(problem).posture
+        if posture is not None:
+            problems.append(problem)
+            points.append(ScaledProblem.of(problem).point(posture))
+    return problems, np.array(points)

@@ -1,0 +1,85 @@
+"""What an interrupted run keeps: where every attempt stood, beside the file that the run was to write."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from ..arrays import Array
+from ..files import write_bytes
+from .attempt import Attempt, Attempted
+from .task import GaitSettings, GaitTask
+from .trajectory import robot_to_json
+
+FAILED = -1
+"""Stage of an attempt that came to its end without success."""
+
+
+class Partial:
+    """Points that attempts reached, in NAME.partial.npz; it belongs to one task, its settings and attempts.
+
+    out: the file of the run, None keeps nothing. What stands there already is taken up if it is of the same task,
+    settings and attempts, and ignored if not.
+    """
+
+    def __init__(self, out: Path | None, task: GaitTask, settings: GaitSettings, attempts: Sequence[Attempt]) -> None:
+        self.path = None if out is None else out.with_suffix(".partial.npz")
+        self._digest = _digest(task, settings, attempts)
+        self._points: dict[int, tuple[int, Array]] = {}
+        if self.path is not None and self.path.exists():
+            self._read(self.path)
+
+    def begin(self, index: int) -> tuple[Array | None, int]:
+        """Where to begin this attempt: a point, None for its own guess, and the stage; ``FAILED`` for one that did."""
+        stage, point = self._points.get(index, (0, np.zeros(0)))
+        return (point if point.size else None), stage
+
+    def keep(self, index: int, found: Attempted) -> None:
+        """Note where an attempt stands, and write all of it."""
+        done = found.stopped or found.solution.success
+        self._points[index] = (found.stage, found.solution.x) if done else (FAILED, np.zeros(0))
+        if self.path is None:
+            return
+        packed = io.BytesIO()
+        arrays: dict[str, Any] = {f"x_{k}": point for k, (_, point) in self._points.items()}
+        arrays |= {f"stage_{k}": np.array(stage) for k, (stage, _) in self._points.items()}
+        np.savez(packed, digest=np.array(self._digest), **arrays)
+        write_bytes(self.path, packed.getvalue())
+
+    def remove(self) -> None:
+        """The run is done: nothing is left of it here."""
+        if self.path is not None:
+            with suppress(OSError):
+                self.path.unlink(missing_ok=True)
+
+    def _read(self, path: Path) -> None:
+        """Take up what a run of the same task left; a file that cannot be read counts for nothing."""
+        with suppress(OSError, ValueError, KeyError, EOFError, BadZipFile), np.load(path, allow_pickle=False) as packed:
+            if str(packed["digest"]) == self._digest:
+                names = [int(name.removeprefix("x_")) for name in packed.files if name.startswith("x_")]
+                self._points = {k: (int(packed[f"stage_{k}"]), packed[f"x_{k}"]) for k in names}
+
+
+def _digest(task: GaitTask, settings: GaitSettings, attempts: Sequence[Attempt]) -> str:
+    content = hashlib.sha256()
+    for array in task.terrain.to_arrays().values():
+        content.update(np.ascontiguousarray(array).tobytes())
+    asked = {
+        "robot": robot_to_json(task.robot),
+        "start": task.start_xy_m.tolist(),
+        "goal": task.goal_xy_m.tolist(),
+        "rest": [task.start_yaw_rad, task.duration_s, task.friction, task.adhesive, task.gait, task.timings],
+        "settings": asdict(settings),
+        "attempts": [asdict(attempt) for attempt in attempts],
+    }
+    content.update(json.dumps(asked, sort_keys=True).encode())
+    return content.hexdigest()

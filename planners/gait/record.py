@@ -1,0 +1,169 @@
+"""Files of trajectories, ``stancekit/gait/1``: NAME.json, the header with the verdict, beside NAME.npz, the samples.
+
+The header's digest covers every value of both, so a file changed by hand, or half of a pair that belongs to another
+run, is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from ..arrays import frozen
+from ..files import check_writable, parse_json, read_text, write_bytes, write_text
+from ..outcome import InvalidInput
+from ..refusals import refusals
+from ..scene.heightfield import HeightField
+from .judge import GaitReport, check_trajectory
+from .trajectory import SAMPLES, Trajectory, robot_from_json
+
+FORMAT = "stancekit/gait/1"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Record:
+    """A trajectory as it stood in a file. verified: the file says that the verifier accepted it, and what it said."""
+
+    trajectory: Trajectory
+    verified: bool
+    verdict: Mapping[str, Any]
+
+
+def write_trajectory(path: str | Path, trajectory: Trajectory, report: GaitReport) -> None:
+    """Write NAME.json and NAME.npz, each whole or not at all, the header last; ``verified`` is the report's verdict.
+
+    Raises InvalidInput for a name that does not end in .json, for a report of another trajectory, and where nothing
+    can be written.
+    """
+    header_path, samples_path = check_names(path)
+    if report.trajectory.digest != trajectory.digest:
+        raise InvalidInput("report: expected the verdict on this trajectory, got one on another")
+    packed = io.BytesIO()
+    arrays: dict[str, Any] = trajectory.arrays()
+    np.savez_compressed(packed, **arrays)
+    header = {
+        "format": FORMAT,
+        "verified": report.accepted,
+        **trajectory.header(),
+        "verdict": report.to_json(),
+        "trajectory": trajectory.digest,
+    }
+    write_bytes(samples_path, packed.getvalue())
+    write_text(header_path, json.dumps(header | {"digest": _seal(header)}, indent=1, allow_nan=False) + "\n")
+
+
+def check_names(path: str | Path) -> tuple[Path, Path]:
+    """The two files of a trajectory, asked for before the work whose result goes there. Raises InvalidInput."""
+    header = Path(path)
+    if header.suffix != ".json" or not header.stem:
+        raise InvalidInput(f"{header}: expected a name that ends in .json; the samples go to .npz beside it")
+    samples = header.with_suffix(".npz")
+    check_writable(header)
+    check_writable(samples)
+    return header, samples
+
+
+def read_trajectory(path: str | Path) -> Record:
+    """Read a pair of files. Raises InvalidInput, one line, for whatever is not as it was written."""
+    path = Path(path)
+    data = parse_json(read_text(path), str(path))
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        came = data.get("format") if isinstance(data, dict) else type(data).__name__
+        raise InvalidInput(f"{path}: expected an object with format {FORMAT!r}, got {came!r:.60}")
+    try:
+        header = _Header.model_validate(data)
+    except ValidationError as error:
+        raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
+    if header.digest != _seal({name: value for name, value in data.items() if name != "digest"}):
+        raise InvalidInput(f"{path}: its digest does not fit its contents: changed since it was written")
+    samples = path.with_suffix(".npz")
+    arrays = _read_arrays(samples)
+    try:
+        trajectory = _assemble(header, arrays)
+    except InvalidInput as error:
+        raise InvalidInput(f"{samples}: {error}") from None
+    if trajectory.digest != header.trajectory:
+        raise InvalidInput(f"{samples}: these samples do not belong to {path.name}: changed since they were written")
+    return Record(trajectory=trajectory, verified=header.verified, verdict=header.verdict)
+
+
+def check_file(path: str | Path) -> GaitReport:
+    """Read a trajectory and verify it again, by the usual limits, whatever the file says. Raises InvalidInput."""
+    return check_trajectory(read_trajectory(path).trajectory)
+
+
+def is_trajectory(data: Any) -> bool:
+    """Whether a parsed JSON document is the header of a trajectory."""
+    return isinstance(data, dict) and data.get("format") == FORMAT
+
+
+def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
+    robot = robot_from_json(header.robot)
+    missing = [name for name in SAMPLES if name not in arrays]
+    if missing:
+        raise InvalidInput(f"{missing[0]}: expected this array, got nothing")
+    if arrays["contact"].dtype != np.bool_:
+        raise InvalidInput(f"contact: expected truth values, got {arrays['contact'].dtype}")
+    count, feet = arrays["times_s"].size, len(robot.feet)
+    shapes: dict[str, tuple[int, ...]] = {
+        "times_s": (count,), "torso_m": (count, 3), "rotation": (count, 3, 3), "feet_m": (count, feet, 3),
+        "forces_n": (count, feet, 3),
+    }  # fmt: skip
+    samples = {name: frozen(arrays[name], shape, name) for name, shape in shapes.items()}
+    if arrays["contact"].shape != (count, feet):
+        raise InvalidInput(f"contact: expected shape {(count, feet)}, got {arrays['contact'].shape}")
+    surface = {name.removeprefix("terrain_"): array for name, array in arrays.items() if name.startswith("terrain_")}
+    return Trajectory(
+        **samples,
+        contact=arrays["contact"],
+        robot=robot,
+        terrain=HeightField.from_arrays(surface, header.terrain),
+        friction=header.friction,
+        adhesive=np.array(header.adhesive, dtype=bool),
+        start_xy_m=frozen(header.start_xy_m, (2,), "start_xy_m"),
+        goal_xy_m=frozen(header.goal_xy_m, (2,), "goal_xy_m"),
+        provenance=header.provenance,
+    )
+
+
+def _read_arrays(path: Path) -> dict[str, NDArray[Any]]:
+    """The arrays of an .npz file, none of them pickled. Raises InvalidInput."""
+    try:
+        with np.load(path, allow_pickle=False) as packed:
+            return {name: packed[name] for name in packed.files}
+    except FileNotFoundError:
+        raise InvalidInput(f"{path}: expected the samples of the trajectory, found nothing there") from None
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, EOFError, KeyError, AttributeError, zipfile.BadZipFile):
+        raise InvalidInput(f"{path}: expected arrays in .npz form, without pickled objects") from None
+
+
+def _seal(header: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(header, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+class _Header(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+    format: Literal["stancekit/gait/1"]
+    verified: bool
+    robot: dict[str, Any]
+    terrain: str
+    friction: float
+    adhesive: list[bool]
+    start_xy_m: list[float]
+    goal_xy_m: list[float]
+    provenance: dict[str, str | float]
+    verdict: dict[str, Any]
+    trajectory: str
+    digest: str

@@ -1,0 +1,163 @@
+"""What the gait optimiser is asked for, and how it is to be asked: a task and the settings of a solve."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from ..arrays import Array, checked, frozen, gathered
+from ..outcome import InvalidInput
+from ..scene.heightfield import HeightField
+from .phases import gait_named
+from .robot import GaitRobot
+
+ChartName = Literal["ambient", "shear", "decoupled", "warped", "warped-exact"]
+Dynamics = Literal["centred", "printed", "newton-euler"]
+Timings = Literal["fixed", "optimised"]
+STEEPEST = 1.0
+"""Gradient of the terrain beyond which a foot without suction cannot hold: no start and no goal there."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GaitTask:
+    """One walk over a terrain (paper W §V).
+
+    start_xy_m, goal_xy_m: of the torso's centre of mass, shape (2,) [m]; start_yaw_rad: heading at the start, kept by
+    the initial guess; friction: ν of eq. 5; adhesive: feet without a friction cone, one for each foot or none at all.
+    Raises InvalidInput for a place off the terrain or where the robot cannot stand, and for a gait longer than
+    the duration.
+    """
+
+    robot: GaitRobot
+    terrain: HeightField
+    start_xy_m: Array
+    goal_xy_m: Array
+    start_yaw_rad: float = 0.0
+    duration_s: float = 10.0
+    friction: float = 0.75
+    adhesive: tuple[bool, ...] = ()
+    gait: str = "trot"
+    timings: Timings = "fixed"
+
+    def __post_init__(self) -> None:
+        feet = len(self.robot.feet)
+        object.__setattr__(self, "adhesive", tuple(bool(sticks) for sticks in self.adhesive) or (False,) * feet)
+        if len(self.adhesive) != feet:
+            raise InvalidInput(f"adhesive: expected {feet} truth values, got {len(self.adhesive)}")
+        if self.timings not in get_args(Timings):
+            raise InvalidInput(f"timings: expected one of {', '.join(get_args(Timings))}, got {self.timings!r}")
+        gait_named(self.gait)
+        gathered(
+            lambda: self._set("start_xy_m", frozen(self.start_xy_m, (2,), "start_xy_m")),
+            lambda: self._set("goal_xy_m", frozen(self.goal_xy_m, (2,), "goal_xy_m")),
+            lambda: self._set("start_yaw_rad", checked(self.start_yaw_rad, "start_yaw_rad")),
+            lambda: self._set("duration_s", checked(self.duration_s, "duration_s", above=0.0, most=120.0)),
+            lambda: self._set("friction", checked(self.friction, "friction", above=0.0, most=10.0)),
+        )
+        gathered(lambda: self._check_place("start"), lambda: self._check_place("goal"))
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+    @property
+    def _turn(self) -> Array:
+        """The rotation by the heading in the plane, shape (2, 2)."""
+        cosine, sine = np.cos(self.start_yaw_rad), np.sin(self.start_yaw_rad)
+        return np.array([[cosine, -sine], [sine, cosine]])
+
+    def stance_m(self, xy_m: Array) -> Array:
+        """Where the feet of the nominal stance are on the terrain, with the torso over ``xy_m``, shape (E, 3) [m]."""
+        xy = xy_m + np.array([foot.nominal_m[:2] for foot in self.robot.feet]) @ self._turn.T
+        return np.column_stack([xy, self.terrain.height(xy)])
+
+    def _check_place(self, which: str) -> None:
+        """Raise InvalidInput for a place off the terrain, inside a wall, or where the feet cannot reach the ground."""
+        xy = getattr(self, f"{which}_xy_m")
+        feet = self.stance_m(xy)
+        if not np.all(self.terrain.contains(np.vstack([feet[:, :2], xy]))):
+            (x0, x1), (y0, y1) = self.terrain.domain_m
+            raise InvalidInput(
+                f"{which}_xy_m: expected torso and feet over the terrain, [{x0:g}, {x1:g}] × [{y0:g}, {y1:g}] m, "
+                f"got ({xy[0]:g}, {xy[1]:g})"
+            )
+        slope = float(np.linalg.norm(self.terrain.gradient(xy)))
+        if slope > max(STEEPEST, self.friction):
+            raise InvalidInput(
+                f"{which}_xy_m: expected ground to stand on, got a wall of {np.rad2deg(np.arctan(slope)):.0f}° "
+                f"at ({xy[0]:g}, {xy[1]:g})"
+            )
+        self._check_reach(which, feet)
+
+    def _stands(self, xy_m: Array, slope: Array) -> bool:
+        """Whether a torso over ``xy_m``, inclined by ``slope``, has a height at which every box holds some ground.
+
+        Boxes stay upright here: on a slope of 45° that is off by a fifth of their sides, and no proof is needed.
+        """
+        lowest, highest = -np.inf, np.inf
+        for foot in self.robot.feet:
+            lines = (np.linspace(foot.reach_min_m[k], foot.reach_max_m[k], 9) for k in range(2))
+            away = np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2) @ self._turn.T
+            ground = self.terrain.height(xy_m + away) - away @ slope
+            lowest = max(lowest, float(ground.min() - foot.reach_max_m[2]))
+            highest = min(highest, float(ground.max() - foot.reach_min_m[2]))
+        return lowest <= highest
+
+    def _check_reach(self, which: str, feet: Array) -> None:
+        """Some height of the torso, level or along the ground, must bring all feet to ground within their boxes."""
+        xy = getattr(self, f"{which}_xy_m")
+        away = feet[:, :2] - xy
+        plane, *_ = np.linalg.lstsq(np.column_stack([away, np.ones(len(feet))]), feet[:, 2], rcond=None)
+        slope = plane[:2] * min(1.0, max(STEEPEST, self.friction) / max(float(np.linalg.norm(plane[:2])), 1e-12))
+        if not any(self._stands(xy, share * slope) for share in (0.0, 0.5, 1.0)):
+            raise InvalidInput(
+                f"{which}_xy_m: expected ground that all feet reach, got heights from {feet[:, 2].min():.2f} to "
+                f"{feet[:, 2].max():.2f} m under the feet at ({xy[0]:g}, {xy[1]:g})"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaitSettings:
+    """How a task is written down and solved.
+
+    chart: how variables become world quantities (DESIGN of the charts: ``charts``). dynamics: ``centred``, PCDM with
+    the force balanced by y₊ − 2y + y₋; ``printed``, eq. 11 as printed; ``newton-euler``, eq. 2.
+    hessian: ``exact``, or ``lbfgs`` for the paper's comparison. tolerance: success is a largest violation below it.
+    step_s: Δt. torso_knot_s, force_knot_s: spacing of the splines' knots. reach_margin_m: kept in hand inside the reach
+    boxes. clearance_m: of swinging feet in the middle of a swing. swing_nodes: checks of a swing between its ends
+    where the chart does not flatten the terrain. smoothing_m: deviation of the Gaussian of the decoupled chart.
+    trunk_clearance_m: of the trunk's lower face over the terrain, None for no such term. switch_slack_s: how far
+    optimised switching times may move. still_end: end at rest.
+    """
+
+    chart: ChartName = "decoupled"
+    dynamics: Dynamics = "centred"
+    hessian: Literal["exact", "lbfgs"] = "exact"
+    max_iterations: int = 200
+    tolerance: float = 1e-4
+    step_s: float = 0.05
+    torso_knot_s: float = 0.1
+    force_knot_s: float = 0.05
+    reach_margin_m: float = 0.005
+    clearance_m: float = 0.02
+    swing_height_m: float = 0.08
+    trunk_clearance_m: float | None = 0.01
+    swing_nodes: int = 5
+    smoothing_m: float = 0.3
+    switch_slack_s: float = 0.1
+    still_end: bool = True
+
+    def __post_init__(self) -> None:
+        for name, kind in (("chart", ChartName), ("dynamics", Dynamics)):
+            if getattr(self, name) not in get_args(kind):
+                raise InvalidInput(f"{name}: expected one of {', '.join(get_args(kind))}, got {getattr(self, name)!r}")
+        if self.hessian not in ("exact", "lbfgs"):
+            raise InvalidInput(f"hessian: expected exact or lbfgs, got {self.hessian!r}")
+        for name in ("tolerance", "step_s", "torso_knot_s", "force_knot_s", "smoothing_m"):
+            checked(getattr(self, name), name, above=0.0)
+        for name in ("reach_margin_m", "clearance_m", "swing_height_m", "switch_slack_s"):
+            checked(getattr(self, name), name, least=0.0)
+        for name in ("max_iterations", "swing_nodes"):
+            if getattr(self, name) < 1:
+                raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)}")

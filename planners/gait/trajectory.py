@@ -1,0 +1,151 @@
+"""The trajectory of a legged robot over a terrain: what every chart's solution becomes, in the world frame and dense.
+
+It says nothing of how it was made, so ``judge`` can check it and ``record`` can write it without knowing an optimiser.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array
+from ..outcome import InvalidInput
+
+if TYPE_CHECKING:
+    from ..scene.heightfield import HeightField
+    from .robot import GaitRobot
+
+STEP_S = 0.005
+"""Spacing of the samples that charts give: ten times finer than the optimiser's default grid."""
+SAMPLES = ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")
+"""The arrays that have a row a sample."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trajectory:
+    """Torso, feet and contact forces over time: K samples on a uniform grid, E feet; arrays are read-only copies.
+
+    times_s: shape (K,) [s]; torso_m: centre of mass p_WB, shape (K, 3) [m]; rotation: R_WB, shape (K, 3, 3);
+    feet_m: p_WF, shape (K, E, 3) [m]; forces_n: contact forces on the robot f_W, shape (K, E, 3) [N];
+    contact: which feet stand, shape (K, E), bool; friction: ν of paper W eq. 5; adhesive: feet without a friction cone,
+    shape (E,), bool; start_xy_m, goal_xy_m: where the torso has to begin and to end, shape (2,) [m];
+    provenance: what made it, names to texts or numbers.
+
+    Raises InvalidInput for values that are no arrays of numbers. Shapes, finiteness and sense are the verifier's to
+    judge (``judge.check_trajectory``), so that whatever an optimiser returns can be held and looked at.
+    """
+
+    times_s: Array
+    torso_m: Array
+    rotation: Array
+    feet_m: Array
+    forces_n: Array
+    contact: NDArray[np.bool_]
+    robot: GaitRobot
+    terrain: HeightField
+    friction: float
+    adhesive: NDArray[np.bool_]
+    start_xy_m: Array
+    goal_xy_m: Array
+    provenance: Mapping[str, str | float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "start_xy_m", "goal_xy_m"):
+            object.__setattr__(self, name, _held(getattr(self, name), np.float64, name))
+        for name in ("contact", "adhesive"):
+            object.__setattr__(self, name, _held(getattr(self, name), np.bool_, name))
+        object.__setattr__(self, "friction", float(self.friction))
+        plain = {name: value if isinstance(value, str) else float(value) for name, value in self.provenance.items()}
+        object.__setattr__(self, "provenance", plain)
+
+    @property
+    def samples(self) -> int:
+        """K, how many samples there are."""
+        return int(self.times_s.shape[0]) if self.times_s.ndim else 0
+
+    @property
+    def step_s(self) -> float:
+        """Mean distance of two samples [s]; 0 for fewer than two."""
+        return float(self.times_s[-1] - self.times_s[0]) / (self.samples - 1) if self.samples > 1 else 0.0
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return float(self.times_s[-1] - self.times_s[0]) if self.samples else 0.0
+
+    def header(self) -> dict[str, Any]:
+        """What is not an array of samples or of the terrain, as JSON-ready values."""
+        return {
+            "robot": robot_to_json(self.robot),
+            "terrain": self.terrain.name,
+            "friction": self.friction,
+            "adhesive": self.adhesive.tolist(),
+            "start_xy_m": self.start_xy_m.tolist(),
+            "goal_xy_m": self.goal_xy_m.tolist(),
+            "provenance": dict(self.provenance),
+        }
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """The samples by name, and the terrain's arrays under ``terrain_…``."""
+        terrain = {f"terrain_{name}": np.asarray(array) for name, array in self.terrain.to_arrays().items()}
+        return {name: getattr(self, name) for name in SAMPLES} | terrain
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of everything the trajectory holds, to the last bit: header as canonical JSON, then every array."""
+        content = hashlib.sha256(json.dumps(self.header(), sort_keys=True, separators=(",", ":")).encode())
+        for name, array in sorted(self.arrays().items()):
+            content.update(f"\n{name} {array.dtype.str} {array.shape}\n".encode())
+            content.update(np.ascontiguousarray(array).tobytes())
+        return content.hexdigest()
+
+
+def robot_to_json(robot: GaitRobot) -> dict[str, Any]:
+    """A robot as JSON-ready values; ``robot_from_json`` gives it back to the last bit."""
+    return {
+        "name": robot.name,
+        "mass_kg": robot.mass_kg,
+        "inertia_kgm2": robot.inertia_kgm2.tolist(),
+        "stand_height_m": robot.stand_height_m,
+        "trunk_half_m": robot.trunk_half_m.tolist(),
+        "feet": [
+            {
+                "name": foot.name,
+                "nominal_m": foot.nominal_m.tolist(),
+                "reach_min_m": foot.reach_min_m.tolist(),
+                "reach_max_m": foot.reach_max_m.tolist(),
+                "hip_m": foot.hip_m.tolist(),
+            }
+            for foot in robot.feet
+        ],
+    }
+
+
+def robot_from_json(data: Any) -> GaitRobot:
+    """Read what ``robot_to_json`` wrote. Raises InvalidInput."""
+    from .robot import Foot, GaitRobot
+
+    try:
+        feet = tuple(Foot(**foot) for foot in data["feet"])
+        return GaitRobot(**{**data, "feet": feet})
+    except InvalidInput as error:
+        raise InvalidInput(f"robot: {error}") from None
+    except (TypeError, KeyError, ValueError, AttributeError):
+        raise InvalidInput(f"robot: expected an object as `stancekit gait` writes it, got {data!r:.60}") from None
+
+
+def _held(value: Any, kind: type, where: str) -> NDArray[Any]:
+    """A read-only copy as an array of this type."""
+    try:
+        array: NDArray[Any] = np.array(value, dtype=kind)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(f"{where}: expected an array of numbers, got {value!r:.60}") from None
+    array.setflags(write=False)
+    return array

@@ -1,0 +1,110 @@
+"""Learned envelopes over the bearings of a course: which box belongs to which limb of which stance.
+
+An envelope is learned for some legs, RF, RR and LM for one. The other tripod LF, LR and RM is its mirror image about
+the sagittal plane. With S = diag(1, −1, 1) a toe at p goes to S p and a force F to S F. The shear axes of the house, up
+on walls and forward on ground, are their own images, z' = S z, and n' = S n; but y' = z' × n' = S z × S n = −S y. So in
+the mirrored contact frame f_n and f_z stay, while f_y changes its sign; so does F_y in world axes, while F_x and F_z
+stay. Either way the box mirrors p_y and the second force component.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..arrays import Array
+from ..contact.envelope import Envelope, EnvelopeSet
+from ..outcome import InvalidInput
+from ..scene.course import Course, Stance
+from ..scene.robot import Robot
+from ..scene.surfaces import shear_of
+from .products import Axes
+from .scaled import ScaledCourse
+
+MIRROR = np.array([1.0, -1.0, 1.0])
+"""S: world to mirrored world."""
+MIRRORED_BOX = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
+"""The same for [p, f], f in either axes (see the module)."""
+
+
+def mirrored(envelopes: EnvelopeSet, robot: Robot) -> EnvelopeSet:
+    """The set for the legs on the other side. Raises InvalidInput for a robot that is not symmetric."""
+    ends = [(MIRRORED_BOX * box.low, MIRRORED_BOX * box.high) for box in envelopes.envelopes]
+    return replace(
+        envelopes,
+        problem_class=f"{envelopes.problem_class} mirrored",
+        legs=tuple(_partner(robot, leg) for leg in envelopes.legs),
+        normals=envelopes.normals * MIRROR,
+        envelopes=tuple(Envelope(low=np.minimum(*pair), high=np.maximum(*pair)) for pair in ends),
+    )
+
+
+def boxes_of(scaled: ScaledCourse, envelopes: EnvelopeSet, axes: Axes = "contact") -> tuple[Envelope, ...]:
+    """Every envelope of the set, as a box over the B bearings of a course.
+
+    Raises InvalidInput that names the first stance whose limbs or patches the set was not learned for.
+    """
+    course, layout = scaled.course, scaled.layout
+    either = (envelopes, mirrored(envelopes, course.robot))
+    stance_of, limb_of, _ = layout.bearing
+    low, high = (np.zeros((len(envelopes.envelopes), len(limb_of), 6)) for _ in range(2))
+    for index, stance in enumerate(course.stances):
+        fitting = _fitting(course, stance, either)
+        _check(course, stance, fitting, axes)
+        rows = np.flatnonzero(stance_of == index)
+        columns = [fitting.legs.index(course.robot.limb_names[limb]) for limb in limb_of[rows]]
+        low[:, rows] = np.stack([box.low[columns] for box in fitting.envelopes])
+        high[:, rows] = np.stack([box.high[columns] for box in fitting.envelopes])
+    return tuple(Envelope(low=below, high=above) for below, above in zip(low, high, strict=True))
+
+
+def _partner(robot: Robot, leg: str) -> str:
+    """The leg whose shoulder is the mirror image of this one's."""
+    (own,) = robot.select([leg])
+    for limb in robot.limbs:
+        apart = float(np.abs(limb.shoulder_m - MIRROR * own.shoulder_m).max())
+        if apart < 1e-6 and abs(limb.reach_m - own.reach_m) < 1e-6:
+            return limb.name
+    raise InvalidInput(f"robot {robot.name}: expected a limb opposite to {leg}, to mirror its envelope, got none")
+
+
+def _fitting(course: Course, stance: Stance, either: tuple[EnvelopeSet, ...]) -> EnvelopeSet:
+    names = [course.robot.limb_names[limb] for limb in stance.limbs]
+    for envelopes in either:
+        if set(envelopes.legs) == set(names):
+            return envelopes
+    known = " or ".join(", ".join(envelopes.legs) for envelopes in either)
+    raise InvalidInput(
+        f"frame {stance.frame}: expected a stance on {known}, as the envelope learned for "
+        f"{either[0].problem_class} has it, got one on {', '.join(names)}"
+    )
+
+
+def _check(course: Course, stance: Stance, envelopes: EnvelopeSet, axes: Axes) -> None:
+    """Raise InvalidInput unless every candidate patch under the stance is of the kind that was learned."""
+    names = course.robot.limb_names
+    limbs = tuple(names.index(leg) for leg in envelopes.legs)
+    under = [course.placements[int(course.holds[stance.frame, limb])] for limb in limbs]
+    for option in range(max(len(placement.candidates) for placement in under)):
+        choice = np.zeros(len(course.placements), dtype=np.int_)
+        choice[course.holds[stance.frame, list(limbs)]] = [min(option, len(one.candidates) - 1) for one in under]
+        where = f"frame {stance.frame}, stance on {', '.join(envelopes.legs)}"
+        try:
+            envelopes.check_fits(course.posture_problem(Stance(stance.frame, limbs), choice))
+        except InvalidInput as error:
+            raise InvalidInput(f"{where}: {error}") from None
+        for placement in under if axes == "contact" else []:
+            patch = placement.candidates[min(option, len(placement.candidates) - 1)]
+            if _turned(patch.shear_reference, patch.normal) > 1e-3:
+                raise InvalidInput(
+                    f"{where}, limb {placement.limb}: expected the shear axis z up on walls and forward on ground, "
+                    f"as envelopes are learned, got {np.round(patch.shear_reference, 3).tolist()}"
+                )
+
+
+def _turned(shear_reference: Array, normal: Array) -> float:
+    """Sine of the angle between a patch's own z axis and the house's."""
+    own, house = (v - (v @ normal) * normal for v in (shear_reference, shear_of(normal)))
+    own, house = own / np.linalg.norm(own), house / np.linalg.norm(house)
+    return float(np.linalg.norm(own - house))

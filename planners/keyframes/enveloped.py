@@ -1,0 +1,255 @@
+"""The two-stage planner over learned envelopes: P1 → P2 as paper E has it, with modes where there are several boxes.
+
+What is binary, the candidate patch of a toe and the box of a stance, is decided by branch and bound: a node closes some
+choices and relaxes the others, and P2 projects what it is rounded to. With one box a stance any plan will do: depth
+first, after the nearest candidates that have friction. With several the boxes chosen are part of the answer: best
+first, and a rounded choice counts only if it costs no more than the bound. A box that a stance cannot use even alone is
+closed before. A learned box is no relaxation of the course: that P1 has no answer is reported with its margin, and
+proves nothing.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..arrays import Array
+from ..conic import ConicStatus
+from ..contact.envelope import Envelope, EnvelopeSet
+from ..outcome import InvalidInput, Status
+from ..plan import PlanOutcome
+from ..scene.course import Course
+from .boxes import boxes_of
+from .clock import Clock
+from .layout import Index
+from .modes import Modes, allowed_boxes, alone, composed, modes_of_frames
+from .planner import PlanAcceptance, plan_of
+from .products import Axes
+from .project import PROJECTIONS, PlanPoint, Projection
+from .relax import EnvelopedCourse, EnvelopedPlan, ModedCourse
+from .scaled import ScaledCourse
+from .twostage import CourseModels, TwoStageCoursePlanner
+
+WHOLE = 1e-4
+"""A share this close to 1 is a choice already made."""
+GAP = 1e-4
+"""A rounded choice that costs at most this share more than the bound, or 1e-8 of the length scale squared, is best."""
+
+
+class EnvelopeCoursePlanner:
+    """P1 over one envelope, or over modes, then P2.
+
+    envelopes: boxes in contact frames, learned for a stance of the course or its mirror image; with several, one is
+    chosen a stance. ``Modes`` are boxes in world axes. max_nodes, time_limit_s: of the search, compiling excluded.
+    """
+
+    name = "two-stage"
+
+    def __init__(
+        self,
+        envelopes: EnvelopeSet | Modes,
+        *,
+        projection: Projection = "scp",
+        acceptance: PlanAcceptance = PlanAcceptance(),
+        max_nodes: int = 200,
+        time_limit_s: float = 60.0,
+        models: CourseModels | None = None,
+    ) -> None:
+        if projection not in PROJECTIONS:
+            raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
+        self.envelopes = envelopes
+        self.axes: Axes = "world" if isinstance(envelopes, Modes) else "contact"
+        self.projection: Projection = projection
+        self.acceptance = acceptance
+        self.max_nodes, self.time_limit_s = max_nodes, time_limit_s
+        self.models = models or CourseModels()
+        self._compiled: dict[tuple[object, ...], EnvelopedCourse | ModedCourse] = {}
+
+    def solve(self, course: Course) -> PlanOutcome:
+        """Plan one course. Raises InvalidInput that names the stance that the envelopes were not learned for."""
+        clock, scaled = Clock.start(), ScaledCourse.of(course)
+        learned = self.envelopes.boxes if isinstance(self.envelopes, Modes) else self.envelopes
+        boxes = boxes_of(scaled, learned, self.axes)
+        search = _Search(self, scaled, boxes, clock)
+        search.run()
+        details = search.details()
+        plan, message = None, search.message
+        if search.found is not None:
+            choice, point, chosen = search.found
+            modes = modes_of_frames(scaled.layout, chosen) if isinstance(self.envelopes, Modes) else None
+            made = {"planner": self.name, "projection": self.projection, "p1": learned.problem_class}
+            plan = plan_of(scaled, choice, point, provenance=made, modes=modes)
+        elif search.solved_none and len(boxes) == 1:
+            details["margin"] = self.margin(scaled, boxes[0], clock).margin
+            if np.isinf(details["margin"]):  # infeasible whatever the box: the lift may prove it
+                proof = TwoStageCoursePlanner(models=self.models, acceptance=self.acceptance).solve(course)
+                if proof.status is Status.INFEASIBLE:
+                    return proof
+            message = f"P1 misses the envelope by {details['margin']:.3g}; over a learned box that is no proof"
+        elif search.solved_none:
+            message = message or "P1 has no answer for any choice of boxes; over learned ones that is no proof"
+        return self.acceptance.outcome(
+            course, method=self.name, clock=clock, plan=plan, message=message, details=details,
+            claim="" if plan is not None else "infeasible" if search.solved_none else "",
+        )  # fmt: skip
+
+    def margin(self, scaled: ScaledCourse, box: Envelope, clock: Clock | None = None) -> EnvelopedPlan:
+        """The signed margin of P1 over one box a bearing, all open candidates allowed."""
+        clock = clock or Clock.start()
+        model = self._model("soft", scaled, 1, clock)
+        assert isinstance(model, EnvelopedCourse)
+        answer = model.solve(scaled, box)
+        clock.count(1, answer.solution.seconds)
+        return answer
+
+    def size(self, scaled: ScaledCourse) -> tuple[int, int]:
+        """Rows and columns of P1 with one box a stance."""
+        return self._model("hard", scaled, 1, Clock.start()).model.shape
+
+    def relaxed(self, scaled: ScaledCourse, boxes: Sequence[Envelope], allowed: Array, clock: Clock) -> EnvelopedPlan:
+        """P1 with these boxes allowed in every stance, shape (S, E); one box a stance needs no hull."""
+        if np.all(allowed.sum(axis=1) == 1.0):
+            model = self._model("hard", scaled, 1, clock)
+            assert isinstance(model, EnvelopedCourse)
+            answer = model.solve(scaled, composed(scaled.layout, boxes, allowed.argmax(axis=1)), modes=allowed)
+        else:
+            hull = self._model("hull", scaled, len(boxes), clock)
+            assert isinstance(hull, ModedCourse)
+            answer = hull.solve(scaled, boxes, allowed)
+        clock.count(1, answer.solution.seconds)
+        return answer
+
+    def allowed(self, scaled: ScaledCourse, boxes: Sequence[Envelope], clock: Clock) -> Array:
+        """1 where a stance, looked at alone, may use a box; shape (S, E)."""
+        found = allowed_boxes(scaled, boxes, self.axes)
+        for stance in np.flatnonzero(found.sum(axis=1) > 1.0):
+            part, rows = alone(scaled, int(stance))
+            for e in np.flatnonzero(found[stance]).tolist():
+                box = Envelope(low=boxes[e].low[rows], high=boxes[e].high[rows])
+                answer = self.relaxed(part, [box], np.ones((1, 1)), clock)
+                found[stance, e] = float(answer.status is not ConicStatus.INFEASIBLE)
+        return found
+
+    def _model(self, form: str, scaled: ScaledCourse, boxes: int, clock: Clock) -> EnvelopedCourse | ModedCourse:
+        course, layout = scaled.course, scaled.layout
+        key = (form, boxes, scaled.key)
+        if key not in self._compiled:
+            with clock.compiling():
+                self._compiled[key] = (
+                    ModedCourse(layout, course.weights, scaled.typical(), boxes=boxes, axes=self.axes)
+                    if form == "hull"
+                    else EnvelopedCourse(layout, course.weights, scaled.typical(), soft=form == "soft", axes=self.axes)
+                )
+        return self._compiled[key]
+
+
+class _Search:
+    """Best first over the choices of one course: which slots are open, (P, R), and which boxes are allowed, (S, E)."""
+
+    def __init__(
+        self, planner: EnvelopeCoursePlanner, scaled: ScaledCourse, boxes: Sequence[Envelope], clock: Clock
+    ) -> None:
+        self._planner, self._scaled, self._boxes, self._clock = planner, scaled, boxes, clock
+        self._heap: list[tuple[float, int, Array, Array, EnvelopedPlan]] = []
+        self.found: tuple[Index, PlanPoint, Index] | None = None
+        self.nodes = self.tried = 0
+        self.message = ""
+        self.open_stances = 0
+        self.gap, self.objective = float("nan"), float("nan")
+        self._open_end = False
+
+    @property
+    def solved_none(self) -> bool:
+        """Whether P1 has no answer for any choice."""
+        return self.found is None and not self._open_end
+
+    def details(self) -> dict[str, float]:
+        """Figures of the search."""
+        return {
+            "nodes": float(self.nodes), "projected": float(self.tried), "open_stances": float(self.open_stances),
+            "gap": self.gap, "p1_objective": self.objective * self._scaled.course.length_scale_m**2,
+        }  # fmt: skip
+
+    def run(self) -> None:
+        """Search until there is a plan, nothing left, or a limit."""
+        layout, planner = self._scaled.layout, self._planner
+        allowed = planner.allowed(self._scaled, self._boxes, self._clock)
+        if np.any(allowed.sum(axis=1) == 0.0):
+            frame, limbs = layout.stances[int(np.flatnonzero(allowed.sum(axis=1) == 0.0)[0])]
+            names = ", ".join(self._scaled.course.robot.limb_names[limb] for limb in limbs)
+            self.message = f"frame {frame}, stance on {names}: no envelope has room for it"
+            return
+        self.open_stances = int(np.sum(allowed.sum(axis=1) > 1.0))
+        whole = self._scaled.opened.reshape(layout.placements, layout.regions)
+        if len(self._boxes) == 1 and layout.regions > 1:
+            friction = self._scaled.friction.reshape(whole.shape)
+            self._settle(_one_of((friction > 0.0) * whole + 0.5 * whole), allowed, np.inf)
+        self._add(whole, allowed)
+        while self._heap and self.found is None:
+            if self.nodes >= planner.max_nodes or self._clock.working() > planner.time_limit_s:
+                limit = f"{planner.max_nodes} nodes" if self.nodes >= planner.max_nodes else "its time limit"
+                self.message, self._open_end = f"the search for choices met its limit ({limit})", True
+                return
+            self._expand(*heapq.heappop(self._heap))
+        if self.found is None and self._open_end and not self.message:
+            self.message = f"P1 admits the course, but {planner.projection} found no plan from its points"
+
+    def _add(self, opened: Array, allowed: Array) -> None:
+        """Solve a node and keep it where it has an answer."""
+        self.nodes += 1
+        answer = self._planner.relaxed(self._scaled.only(opened), self._boxes, allowed, self._clock)
+        if answer.status is ConicStatus.FAILED:
+            self.message, self._open_end = "the conic solver gave up", True
+        elif answer.status is ConicStatus.SOLVED:
+            order = answer.objective if len(self._boxes) > 1 else -float(self.nodes)
+            heapq.heappush(self._heap, (order, self.nodes, opened, allowed, answer))
+
+    def _settle(self, opened: Array, allowed: Array, most: float) -> None:
+        """Solve with every choice made, and project where that costs no more than ``most``."""
+        answer = self._planner.relaxed(self._scaled.only(opened), self._boxes, allowed, self._clock)
+        if answer.status is ConicStatus.SOLVED and answer.objective <= most:
+            self._project(answer)
+
+    def _expand(self, _: float, __: int, opened: Array, allowed: Array, answer: EnvelopedPlan) -> None:
+        shares = np.where(opened > 0.0, answer.shares, 0.0)
+        loose = np.where(opened.sum(axis=1) > 1.0, 1.0 - shares.max(axis=1), 0.0)
+        torn = np.where(allowed.sum(axis=1) > 1.0, 1.0 - answer.modes.max(axis=1), 0.0)
+        if max(loose.max(), torn.max()) <= WHOLE:
+            self._project(answer)
+            self._open_end |= self.found is None
+            return
+        bound = answer.objective + max(GAP * abs(answer.objective), 1e-8)
+        self._settle(_one_of(shares), _one_of(answer.modes * allowed), bound if len(self._boxes) > 1 else np.inf)
+        if self.found is not None:
+            return
+        which, table = (0, shares) if loose.max() >= torn.max() else (1, answer.modes)
+        row = int((loose, torn)[which].argmax())
+        column = int(table[row].argmax())
+        for keep in (False, True):
+            parts = [opened.copy(), allowed.copy()]
+            kept = parts[which][row, column]
+            if keep:
+                parts[which][row] = 0.0
+            parts[which][row, column] = kept if keep else 0.0
+            self._add(*parts)
+
+    def _project(self, answer: EnvelopedPlan) -> None:
+        """Round the shares to a choice and project; ``found`` where that gives a plan."""
+        self.tried += 1
+        choice, toes = answer.rounded()
+        chosen = self._scaled.chosen(choice)
+        start = PlanPoint(com=answer.com, rotation=answer.rotation, toes=toes, forces=answer.forces, residual=np.inf)
+        projector = self._planner.models.projector(chosen)
+        point = projector.project(self._planner.projection, chosen, start, self._clock)
+        if point.found:
+            self.found = (choice, point, np.asarray(answer.modes.argmax(axis=1)))
+            self.gap, self.objective = answer.gap, answer.objective
+
+
+def _one_of(shares: Array) -> Array:
+    """1 at the largest of every row, 0 elsewhere."""
+    found = np.zeros_like(shares)
+    found[np.arange(len(shares)), shares.argmax(axis=1)] = 1.0
+    return found

@@ -1,0 +1,118 @@
+"""Mode switching (paper E §IV-A, end): envelopes of several terrains, and one binary a posture that says which.
+
+The forces of these boxes are in world axes: "up" on the ground is a normal force and on a wall a shear force, so that
+boxes in contact frames could not tell walking from climbing. A posture is a stance: while one tripod has moved from the
+ground to the wall, the other still stands on the ground. The mode of a key frame is that of its last stance, which
+stands on the toes put down last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from ..arrays import Array
+from ..contact.envelope import Envelope, EnvelopeSet
+from ..contact.scaled import ScaledProblem
+from ..outcome import InvalidInput
+from ..scene import PostureProblem
+from .layout import Index, Layout
+from .products import Axes, domain_of
+from .scaled import ScaledCourse
+
+FORMAT = "stancekit/modes/1"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Modes:
+    """An envelope a terrain, each over [p, f] with f in world axes.
+
+    names: of the terrains, in the order in which ``Course.modes`` counts them (0 ground, 1 wall). boxes: as many
+    envelopes; its legs may be mirrored.
+    """
+
+    names: tuple[str, ...]
+    boxes: EnvelopeSet
+
+    def __post_init__(self) -> None:
+        if len(self.names) != len(self.boxes.envelopes) or len(set(self.names)) != len(self.names):
+            raise InvalidInput(
+                f"names: expected {len(self.boxes.envelopes)} different ones, one an envelope, got {list(self.names)}"
+            )
+
+    @classmethod
+    def around(cls, samples: Mapping[str, tuple[Sequence[PostureProblem], Sequence[Envelope]]]) -> Modes:
+        """Modes by name: the problems that each was learned from, and its one envelope."""
+        problems = [problem for some, _ in samples.values() for problem in some]
+        boxes = [box for _, boxes in samples.values() for box in boxes]
+        learned = EnvelopeSet.for_problems("+".join(samples), problems, boxes, {"axes": "world"})
+        return cls(names=tuple(samples), boxes=learned)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the JSON form."""
+        return {"format": FORMAT, "names": list(self.names), "boxes": self.boxes.to_json()}
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> Modes:
+        """Read the JSON form. Raises InvalidInput."""
+        if not isinstance(data, Mapping) or set(data) != {"format", "names", "boxes"} or data["format"] != FORMAT:
+            raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, names and boxes")
+        names = data["names"]
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise InvalidInput(f"names: expected a list of texts, got {names!r:.80}")
+        try:
+            return cls(names=tuple(names), boxes=EnvelopeSet.from_json(data["boxes"]))
+        except InvalidInput as error:
+            raise InvalidInput(str(error) if str(error).startswith("names") else f"boxes: {error}") from None
+
+
+def world_points(problems: Sequence[PostureProblem], points: Array) -> Array:
+    """[p, f] of postures with f turned from contact frames to world axes, shape (K, N, 6)."""
+    frames = np.stack([ScaledProblem.of(problem).frames for problem in problems])
+    forces = np.matmul(frames, points[..., 3:, None])[..., 0]
+    return np.concatenate([points[..., :3], forces], axis=-1)
+
+
+def allowed_boxes(scaled: ScaledCourse, boxes: Sequence[Envelope], axes: Axes) -> Array:
+    """1 where a stance may use a box, 0 where the course's own bounds on one of its bearings miss it; shape (S, E)."""
+    layout, domain = scaled.layout, domain_of(scaled, axes)
+    meets = [np.all((box.low <= domain.high) & (domain.low <= box.high), axis=1) for box in boxes]
+    missed = np.zeros((len(layout.stances), len(boxes)))
+    np.add.at(missed, layout.bearing[0], 1.0 - np.stack(meets, axis=1))
+    return np.asarray((missed == 0.0).astype(np.float64))
+
+
+def alone(scaled: ScaledCourse, stance: int) -> tuple[ScaledCourse, Index]:
+    """One stance as a course of one key frame, and the rows of its bearings in the whole one's.
+
+    Every plan of the course holds one of it, so that a box that it cannot use, no plan can use there.
+    """
+    layout = scaled.layout
+    frame, limbs = layout.stances[stance]
+    every = tuple(range(layout.limbs))
+    slots = (np.array(layout.holds[frame])[:, None] * layout.regions + np.arange(layout.regions)).ravel()
+    part = replace(
+        scaled,
+        layout=replace(layout, holds=(every,), stances=((0, limbs),)),
+        vertices=scaled.vertices[slots], frames=scaled.frames[slots], friction=scaled.friction[slots],
+        opened=scaled.opened[slots], com=scaled.com[[frame]], com_radius=scaled.com_radius[[frame]],
+        direction=np.zeros((0, 3)), progress=np.zeros(0),
+    )  # fmt: skip
+    return part, np.asarray(np.flatnonzero(layout.bearing[0] == stance))
+
+
+def composed(layout: Layout, boxes: Sequence[Envelope], chosen: Index) -> Envelope:
+    """One box over the bearings, that of the chosen mode in each stance. chosen: shape (S,)."""
+    mode, rows = chosen[layout.bearing[0]], np.arange(len(layout.bearing[0]))
+    return Envelope(
+        low=np.stack([box.low for box in boxes])[mode, rows], high=np.stack([box.high for box in boxes])[mode, rows]
+    )
+
+
+def modes_of_frames(layout: Layout, chosen: Index) -> Index:
+    """z of every frame: that of its last stance, which stands on the toes put down last; shape (M,)."""
+    last = {frame: index for index, (frame, _) in enumerate(layout.stances)}
+    return np.asarray(chosen[[last[frame] for frame in range(layout.frames)]])

@@ -1,0 +1,284 @@
+"""The map φ from warped space 𝓕 to the world 𝓐 (paper W §IV-A): a tri-cubic B-spline, then a snap onto the terrain.
+
+With s the tri-cubic map, φ = (s_x, s_y, s_z + b(z̄)·δ(s_x, s_y)): δ is how far the terrain lies above the ground of s, a
+bicubic spline over the *world's* x and y, and b fades from 1 at the ground to 0. So det J = det J_s + b′·δ·A with A the
+area that s stretches a horizontal square to: a steep δ folds nothing, only a large one that fades fast could.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array, checked, frozen
+from ..files import write_bytes
+from ..outcome import InvalidInput
+from ..scene.cubic import CubicBasis
+from ..scene.heightfield import HeightField
+from .inversion import inverted, surface
+from .quadrature import Axis
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+FORMAT = "stancekit/warp/1"
+REACH_M = 20.0
+"""How far beyond its band a map goes on along straight lines [m]."""
+STEEPEST_FADE = 1.875
+"""How fast the snap fades at its fastest, times the height at which it has faded out."""
+TEXTS = ("name", "terrain_digest")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SplineMap:
+    """φ: x̄ ↦ x, both in metres; C² everywhere, and the ground z̄ = 0 becomes the terrain.
+
+    domain_m: x̄ and ȳ span these [m]; height_m: z̄ spans 0 to this [m]. control_m: ψ, shape (3, nx, ny, nz) [m],
+    component first, cells + 3 along an axis. snap: δ over the world's x and y; it fades out from z̄ = 0 to fade_m. None
+    is a plain tri-cubic map, as published. terrain_digest: what it was made for. Raises InvalidInput.
+    """
+
+    domain_m: tuple[tuple[float, float], tuple[float, float]]
+    height_m: float
+    control_m: Array
+    snap: HeightField | None = None
+    fade_m: float = 1.0
+    name: str = ""
+    terrain_digest: str = ""
+
+    def __post_init__(self) -> None:
+        domain = frozen(self.domain_m, (2, 2), "domain_m")
+        object.__setattr__(self, "domain_m", tuple((float(low), float(high)) for low, high in domain))
+        object.__setattr__(self, "height_m", checked(self.height_m, "height_m", above=0.0))
+        object.__setattr__(self, "fade_m", checked(self.fade_m, "fade_m", above=0.0))
+        object.__setattr__(self, "control_m", frozen(self.control_m, (3, None, None, None), "control_m"))
+        if not all(high > low for low, high in self.domain_m):
+            raise InvalidInput(f"domain_m: expected increasing spans, got {self.domain_m}")
+        if min(self.control_m.shape[1:]) < 4:
+            raise InvalidInput(f"control_m: expected 4 or more along each axis, got {self.control_m.shape[1:]}")
+
+    @property
+    def cells(self) -> tuple[int, int, int]:
+        """Cells of the tri-cubic grid along x̄, ȳ and z̄."""
+        x, y, z = self.control_m.shape[1:]
+        return x - 3, y - 3, z - 3
+
+    @cached_property
+    def _bases(self) -> list[CubicBasis]:
+        spans = (*self.domain_m, (0.0, self.height_m))
+        return [
+            CubicBasis.over(np.linspace(low, high, n + 1), REACH_M)
+            for (low, high), n in zip(spans, self.cells, strict=True)
+        ]
+
+    @cached_property
+    def _padded(self) -> Array:
+        """Control points with those of the straight continuation, component first."""
+        found: Array = self.control_m
+        spans = (*self.domain_m, (0.0, self.height_m))
+        for axis, (basis, (low, high), cells) in enumerate(zip(self._bases, spans, self.cells, strict=True)):
+            inner = Axis(low=low, high=high, cells=cells, points=1).identity
+            found = np.moveaxis(_continued(np.moveaxis(found, axis + 1, 0), inner, basis.greville), 0, axis + 1)
+        return np.ascontiguousarray(found)
+
+    @property
+    def spline(self) -> tuple[Array, tuple[Array, ...]]:
+        """Control points of s, the map without its snap, component first, shape (3, …) [m], and the knots along each
+        axis [m]; straight continuation included."""
+        return self._padded, tuple(basis.knots for basis in self._bases)
+
+    def points(self, x_bar: Array) -> Array:
+        """φ(x̄), shape (…, 3) [m] → (…, 3) [m]."""
+        return self.points_and_jacobians(x_bar)[0]
+
+    def jacobians(self, x_bar: Array) -> Array:
+        """J = ∂φ/∂x̄, shape (…, 3) → (…, 3, 3), component before derivative."""
+        return self.points_and_jacobians(x_bar)[1]
+
+    def points_and_jacobians(self, x_bar: Array) -> tuple[Array, Array]:
+        """φ and J by one look-up, shapes (…, 3) [m] and (…, 3, 3)."""
+        x_bar = np.asarray(x_bar, dtype=np.float64)
+        flat = np.ascontiguousarray(x_bar.reshape(-1, 3))
+        first, rows = zip(*(basis.weights(flat[:, k], 1) for k, basis in enumerate(self._bases)), strict=True)
+        ny, nz = self._padded.shape[2:]
+        steps = (ny * nz * np.arange(4)[:, None, None] + nz * np.arange(4)[:, None] + np.arange(4)).ravel()
+        start = (first[0] * ny + first[1]) * nz + first[2]
+        near = self._padded.reshape(3, -1)[:, start[:, None] + steps].reshape(3, -1, 4, 4, 4)
+        (x, dx), (y, dy), (z, dz) = rows
+        along, across = np.einsum("cnijk,nk->cnij", near, z), np.einsum("cnijk,nk->cnij", near, dz)
+        level = np.einsum("cnij,nj->cni", along, y)
+        point = np.einsum("cni,ni->nc", level, x)
+        jacobian = np.stack(
+            [
+                np.einsum("cni,ni->nc", level, dx),
+                np.einsum("cnij,nj,ni->nc", along, dy, x),
+                np.einsum("cnij,nj,ni->nc", across, y, x),
+            ],
+            axis=-1,
+        )
+        if self.snap is not None:
+            extra, slope = self.snap.height_and_gradient(point[:, :2])
+            fade, faster = fading(flat[:, 2], self.fade_m)
+            point[:, 2] += fade * extra
+            jacobian[:, 2] += fade[:, None] * np.einsum("na,nad->nd", slope, jacobian[:, :2])
+            jacobian[:, 2, 2] += faster * extra
+        return point.reshape(x_bar.shape), jacobian.reshape(*x_bar.shape, 3)
+
+    def ground_on_grid(self, x: Array, y: Array) -> Array:
+        """φ(x̄, ȳ, 0) on a regular grid, shape (3, X, Y) [m]."""
+        point = self._on((x, y, np.zeros(1)), (0, 0, 0))[..., 0]
+        if self.snap is not None:
+            point[2] += self.snap.height(np.moveaxis(point[:2], 0, -1))
+        return point
+
+    def on_grid(self, x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+        """φ, shape (3, X, Y, Z) [m], and J, shape (3, 3, X, Y, Z), on a regular grid of x̄, ȳ and z̄ [m]."""
+        lines = (x, y, z)
+        point = self._on(lines, (0, 0, 0))
+        jacobian = np.stack([self._on(lines, orders) for orders in ((1, 0, 0), (0, 1, 0), (0, 0, 1))], axis=1)
+        if self.snap is not None:
+            extra, slope = self.snap.height_and_gradient(np.moveaxis(point[:2], 0, -1))
+            fade, faster = fading(np.asarray(z, dtype=np.float64), self.fade_m)
+            point[2] += fade * extra
+            for axis in range(2):
+                jacobian[2] += (fade * slope[..., axis]) * jacobian[axis]
+            jacobian[2, 2] += faster * extra
+        return point, jacobian
+
+    def _on(self, lines: tuple[Array, Array, Array], orders: tuple[int, int, int]) -> Array:
+        """A derivative of the tri-cubic part on a regular grid, shape (3, X, Y, Z)."""
+        found = self._padded
+        for axis in (2, 1, 0):
+            rows = self._bases[axis].matrix(lines[axis], orders[axis]).toarray()
+            found = np.moveaxis(np.tensordot(rows, found, axes=(1, axis + 1)), 0, axis + 1)
+        return np.array(found)
+
+    def symbolic(self) -> ca.Function:
+        """CasADi function (x̄: 3) → (phi: 3, J: 3 × 3), twice differentiable, the same as ``points_and_jacobians``."""
+        import casadi as ca
+
+        at = ca.MX.sym("x_bar", 3)
+        knots = [basis.knots.tolist() for basis in self._bases]
+        phi = ca.bspline(at, ca.DM(self._padded.ravel(order="F")), knots, [3, 3, 3], 3, {})
+        if self.snap is not None:
+            u = ca.fmin(ca.fmax(at[2] / self.fade_m, 0.0), 1.0)
+            fade = 1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0))
+            phi = phi + ca.vertcat(0.0, 0.0, fade * self.snap.symbolic()(phi[:2]))
+        return ca.Function("phi", [at], [phi, ca.jacobian(phi, at)], ["x_bar"], ["phi", "J"])
+
+    def inverse(self, points: Array) -> Array:
+        """x̄ with φ(x̄) = x, shape (…, 3) [m] → (…, 3) [m]. Raises PlanningFailed for a point that φ does not reach."""
+        points = np.asarray(points, dtype=np.float64)
+        spans = (*self.domain_m, (0.0, self.height_m))
+        lines = [np.linspace(low, high, 2 * n + 1) for (low, high), n in zip(spans, self.cells, strict=True)]
+        starts, images = np.stack(np.meshgrid(*lines, indexing="ij")), self.on_grid(*lines)[0]
+        found = inverted(
+            self.points_and_jacobians, points.reshape(-1, 3), starts.reshape(3, -1).T, images.reshape(3, -1).T
+        )
+        return found.reshape(points.shape)
+
+    def ground_inverse(self, xy: Array) -> tuple[Array, Array]:
+        """(x̄, ȳ) with s_xy(x̄, ȳ, 0) = (x, y), and s_z there: (…, 2) [m] → (…, 2) [m], (…) [m], s without the snap.
+
+        Raises PlanningFailed for a point that the ground of s does not reach.
+        """
+        xy = np.asarray(xy, dtype=np.float64)
+        bases = self._bases[:2]
+        ground = self._padded @ self._bases[2].matrix(np.zeros(1)).toarray()[0]
+        lines = [
+            np.linspace(low, high, 8 * n + 1) for (low, high), n in zip(self.domain_m, self.cells[:2], strict=True)
+        ]
+        rows = [basis.matrix(line).toarray() for basis, line in zip(bases, lines, strict=True)]
+        starts, images = np.stack(np.meshgrid(*lines, indexing="ij")), rows[0] @ ground[:2] @ rows[1].T
+
+        def plan(at: Array) -> tuple[Array, Array]:
+            value, along_x, along_y = surface(bases, ground[:2], at)
+            return value, np.stack([along_x, along_y], axis=-1)
+
+        found = inverted(plan, xy.reshape(-1, 2), starts.reshape(2, -1).T, images.reshape(2, -1).T)
+        return found.reshape(xy.shape), surface(bases, ground[2:], found)[0].reshape(xy.shape[:-1])
+
+    def check_fits(self, field: HeightField) -> None:
+        """Raise InvalidInput unless the map was made for this terrain."""
+        if self.terrain_digest != terrain_digest(field):
+            raise InvalidInput(
+                f"map {self.name or 'without a name'}: was made for another terrain than {field.name or 'this one'}"
+            )
+
+    def to_file(self, path: str | Path) -> None:
+        """Write the map as .npz, whole or not at all."""
+        if Path(path).suffix != ".npz":
+            raise InvalidInput(f"{path}: expected a name that ends in .npz")
+        box = io.BytesIO()
+        np.savez_compressed(box, **self.to_arrays())  # type: ignore[arg-type]
+        write_bytes(path, box.getvalue())
+
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """Arrays that ``from_arrays`` reads."""
+        found: dict[str, NDArray[Any]] = {"format": np.array(FORMAT), "control_m": self.control_m}
+        found |= {key: np.array(getattr(self, key)) for key in ("domain_m", "height_m", "fade_m", *TEXTS)}
+        return found | ({} if self.snap is None else {f"snap_{k}": v for k, v in self.snap.to_arrays().items()})
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> SplineMap:
+        """Read what ``to_file`` wrote. Raises InvalidInput."""
+        try:
+            with np.load(path, allow_pickle=False) as arrays:
+                data: dict[str, Any] = {key: arrays[key] for key in arrays.files}
+        except FileNotFoundError:
+            raise InvalidInput(f"{path}: expected a file, found nothing there") from None
+        except Exception as error:  # zip and numpy raise many kinds on broken files
+            raise InvalidInput(f"{path}: expected a map, cannot read it: {type(error).__name__}") from None
+        try:
+            return cls.from_arrays(data)
+        except InvalidInput as error:
+            raise InvalidInput(f"{path}: {error}") from None
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> SplineMap:
+        """Read what ``to_arrays`` gave. Raises InvalidInput."""
+        data = dict(arrays)
+        if str(data.pop("format", "")) != FORMAT:
+            raise InvalidInput(f"expected format {FORMAT}")
+        snap = {key[5:]: data.pop(key) for key in list(data) if key.startswith("snap_")}
+        names = {"control_m", "domain_m", "height_m", "fade_m", *TEXTS}
+        if set(data) != names:
+            wrong = sorted(set(data) ^ names)
+            raise InvalidInput(f"expected the arrays {', '.join(sorted(names))}, wrong: {', '.join(wrong)}")
+        texts = {key: str(data.pop(key)) for key in TEXTS}
+        return cls(**data, **texts, snap=HeightField.from_arrays(snap, "snap") if snap else None)  # type: ignore[arg-type]
+
+
+def fading(z_bar: Array, fade_m: float) -> tuple[Array, Array]:
+    """What is left of the snap at a height, 1 at the ground and 0 from fade_m on, C², and its derivative [1/m]."""
+    u = np.clip(np.asarray(z_bar) / fade_m, 0.0, 1.0)
+    return np.asarray(1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0))), -30.0 * (u * (1.0 - u)) ** 2 / fade_m
+
+
+def terrain_digest(field: HeightField) -> str:
+    """What tells terrains apart: SHA-256 of grid and heights."""
+    digest = hashlib.sha256()
+    for array in (field.x_m, field.y_m, field.heights_m):
+        digest.update(np.ascontiguousarray(array + 0.0, dtype="<f8").tobytes())  # + 0.0: no negative zeros
+    return digest.hexdigest()
+
+
+def _continued(control: Array, inner: Array, sites: Array) -> Array:
+    """Control points at ``inner``, shape (n, …), and on both sides, at ``sites``, those of a straight continuation."""
+    before, after = sites[sites < inner[0] - 1e-9], sites[sites > inner[-1] + 1e-9]
+
+    def beyond(at: Array, end: int, next_to: int) -> Array:
+        share = (at - inner[end]) / (inner[next_to] - inner[end])
+        return np.asarray(
+            control[end] + share.reshape(-1, *[1] * (control.ndim - 1)) * (control[next_to] - control[end])
+        )
+
+    return np.concatenate([beyond(before, 0, 1), control, beyond(after, -1, -2)])

@@ -1,0 +1,176 @@
+"""`stancekit plan`: a course in, a verified plan out, and one line for whatever is wrong."""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+
+import pytest
+import tyro
+
+from stancekit.cli.main import run
+from stancekit.cli.plan import PlanCourse
+from stancekit.envs.plan_page import check_page
+from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.plan import PlanOutcome
+from stancekit.planners.plan_file import check_file
+from stancekit.planners.scene.course_spec import builtin_courses
+
+
+@pytest.fixture
+def plan(capsys, monkeypatch, tmp_path):
+    """``plan("walls", "--json")`` in an empty folder and 80 columns: exit code, standard output, standard error."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+
+    def call(*arguments):
+        config = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
+        verb = tyro.cli(PlanCourse, prog="stancekit plan", args=[str(a) for a in arguments], config=config)
+        capsys.readouterr()
+        code = run(verb)
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return call
+
+
+@pytest.fixture
+def refusal(plan, tmp_path):
+    def call(*arguments):
+        before = sorted(tmp_path.iterdir())
+        code, out, err = plan(*arguments)
+        assert (code, out, err.count("\n")) == (2, "", 1), (code, out, err)
+        assert sorted(tmp_path.iterdir()) == before
+        return err.removeprefix("stancekit: error: ").removesuffix("\n")
+
+    return call
+
+
+def test_a_plan_is_written_verified_and_told(plan, tmp_path):
+    code, out, err = plan("walls", "--frames", 3, "--out", "climb.json", "--picture", "climb.png")
+    assert (code, err) == (0, "")
+    assert "feasible" in out
+    assert "verifier: accepted: no constraint is violated; the last key frame is " in out
+    assert out.endswith("wrote climb.json\nwrote climb.png\n")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["climb.json", "climb.npz", "climb.png"]
+    assert check_file(tmp_path / "climb.json", joints=False).accepted
+    assert (tmp_path / "climb.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_plan_keeps_a_reserve_of_friction_unless_told_not_to(plan):
+    code, out, _ = plan("walls", "--frames", 2)
+    assert code == 0
+    assert "planned with 80 % of the friction" in out
+    assert "% of the friction" not in plan("walls", "--frames", 2, "--no-reserve")[1]
+
+
+def test_json_is_one_object_with_everything(plan):
+    code, out, err = plan("stairs", "--frames", 3, "--json", "--no-reserve", "--projection", "fix-toes")
+    assert (code, err, out.count("\n")) == (0, "", 1)
+    record = json.loads(out)
+    assert (record["course"], record["frames"], record["status"]) == ("stairs", 3, "feasible")
+    assert record["bound"] <= record["objective"] + 1e-7
+    assert record["verdict"]["accepted"] is True
+    assert {group["group"] for group in record["verdict"]["groups"]} >= {"friction", "toe_step", "progress"}
+    assert [len(row) for row in record["plan"]["com_m"]] == [3, 3, 3]
+    assert len(record["plan"]["forces_n"][0]) == 6
+    assert min(record["compile_s"], record["seconds"], record["solver_seconds"]) >= 0.0
+
+
+@pytest.mark.parametrize("status", [Status.INFEASIBLE, Status.UNDECIDED])
+def test_no_plan_is_exit_code_1_and_says_why(status, plan, monkeypatch, tmp_path):
+    why = "frame 3, limb RF: reach fails by 0.12 m"
+
+    class Refusing:
+        name = "two-stage"
+
+        def solve(self, course):
+            return PlanOutcome(status=status, method=self.name, message=why)
+
+    monkeypatch.setattr("stancekit.planners.keyframes.methods.make_course_planner", lambda *_, **__: Refusing())
+    code, out, err = plan("walls", "--out", "climb.json")
+    assert code == 1
+    assert err == f"stancekit: no plan: walls: {why}\n"
+    assert status.value in out
+    assert not list(tmp_path.iterdir())
+    code, out, _ = plan("walls", "--json")
+    record = json.loads(out)
+    assert (code, record["status"], record["message"]) == (1, status.value, why)
+    assert record["objective"] is None
+    assert "plan" not in record
+
+
+def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
+    code, out, err = plan("icy-walls", "--frames", 4, "--planner", "decoupled")
+    assert code == 1
+    assert "decoupled" in out
+    assert err.startswith("stancekit: no plan: icy-walls: ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("walls", "--frames", 0), "walls: frames: expected 1 to 200 key frames, got 0"),
+        (("walls", "--time-limit-s", 0), "--time-limit-s: expected a number above 0, up to 1e+06, got 0"),
+        (("walls", "--out", "a.txt"), "a.txt: expected a plan's name to end in .json, got .txt"),
+        (("walls", "--out", "none/a.json"), "none/a.json: expected an existing folder none"),
+        (("walls", "--picture", "a.gif"), "a.gif: expected a name that ends in .png, .pdf, .svg, got .gif"),
+        (("walls", "--video", "a.avi"), "a.avi: expected a name that ends in .mp4, got .avi"),
+        (("walls", "--html", "a.txt"), "a.txt: expected a name that ends in .html, got .txt"),
+        (("walls", "--envelope", "none"), "none: expected a file, found nothing there"),
+        (("walls", "--relaxation", "envelope"), "--relaxation: expected --envelope FILE with envelope, got none"),
+        (("walls", "--planner", "nlp", "--solver", "scip"), "--solver: expected --planner micp with it, got nlp"),
+        (
+            ("walls", "--planner", "exact", "--projection", "fix-p"),
+            "--projection: expected --planner two-stage or micp with it, got exact",
+        ),
+        (("walls", "--planner", "micp", "--intervals", 128), "--intervals: expected 64 or less, got 128"),
+    ],
+)
+def test_bad_input_is_one_line_before_any_work(arguments, message, refusal):
+    assert refusal(*arguments) == message
+
+
+def test_a_course_that_there_is_not_names_those_that_there_are(refusal):
+    said = refusal("nowhere")
+    assert all(name in said for name in builtin_courses())
+
+
+def test_a_file_of_modes_that_is_none_is_told(refusal, tmp_path):
+    (tmp_path / "modes.json").write_text('{"format": "stancekit/modes/1", "names": 3, "boxes": {}}')
+    assert refusal("walls", "--envelope", "modes.json") == "modes.json: names: expected a list of texts, got 3"
+
+
+def test_a_page_and_a_video_are_written(plan, tmp_path):
+    pytest.importorskip("imageio_ffmpeg")
+    try:
+        check_page(tmp_path / "a.html")
+    except InvalidInput as error:
+        pytest.skip(str(error))
+    code, out, err = plan("walls", "--frames", 2, "--html", "a.html", "--video", "a.mp4", "--json")
+    assert (code, err, out.count("\n")) == (0, "", 1)
+    assert json.loads(out)["files"] == ["a.mp4", "a.html"]
+    assert (tmp_path / "a.html").read_text().startswith("<!doctype html>")
+    assert b"ftyp" in (tmp_path / "a.mp4").read_bytes()[:16]
+
+
+def test_planning_from_a_cold_start_loads_no_heavy_library_that_it_does_not_need(tmp_path):
+    code = (
+        "import sys; from stancekit.cli.plan import PlanCourse\n"
+        "code = PlanCourse(course='walls', frames=8, out=__import__('pathlib').Path('a.json')).run()\n"
+        "heavy = {'torch', 'matplotlib', 'casadi', 'sklearn', 'gymnasium', 'viser', 'pinocchio'} & set(sys.modules)\n"
+        "assert code == 0 and not heavy, heavy\n"
+    )
+    began = children_s()
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert children_s() - began < 8.0
+    assert check_file(tmp_path / "a.json", joints=False).accepted
+
+
+def children_s():
+    """Processor time of the processes that were started and have ended [s]."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime

@@ -1,0 +1,323 @@
+"""Traverse-v0 walks courses that the verifier accepts, and says in its rewards and info what happened."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass, replace
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import data_equivalence as same
+
+from stancekit.envs.courses import icy_walls
+from stancekit.envs.expert import TerrainRule, expert_envelopes
+from stancekit.envs.traverse import NO_MODE, TraverseEnv, TraverseWeights
+from stancekit.planners.keyframes.twostage import CourseModels
+from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
+from stancekit.planners.plan import PlanOutcome
+from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.verify_plan import check_plan
+
+MODELS = CourseModels()
+LIFT, WALKING, CLIMBING = 0, 1, 2
+
+
+@pytest.fixture(autouse=True)
+def strict():
+    """Every warning is an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        yield
+
+
+def made(*courses, **named):
+    return TraverseEnv(courses or ("walls",), **({"models": MODELS, "frames": 5} | named))
+
+
+def played(env, seed, actions):
+    seen = [env.reset(seed=seed)]
+    for action in actions:
+        seen.append(env.step(np.int64(action)))
+        if seen[-1][2] or seen[-1][3]:
+            break
+    return seen
+
+
+@dataclass(frozen=True)
+class Verdict:
+    succeeded: bool
+
+
+class Mute:
+    """A planner that never finds a plan."""
+
+    name = "mute"
+
+    def solve(self, course):
+        return PlanOutcome(status=Status.UNDECIDED, method=self.name, solves=7, seconds=1.5, compile_s=4.0)
+
+
+# ----------------------------------------------------------------------------------------------------------- contract
+
+
+def test_gymnasiums_checker_has_nothing_to_say():
+    check_env(made("walls", "stairs"), skip_render_check=True)
+
+
+def test_a_seed_reproduces_an_episode_exactly():
+    actions = [CLIMBING, LIFT, LIFT]
+    first, again = (played(made("walls", "stairs"), 5, actions) for _ in range(2))
+    assert same(first, again, exact=True)
+    assert not same(first[0][0], played(made("walls", "stairs"), 6, [])[0][0])
+
+
+def test_views_are_finite_and_in_their_space():
+    env = made("walls", "stairs", "ground-to-wall")
+    for seed in range(4):
+        for observation, *_ in played(env, seed, [LIFT, WALKING, CLIMBING, LIFT]):
+            assert env.observation_space.contains(observation)
+            assert all(np.isfinite(values).all() for values in observation.values())
+
+
+def test_info_is_numbers_of_fixed_shapes():
+    env, shapes = made("walls", "stairs"), set()
+    for seed in range(3):
+        for step in played(env, seed, [WALKING, LIFT, CLIMBING, LIFT]):
+            info = step[-1]
+            assert all(np.asarray(value).dtype.kind in "ifb" for value in info.values()), info
+            assert not any(np.isnan(value).any() for value in info.values()), info
+            shapes.add(tuple((name, np.shape(value)) for name, value in info.items()))
+    assert len(shapes) == 1
+
+
+def test_reset_is_needed_before_the_first_and_after_the_last_step():
+    env = made()
+    for ask in (lambda: env.step(np.int64(0)), env.render, env.walk):
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            ask()
+    assert played(env, 0, [LIFT, LIFT])[-1][2]
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.int64(0))
+
+
+@pytest.mark.parametrize("action", [3, -1, np.zeros((2, 3), np.float32), 0.5])
+def test_a_bad_action_is_refused(action):
+    env = made()
+    env.reset(seed=0)
+    with pytest.raises(InvalidInput, match=r"^action: expected a planner, 0 to 2, got "):
+        env.step(action)
+
+
+# ------------------------------------------------------------------------------------------------------------ walking
+
+
+@pytest.mark.parametrize(("course", "frames", "actions"), [
+    ("walls", 5, [LIFT, CLIMBING]),
+    ("stairs", 5, [WALKING, LIFT]),
+    ("ground-to-wall", 9, [WALKING, WALKING, LIFT, CLIMBING]),
+])  # fmt: skip
+def test_a_walk_with_fitting_planners_reaches_the_end_and_is_accepted_by_the_verifier(course, frames, actions):
+    env = made(course, frames=frames)
+    seen = played(env, 1, actions)
+    assert len(seen) == 1 + len(actions)
+    assert seen[-1][2:4] == (True, False)
+    assert all(step[-1]["feasible"] == 1 for step in seen[1:])
+    walk = env.walk()
+    report = check_plan(walk)
+    assert report.accepted, report.message
+    assert walk.course.frames == frames
+    np.testing.assert_array_equal(seen[-1][-1]["com_m"], walk.com_m[-1])
+    np.testing.assert_array_equal(seen[-1][-1]["toes_m"], walk.toes_at(frames - 1))
+
+
+def test_the_reward_is_the_sum_of_its_terms_and_progress_is_the_share_of_the_way():
+    weights = TraverseWeights(progress=2.0, feasible=0.3, failure=0.7, solve=0.01)
+    env = made(weights=weights)
+    seen = played(env, 0, [LIFT, LIFT])
+    length = np.linalg.norm(np.diff(env.walk().course.com_nominal_m, axis=0), axis=1).sum()
+    total = 0.0
+    for _, reward, _, _, info in seen[1:]:
+        assert reward == pytest.approx(sum(value for name, value in info.items() if name.startswith("reward_")))
+        assert info["reward_feasible"] == 0.3
+        assert info["reward_effort"] == pytest.approx(-0.01 * info["solves"])
+        total += info["reward_progress"]
+    com = env.walk().com_m
+    assert total == pytest.approx(2.0 * (com[-1, 2] - com[0, 2]) / length, abs=2.0 * 2e-4 / length)
+
+
+def test_an_envelope_learned_for_another_terrain_is_refused_and_the_robot_stays():
+    env = made()
+    first, _ = env.reset(seed=0)
+    after, reward, terminated, truncated, info = env.step(np.int64(WALKING))
+    assert (info["refused"], info["feasible"], info["frame"], terminated, truncated) == (1, 0, 0, False, False)
+    assert reward == pytest.approx(-TraverseWeights().failure)
+    assert same(first, after, exact=True)
+
+
+def test_steps_in_vain_are_cut_off():
+    env = made(planners=[Mute()], patience=3)
+    seen = played(env, 0, [0] * 5)
+    assert [step[2:4] for step in seen[1:]] == [(False, False), (False, False), (False, True)]
+    assert env.walk().course.frames == 1
+
+
+def test_clocks_are_seen_only_when_asked_for():
+    for timing in (False, True):
+        _, reward, _, _, info = played(made(planners=[Mute()], timing=timing), 0, [0])[1]
+        weights = TraverseWeights()
+        assert (info["plan_seconds"], info["compile_seconds"]) == ((1.5, 4.0) if timing else (0.0, 0.0))
+        assert reward == pytest.approx(-weights.failure - 7 * weights.solve - weights.second * 1.5 * timing)
+
+
+def test_a_window_without_a_plan_by_proof_ends_the_episode():
+    course = read_course("walls", frames=5)
+    icy = tuple(
+        placement if placement.frame < 2 else
+        replace(placement, candidates=tuple(replace(patch, friction=0.0) for patch in placement.candidates))
+        for placement in course.placements
+    )  # fmt: skip
+    env = TraverseEnv(lambda rng: replace(course, placements=icy), regions=1, horizon=1, models=MODELS)
+    seen = played(env, 0, [LIFT] * 4)
+    assert [step[-1]["feasible"] for step in seen[1:]] == [1, 0]
+    assert seen[-1][-1]["infeasible"] == 1
+    assert seen[-1][2:4] == (True, False)
+
+
+def test_a_course_that_cannot_begin_is_drawn_again_until_that_is_given_up(monkeypatch):
+    monkeypatch.setattr("stancekit.envs.traverse.MAX_DRAWS", 3)
+    course = read_course("walls", frames=3)
+    slippery = tuple(
+        replace(placement, candidates=tuple(replace(patch, friction=0.0) for patch in placement.candidates))
+        for placement in course.placements
+    )
+    env = TraverseEnv(lambda rng: replace(course, placements=slippery), regions=1, models=MODELS)
+    with pytest.raises(PlanningFailed, match="no course in 3 draws whose first key frame holds"):
+        env.reset(seed=0)
+
+
+@pytest.mark.parametrize("succeeded", [True, False])
+def test_an_executor_plays_every_plan_and_ends_the_episode_where_it_fails(succeeded):
+    played_plans = []
+
+    def execute(plan):
+        played_plans.append(plan)
+        return Verdict(succeeded)
+
+    seen = played(made(executor=execute), 0, [LIFT, LIFT])
+    assert [step[-1]["executed"] for step in seen] == ([-1, 1, 1] if succeeded else [-1, 0])
+    assert len(played_plans) == len(seen) - 1
+    assert seen[-1][2]
+    assert seen[-1][-1]["reward_failure"] == (0.0 if succeeded else -TraverseWeights().failure)
+
+
+# -------------------------------------------------------------------------------------------------------------- views
+
+
+def test_a_view_shows_the_coming_candidates_from_the_com():
+    env = made("icy-walls", frames=4)
+    observation, info = env.reset(seed=0)
+    course, scale = env._course, 0.6
+    corners = observation["corners"].reshape(2, 6, 4, 4, 3) * scale + info["com_m"]
+    offered, friction = observation["offered"].reshape(2, 6, 4), observation["friction"].reshape(2, 6, 4)
+    normals = observation["normals"].reshape(2, 6, 4, 3)
+    shown = np.zeros_like(offered)
+    for placement in course.placements:
+        if 1 <= placement.frame <= 2:
+            limb = course.robot.limb_names.index(placement.limb)
+            for region, patch in enumerate(placement.candidates):
+                at = placement.frame - 1, limb, region
+                np.testing.assert_allclose(corners[at], patch.vertices_m, atol=1e-5)
+                np.testing.assert_allclose(normals[at], patch.normal, atol=1e-6)
+                assert friction[at] == pytest.approx(patch.friction)
+                shown[at] = 1.0
+    np.testing.assert_array_equal(offered, shown)
+    assert 0 < offered.sum() < offered.size
+    np.testing.assert_allclose(observation["toes"].reshape(6, 3) * scale + info["com_m"], info["toes_m"], atol=1e-6)
+    np.testing.assert_allclose(observation["goal"] * scale + info["com_m"], course.goal_m, atol=1e-6)
+    np.testing.assert_allclose(
+        observation["path"].reshape(2, 3) * scale + info["com_m"], course.com_nominal_m[1:3], atol=1e-6
+    )
+    assert observation["left"] == 1.0
+
+
+def test_the_modes_of_the_coming_frames_are_told():
+    env = made("ground-to-wall", frames=8)
+    seen = played(env, 0, [LIFT, LIFT, LIFT, LIFT])
+    assert [step[-1]["terrain_modes"].tolist() for step in seen] == [
+        [0, 0], [0, 0], [0, 1], [1, NO_MODE], [NO_MODE, NO_MODE],
+    ]  # fmt: skip
+
+
+def test_a_course_that_does_not_fit_the_view_is_refused_with_its_place():
+    course = read_course("icy-walls", frames=3)
+    env = TraverseEnv(lambda rng: course, regions=2, models=MODELS)
+    with pytest.raises(InvalidInput, match=r"^frame 1, limb LM: expected at most 2 candidates, got 4$"):
+        env.reset(seed=0)
+
+
+@pytest.mark.parametrize(
+    ("named", "told"),
+    [
+        ({"horizon": 0}, "horizon: expected 1 or more, got 0"),
+        ({"patience": 0}, "patience: expected 1 or more, got 0"),
+        ({"corners": 2}, "corners: expected 3 or more, got 2"),
+        ({"planners": []}, "planners: expected one or more, got none"),
+        ({"courses": ()}, "courses: expected one or more, got none"),
+        (
+            {"courses": icy_walls},
+            "regions: expected the most candidates of a toe where courses is a function, got None",
+        ),
+        ({"courses": ("wals",)}, "course: expected one of ground-to-wall, icy-walls, stairs, tube, walls"),
+        ({"render_mode": "ansi"}, r"render_mode: expected one of \['rgb_array'\], got 'ansi'"),
+        ({"frames": 0}, "frames: expected 1 to 200 key frames, got 0"),
+    ],
+)
+def test_settings_that_make_no_sense_are_refused(named, told):
+    with pytest.raises(InvalidInput, match=f"^{told}"):
+        TraverseEnv(**named)
+
+
+def test_a_course_of_one_frame_has_nowhere_to_go():
+    with pytest.raises(InvalidInput, match="course: expected two or more frames to go, got 1"):
+        made(frames=1).reset(seed=0)
+
+
+# ------------------------------------------------------------------------------------------------------------- expert
+
+
+@pytest.mark.parametrize("terrain", ["ground", "wall"])
+def test_the_experts_envelopes_are_those_of_the_selector(terrain):
+    heuristic = pytest.importorskip("stancekit.learners.selectors.heuristic")
+    from stancekit.envs.terrains import distribution
+
+    name = f"{terrain}-3"
+    rng = np.random.default_rng(0)
+    problems = [distribution(name).sample(rng) for _ in range(200)]
+    theirs, ours = heuristic.heuristic_envelope(name, problems), expert_envelopes(terrain)
+    assert (ours.problem_class, ours.legs) == (theirs.problem_class, theirs.legs)
+    np.testing.assert_allclose(ours.envelopes[0].low, theirs.envelopes[0].low)
+    np.testing.assert_allclose(ours.envelopes[0].high, theirs.envelopes[0].high)
+    assert ours.force_scale_n == pytest.approx(theirs.force_scale_n)
+    np.testing.assert_allclose(ours.normals, theirs.normals, atol=0.1)
+
+
+def test_the_terrain_rule_walks_on_ground_climbs_on_walls_and_leaves_the_change_to_the_lift():
+    env, rule = made("ground-to-wall", frames=9), TerrainRule()
+    for seed in range(2):
+        observation, _ = env.reset(seed=seed)
+        chosen, over = [], False
+        while not over:
+            action, _ = rule.predict(observation)
+            observation, _, over, cut_off, info = env.step(action)
+            assert not cut_off
+            assert info["feasible"] == 1
+            chosen.append(int(action))
+        assert chosen == [WALKING, WALKING, LIFT, CLIMBING]
+
+
+def test_the_terrain_rule_answers_for_many_environments_at_once():
+    views = [made(name).reset(seed=0)[0] for name in ("stairs", "walls")]
+    stacked = {name: np.stack([view[name] for view in views]) for name in views[0]}
+    assert TerrainRule().predict(stacked)[0].tolist() == [WALKING, CLIMBING]

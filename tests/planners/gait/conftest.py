@@ -1,0 +1,35 @@
+"""A small task that compiles in a second: one cycle of a trot over ripples."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from stancekit.planners.gait.formulation import GaitProgram, formulate
+from stancekit.planners.gait.robot import anymal
+from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.scene.heightfield import HeightField
+
+
+def waves(x: np.ndarray, y: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]
+    return np.asarray(0.08 * np.sin(2.5 * x + 0.3) * np.cos(2.0 * y))
+
+
+@pytest.fixture(scope="session")
+def field() -> HeightField:
+    """Gentle waves."""
+    return HeightField.from_function(waves, 2.0, 0.1, name="waves")
+
+
+@pytest.fixture(scope="session")
+def small(field: HeightField) -> Callable[..., GaitProgram]:
+    """Programs of a short walk over the waves, by settings."""
+
+    def build(terrain: HeightField = field, timings: str = "fixed", **settings: object) -> GaitProgram:
+        task = GaitTask(
+            robot=anymal(), terrain=terrain, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.1]), duration_s=2.0,
+            timings=timings,  # type: ignore[arg-type]
+        )  # fmt: skip
+        return formulate(task, GaitSettings(**settings))  # type: ignore[arg-type]
+
+    return build

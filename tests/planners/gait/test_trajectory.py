@@ -1,0 +1,246 @@
+"""Trajectories as values and as files: what was written comes back to the last bit, what was changed is refused."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stancekit.planners.gait.judge import check_trajectory
+from stancekit.planners.gait.record import check_file, is_trajectory, read_trajectory, write_trajectory
+from stancekit.planners.gait.robot import hexapod_walker
+from stancekit.planners.gait.trajectory import SAMPLES, Trajectory, robot_from_json, robot_to_json
+from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.scene.heightfield import HeightField
+
+
+def still(count=41) -> Trajectory:
+    """The hexapod stands on level ground; every foot carries the same."""
+    robot = hexapod_walker()
+    height = robot.stand_height_m
+    terrain = HeightField.from_function(lambda x, y: 0.0 * x, 1.0, 0.25, name="level")
+    return Trajectory(
+        times_s=0.005 * np.arange(count),
+        torso_m=np.tile([0.1, 0.2, height], (count, 1)),
+        rotation=np.tile(np.eye(3), (count, 1, 1)),
+        feet_m=np.tile([foot.nominal_m + np.array([0.1, 0.2, height]) for foot in robot.feet], (count, 1, 1)),
+        forces_n=np.tile([0.0, 0.0, robot.mass_kg * 9.81 / 6.0], (count, 6, 1)),
+        contact=np.ones((count, 6), dtype=bool),
+        robot=robot,
+        terrain=terrain,
+        friction=0.75,
+        adhesive=np.zeros(6, dtype=bool),
+        start_xy_m=[0.1, 0.2],
+        goal_xy_m=[0.1, 0.2],
+        provenance={"chart": "by hand", "seed": 3},
+    )
+
+
+@pytest.fixture
+def written(tmp_path):
+    """A pair of files of an accepted trajectory."""
+    trajectory = still()
+    write_trajectory(tmp_path / "walk.json", trajectory, check_trajectory(trajectory))
+    return tmp_path / "walk.json"
+
+
+def refusal(path) -> str:
+    with pytest.raises(InvalidInput) as caught:
+        read_trajectory(path)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message.replace(f"{path.parent}{os.sep}", "")
+
+
+# ------------------------------------------------------------------------------------------------------ values
+
+
+def test_arrays_are_read_only_copies():
+    feet = np.zeros((41, 6, 3))
+    trajectory = replace(still(), feet_m=feet)
+    feet[0] = 1.0
+    assert not trajectory.feet_m.any()
+    with pytest.raises(ValueError, match="read-only"):
+        trajectory.feet_m[0] = 1.0
+
+
+def test_length_and_spacing_are_those_of_the_samples():
+    trajectory = still(41)
+    assert (trajectory.samples, trajectory.duration_s) == (41, pytest.approx(0.2))
+    assert trajectory.step_s == pytest.approx(0.005)
+    assert replace(trajectory, times_s=[]).duration_s == 0.0
+
+
+def test_what_is_no_array_of_numbers_is_refused_at_once():
+    with pytest.raises(InvalidInput, match=r"^torso_m: expected an array of numbers, got \[\[1\], \[1, 2\]\]$"):
+        replace(still(), torso_m=[[1], [1, 2]])
+
+
+def test_the_digest_hangs_on_every_field():
+    base = still()
+    grown = HeightField.from_function(lambda x, y: 1e-9 * x, 1.0, 0.25, name="level")
+    changes = [{name: _nudged(getattr(base, name))} for name in (*SAMPLES, "start_xy_m", "goal_xy_m", "adhesive")]
+    changes += [{"terrain": grown}, {"friction": 0.7500001}, {"provenance": {"chart": "by hand", "seed": 4}}]
+    changes += [{"robot": replace(base.robot, mass_kg=10.000001)}]
+    digests = {replace(base, **change).digest for change in changes}
+    assert still().digest == base.digest
+    assert len(digests | {base.digest}) == len(changes) + 1
+
+
+def _nudged(array):
+    copy = np.array(array)
+    copy.flat[-1] = not copy.flat[-1] if copy.dtype == bool else np.nextafter(copy.flat[-1], 9.0)
+    return copy
+
+
+def test_a_robot_comes_back_from_json():
+    record = json.loads(json.dumps(robot_to_json(hexapod_walker())))
+    assert robot_to_json(robot_from_json(record)) == record
+    for spoilt in ({}, [], {**record, "feet": [{}]}, {**record, "mass_kg": -1.0}, {**record, "wheels": 4}):
+        with pytest.raises(InvalidInput, match=r"^robot: "):
+            robot_from_json(spoilt)
+
+
+# ------------------------------------------------------------------------------------------------------- files
+
+
+def test_a_file_gives_back_what_was_written(written):
+    record, base = read_trajectory(written), still()
+    assert record.verified
+    assert record.verdict == json.loads(json.dumps(check_trajectory(base).to_json()))
+    assert record.trajectory.digest == base.digest
+    for name in SAMPLES:
+        assert np.array_equal(getattr(record.trajectory, name), getattr(base, name))
+    assert record.trajectory.provenance == base.provenance
+    assert record.trajectory.terrain.name == "level"
+    assert sorted(os.listdir(written.parent)) == ["walk.json", "walk.npz"]
+    assert is_trajectory(json.loads(written.read_text()))
+
+
+def test_a_pair_may_be_renamed(written):
+    for suffix in (".json", ".npz"):
+        written.with_suffix(suffix).rename(written.with_name(f"other{suffix}"))
+    assert read_trajectory(written.with_name("other.json")).verified
+
+
+def test_a_trajectory_that_the_verifier_refuses_is_marked_so(tmp_path):
+    falling = replace(still(), forces_n=0.5 * still().forces_n)
+    report = check_trajectory(falling)
+    write_trajectory(tmp_path / "fall.json", falling, report)
+    record = read_trajectory(tmp_path / "fall.json")
+    assert not record.verified
+    assert record.verdict["message"] == report.message
+    assert not check_file(tmp_path / "fall.json").accepted
+
+
+def test_a_verdict_on_another_trajectory_is_refused(tmp_path):
+    falling = replace(still(), forces_n=0.5 * still().forces_n)
+    with pytest.raises(InvalidInput, match=r"^report: expected the verdict on this trajectory"):
+        write_trajectory(tmp_path / "a.json", falling, check_trajectory(still()))
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_file_is_verified_again_and_not_believed(written):
+    report = check_file(written)
+    assert report.accepted
+    assert report.digest == read_trajectory(written).verdict["digest"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [('"verified": true', '"verified": false'), ('"friction": 0.75', '"friction": 0.95'), ('"seed": 3', '"seed": 5'),
+     ('"accepted": true', '"accepted": false')],
+)  # fmt: skip
+def test_a_header_changed_by_hand_is_refused(written, old, new):
+    text = written.read_text()
+    assert old in text
+    written.write_text(text.replace(old, new))
+    assert refusal(written) == "walk.json: its digest does not fit its contents: changed since it was written"
+
+
+def test_a_header_laid_out_anew_is_still_the_same(written):
+    written.write_text(json.dumps(json.loads(written.read_text())))
+    assert read_trajectory(written).verified
+
+
+def _packed(path, **changes):
+    with np.load(path.with_suffix(".npz")) as packed:
+        arrays = dict(packed)
+    arrays.update(changes)
+    np.savez(path.with_suffix(".npz"), **{name: array for name, array in arrays.items() if array is not None})
+
+
+BASE = still()
+SPOILT = {
+    "walk.npz: these samples do not belong to walk.json: changed since they were written": {
+        "forces_n": BASE.forces_n + 1e-9
+    },
+    "walk.npz: feet_m: expected this array, got nothing": {"feet_m": None},
+    "walk.npz: torso_m: expected shape (41, 3), got (40, 3)": {"torso_m": BASE.torso_m[1:]},
+    "walk.npz: feet_m: expected shape (41, 6, 3), got (41, 5, 3)": {"feet_m": BASE.feet_m[:, 1:]},
+    "walk.npz: contact: expected shape (41, 6), got (41, 3)": {"contact": BASE.contact[:, :3]},
+    "walk.npz: contact: expected truth values, got float64": {"contact": 1.0 * BASE.contact},
+    "walk.npz: level: y_m: expected this array, got nothing": {"terrain_y_m": None},
+}
+
+
+@pytest.mark.parametrize("message", SPOILT)
+def test_samples_that_are_not_those_written_are_refused(written, message):
+    _packed(written, **SPOILT[message])
+    assert refusal(written) == message
+
+
+def test_samples_with_holes_or_objects_are_refused(written):
+    holes = np.array(BASE.torso_m)
+    holes[3, 1] = np.nan
+    _packed(written, torso_m=holes)
+    assert refusal(written).startswith("walk.npz: torso_m: expected finite numbers")
+    _packed(written, torso_m=np.array([{"a": 1}], dtype=object))
+    assert refusal(written) == "walk.npz: expected arrays in .npz form, without pickled objects"
+
+
+def test_samples_that_are_missing_cut_or_no_archive_are_refused(written):
+    samples = written.with_suffix(".npz")
+    whole = samples.read_bytes()
+    expected = "walk.npz: expected arrays in .npz form, without pickled objects"
+    for content in (whole[: len(whole) // 2], b"", b"no archive", whole[:-200]):
+        samples.write_bytes(content)
+        assert refusal(written) == expected
+    middle = len(whole) // 3
+    samples.write_bytes(whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :])
+    assert refusal(written).startswith("walk.npz: ")
+    samples.unlink()
+    assert refusal(written) == "walk.npz: expected the samples of the trajectory, found nothing there"
+
+
+def test_headers_that_are_none_are_refused_in_one_line(written):
+    assert refusal(written.with_name("none.json")) == "none.json: expected a file, found nothing there"
+    for text, message in {
+        "[]": "walk.json: expected an object with format 'stancekit/gait/1', got 'list'",
+        '{"format": "stancekit/posture/1"}': (
+            "walk.json: expected an object with format 'stancekit/gait/1', got 'stancekit/posture/1'"
+        ),
+        '{"format": ': "walk.json: expected JSON, broken at line 1 column 12: Expecting value",
+    }.items():
+        written.write_text(text)
+        assert refusal(written) == message
+    written.write_text('{"format": "stancekit/gait/1", "wheels": 4}')
+    said = refusal(written)
+    assert "robot: expected this key, got nothing" in said
+    assert "wheels: unknown key" in said
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("walk.npz", "expected a name that ends in .json"), ("walk", "expected a name that ends in .json"),
+     ("none/walk.json", "expected an existing folder none")],
+)  # fmt: skip
+def test_names_that_cannot_be_written_are_refused(tmp_path, monkeypatch, name, message):
+    monkeypatch.chdir(tmp_path)
+    trajectory = still()
+    with pytest.raises(InvalidInput, match=message):
+        write_trajectory(name, trajectory, check_trajectory(trajectory))
+    assert os.listdir(tmp_path) == []

@@ -1,0 +1,104 @@
+"""The decoupled planner: plans where forces come easily, fails where friction decides, proves what has no positions."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+from stancekit.planners.conic import ConicStatus
+from stancekit.planners.keyframes.decoupled import DecoupledPlanner, Positions
+from stancekit.planners.keyframes.scaled import ScaledCourse
+from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
+from stancekit.planners.outcome import Status
+from stancekit.planners.refute_plan import check_plan_certificate
+from stancekit.planners.scene.course import StepLimits
+from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.verify_plan import check_plan
+
+
+@pytest.fixture(scope="module")
+def planner(models):
+    return DecoupledPlanner(models=models)
+
+
+def test_on_level_ground_it_plans_as_the_two_stage_planner_does(planner, models):
+    course = read_course("stairs", frames=2)
+    outcome = planner.solve(course)
+    assert outcome.status is Status.FEASIBLE
+    assert check_plan(outcome.plan).accepted
+    assert outcome.objective == pytest.approx(TwoStageCoursePlanner(models=models).solve(course).objective, rel=1e-4)
+    assert outcome.details["on_ice"] == 0.0
+
+
+def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_has_a_plan(planner, models):
+    failed = on_ice = 0
+    coupled = TwoStageCoursePlanner(models=models)
+    for seed in range(8):
+        course = walls_of_ice(seed)
+        ours, theirs = coupled.solve(course), planner.solve(course)
+        if ours.status is not Status.FEASIBLE:
+            assert theirs.status is not Status.FEASIBLE
+            continue
+        if theirs.status is Status.UNDECIDED and theirs.details.get("on_ice", 0.0) > 0.0:
+            assert theirs.plan is None
+            assert theirs.message == "the positions admit no forces that hold the robot"
+            failed += 1
+            on_ice += theirs.details["on_ice"]
+    assert failed > 3
+    assert 0.2 < on_ice / failed < 0.8
+
+
+def walls_of_ice(seed):
+    """The built-in walls with two candidates a toe, one of which grips: the nearer or the farther, by chance."""
+    rng, course = np.random.default_rng(seed), read_course("icy-walls", frames=2)
+    placements = []
+    for put in course.placements:
+        grips = int(rng.integers(2))
+        pair = [replace(patch, friction=float(r == grips)) for r, patch in enumerate(put.candidates[:2])]
+        placements.append(replace(put, candidates=tuple(pair)))
+    return replace(course, placements=tuple(placements))
+
+
+def test_the_positions_know_nothing_of_friction(climb):
+    course = climb(1, regions=2)
+    icy = replace(
+        course,
+        placements=tuple(
+            replace(put, candidates=tuple(replace(patch, friction=0.0) for patch in put.candidates))
+            for put in course.placements
+        ),
+    )
+    scaled = ScaledCourse.of(course)
+    positions = Positions(scaled.layout, course.weights, course.length_scale_m, scaled)
+    first, second = positions.solve(scaled), positions.solve(ScaledCourse.of(icy))
+    np.testing.assert_array_equal(first[2].toes, second[2].toes)
+
+
+def test_the_positions_bound_the_objective_of_the_lift_from_below(climb, written):
+    looked_at = 0
+    for seed in (1, 2):
+        course = climb(seed)
+        scaled = ScaledCourse.of(course)
+        if looked_at == 0:
+            positions = Positions(scaled.layout, course.weights, course.length_scale_m, scaled)
+        solution, _, _ = positions.solve(scaled)
+        problem, _ = written(course)
+        problem.solve(cp.CLARABEL)
+        assert solution.status is ConicStatus.SOLVED
+        assert solution.objective * course.length_scale_m**2 <= problem.value + 1e-7
+        looked_at += 1
+    assert looked_at == 2
+
+
+def test_steps_too_short_to_get_anywhere_are_refuted_with_a_certificate_without_forces(climb, planner):
+    course = climb(1)
+    near = replace(course, steps=StepLimits(com_m=0.2, toe_m=1e-3, progress_m=0.01))
+    outcome = planner.solve(near)
+    assert outcome.status is Status.INFEASIBLE
+    assert check_plan_certificate(near, outcome.certificate).accepted
+    forces = outcome.certificate.multipliers[0, : 6 * len(near.stances)]
+    np.testing.assert_array_equal(forces, 0.0)
+    assert not check_plan_certificate(course, outcome.certificate).accepted

@@ -1,0 +1,174 @@
+"""Mode switching: z from boxes in world axes, against enumeration and against what the terrain is."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stancekit.envs.courses import perturbed
+from stancekit.learners.modes import learn_modes
+from stancekit.planners.conic import ConicStatus
+from stancekit.planners.contact.envelope import Envelope
+from stancekit.planners.contact.exact import ExactPlanner
+from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.keyframes.boxes import boxes_of
+from stancekit.planners.keyframes.clock import Clock
+from stancekit.planners.keyframes.enveloped import EnvelopeCoursePlanner
+from stancekit.planners.keyframes.modes import Modes, alone, composed, modes_of_frames, world_points
+from stancekit.planners.keyframes.products import domain_of
+from stancekit.planners.keyframes.relax import EnvelopedCourse, ModedCourse
+from stancekit.planners.keyframes.scaled import ScaledCourse
+from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.scene.course_spec import read_course, read_spec
+from stancekit.planners.scene.layout import lay_out
+
+SHORT = read_spec("ground-to-wall").model_copy(update={"start_m": (0.2, 0, 0.2), "goal_m": (0.25, 0, 0.4), "frames": 6})
+"""The part about the switch."""
+
+
+@pytest.fixture(scope="module")
+def modes(stages):
+    return learn_modes(rng=np.random.default_rng(0), count=120, stages=stages)
+
+
+@pytest.fixture(scope="module")
+def planner(modes):
+    return EnvelopeCoursePlanner(modes)
+
+
+@pytest.fixture(scope="module")
+def small():
+    """A small climb, two boxes over it that cost something, and P1 with each of their eight choices."""
+    course = read_course("walls", frames=2)
+    scaled = ScaledCourse.of(course)
+    domain = domain_of(scaled, "world")
+    boxes = []
+    for axis, room in ((0, 0.08), (2, 0.08)):  # the body kept back, or kept down: off the goal either way
+        low = domain.low.copy()
+        low[:, axis] = domain.high[:, axis] - room
+        boxes.append(Envelope(low=low, high=domain.high))
+    single = EnvelopedCourse(scaled.layout, course.weights, scaled, axes="world")
+    assert len(scaled.layout.stances) == 3
+    choices = {z: single.solve(scaled, composed(scaled.layout, boxes, np.array(z)))
+               for z in itertools.product((0, 1), repeat=3)}  # fmt: skip
+    return scaled, tuple(boxes), choices
+
+
+@pytest.mark.parametrize("seed", [None, 1])
+def test_z_switches_where_the_terrain_does(seed, planner):
+    course = lay_out(SHORT, Path()) if seed is None else perturbed(SHORT, np.random.default_rng(seed))
+    outcome = planner.solve(course)
+    assert outcome.status is Status.FEASIBLE, outcome.message
+    assert tuple(outcome.plan.modes) == course.modes
+    assert set(course.modes) == {0, 1}
+    assert outcome.details["open_stances"] == 0.0  # no stance could have used the other envelope
+
+
+@pytest.mark.parametrize(("name", "mode"), [("stairs", 0), ("walls", 1)])
+def test_z_does_not_switch_where_the_terrain_does_not(name, mode, planner):
+    outcome = planner.solve(read_course(name, frames=3))
+    assert outcome.status is Status.FEASIBLE, outcome.message
+    assert outcome.plan.modes.tolist() == [mode] * 3
+
+
+def test_the_envelopes_of_ground_and_wall_exclude_each_other(modes):
+    ground, wall = modes.boxes.envelopes
+    assert modes.names == ("ground", "wall")
+    assert np.any((ground.high < wall.low) | (wall.high < ground.low))
+
+
+def test_the_hull_with_every_choice_made_is_p1_over_the_chosen_boxes(small):
+    scaled, boxes, choices = small
+    hull = ModedCourse(scaled.layout, scaled.course.weights, scaled, boxes=2)
+    for z, single in choices.items():
+        answer = hull.solve(scaled, boxes, np.eye(2)[list(z)])
+        assert answer.status is single.status
+        if single.status is ConicStatus.SOLVED:
+            assert answer.objective == pytest.approx(single.objective, abs=1e-6)
+            np.testing.assert_allclose(answer.modes, np.eye(2)[list(z)], atol=1e-6)
+
+
+def test_the_hull_bounds_every_choice_and_the_search_finds_the_best(small, modes):
+    scaled, boxes, choices = small
+    solved = {z: answer.objective for z, answer in choices.items() if answer.status is ConicStatus.SOLVED}
+    assert len(solved) > 1
+    best = min(solved.values())
+    assert max(solved.values()) > best + 1e-5  # it matters which
+    hull = ModedCourse(scaled.layout, scaled.course.weights, scaled, boxes=2)
+    assert hull.solve(scaled, boxes, np.ones((3, 2))).objective <= best + 1e-6
+
+    class Given(EnvelopeCoursePlanner):
+        def allowed(self, scaled, boxes, clock):
+            return super().allowed(scaled, given, clock)
+
+        def relaxed(self, scaled, boxes, allowed, clock):
+            return super().relaxed(scaled, given if len(boxes) == 2 else boxes, allowed, clock)
+
+    given = boxes
+    outcome = Given(modes).solve(scaled.course)
+    assert outcome.status is Status.FEASIBLE
+    length = scaled.course.length_scale_m
+    assert outcome.details["p1_objective"] / length**2 == pytest.approx(best, rel=2e-4, abs=2e-8)
+
+
+def test_a_stance_alone_relaxes_the_course(small):
+    scaled, boxes, choices = small
+    assert any(answer.status is ConicStatus.SOLVED for answer in choices.values())
+    for stance in range(3):
+        part, rows = alone(scaled, stance)
+        model = EnvelopedCourse(part.layout, scaled.course.weights, part, axes="world")
+        for e in (0, 1):
+            box = Envelope(low=boxes[e].low[rows], high=boxes[e].high[rows])
+            if model.solve(part, box).status is ConicStatus.INFEASIBLE:
+                assert not any(answer.feasible for z, answer in choices.items() if z[stance] == e)
+
+
+def test_closing_boxes_leaves_what_a_stance_can_use(planner, modes):
+    course = lay_out(SHORT, Path())
+    scaled = ScaledCourse.of(course)
+    allowed = planner.allowed(scaled, boxes_of(scaled, modes.boxes, "world"), Clock.start())
+    wanted = [course.modes[frame] for frame, _ in scaled.layout.stances]
+    carried = [all(abs(_normal(course, stance, limb)[2]) > 0.7 for limb in stance.limbs) for stance in course.stances]
+    np.testing.assert_array_equal(allowed.argmax(axis=1), 1 - np.array(carried))
+    assert modes_of_frames(scaled.layout, allowed.argmax(axis=1)).tolist() == list(course.modes)
+    assert wanted != (1 - np.array(carried)).tolist()  # at the switch one stance still stands on the ground
+
+
+def _normal(course, stance, limb):
+    return course.placements[course.holds[stance.frame, limb]].candidates[0].normal
+
+
+def test_world_points_are_the_forces_of_the_postures(stages, drawn):
+    problems = [drawn("wall-3", seed) for seed in range(12)]
+    outcomes = [ExactPlanner(stages=stages).solve(problem) for problem in problems]
+    found = [(p, o.posture) for p, o in zip(problems, outcomes, strict=True) if o.posture is not None]
+    assert found
+    points = np.array([ScaledProblem.of(problem).point(posture) for problem, posture in found])
+    turned = world_points([problem for problem, _ in found], points)
+    for row, (problem, posture) in zip(turned, found, strict=True):
+        np.testing.assert_allclose(row[:, 3:] * problem.weight_n, posture.forces_n, atol=1e-9)
+        np.testing.assert_allclose(row[:, 3:].sum(axis=0), [0.0, 0.0, 1.0], atol=1e-6)
+
+
+def test_modes_come_back_from_json_and_say_what_is_wrong_with_others(modes):
+    again = Modes.from_json(modes.to_json())
+    assert again.names == modes.names
+    for mine, theirs in zip(modes.boxes.envelopes, again.boxes.envelopes, strict=True):
+        np.testing.assert_array_equal(mine.to_vector(), theirs.to_vector())
+    with pytest.raises(InvalidInput, match="format 'stancekit/modes/1'"):
+        Modes.from_json(modes.boxes.to_json())
+    with pytest.raises(InvalidInput, match="names: expected 2 different ones, one an envelope, got \\['ground'\\]"):
+        Modes.from_json(modes.to_json() | {"names": ["ground"]})
+    with pytest.raises(InvalidInput, match="boxes: force_scale_n"):
+        Modes.from_json(modes.to_json() | {"boxes": modes.boxes.to_json() | {"force_scale_n": -1.0}})
+
+
+def test_boxes_that_no_stance_can_use_are_reported_for_the_stance(modes):
+    far = Envelope(low=modes.boxes.envelopes[0].low + 5.0, high=modes.boxes.envelopes[0].high + 5.0)
+    boxes = type(modes.boxes)(**{**vars(modes.boxes), "envelopes": (far, far)})
+    outcome = EnvelopeCoursePlanner(Modes(names=modes.names, boxes=boxes)).solve(read_course("walls", frames=2))
+    assert outcome.status is Status.UNDECIDED
+    assert "frame 0, stance on LF, LR, RM: no envelope has room for it" in outcome.message

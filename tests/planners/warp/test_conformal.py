@@ -1,0 +1,108 @@
+"""The product's maps: injective and exact at the ground, measured by other means than their report's."""
+
+import json
+
+import numpy as np
+import pytest
+
+from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.scene.heightfield import HeightField
+from stancekit.planners.scene.terrains import named_terrain, reference_terrain
+from stancekit.planners.warp import conformal
+from stancekit.planners.warp.conformal import fit_map, flatten
+from stancekit.planners.warp.report import conformal_error, least_determinant
+
+
+@pytest.mark.parametrize("name", ["ripple", "cone", "hill", "pit"])
+def test_the_fast_map_is_injective_and_exact_at_the_ground(name):
+    field = named_terrain(name)
+    fit = fit_map(field)
+    rng = np.random.default_rng(0)
+    at = rng.uniform([-4.0, -4.0, 0.0], [4.0, 4.0, 2.3], (40_000, 3))
+    at[:20_000, 2] = 0.0
+    point, jacobian = fit.map.points_and_jacobians(at)
+    least = np.linalg.det(jacobian).min()
+    assert least > 0.05
+    assert fit.report.least_det < least + 0.02
+    miss = np.abs(point[:20_000, 2] - field.height(point[:20_000, :2]))
+    assert miss.max() < 1e-3
+    assert fit.report.match_m[0] < 1e-3
+    assert fit.report.unsnapped_m[0] > 2.0 * fit.report.match_m[0]
+    assert np.all(np.abs(point[:, :2]) <= 4.0 + 1e-9)
+    fit.map.check_fits(field)
+
+
+def test_flat_ground_stays_as_it_is():
+    level = HeightField.from_function(lambda x, y: 0.0 * x + 0.4)
+    warp = flatten(level, cells=(8, 8, 3))
+    at = np.random.default_rng(0).uniform([-4, -4, 0], [4, 4, 2.3], (200, 3))
+    at[:50, 2] = 0.0
+    moved = warp.points(at) - at
+    np.testing.assert_allclose(moved[:50, 2], 0.4, atol=1e-6)
+    assert np.abs(moved[:, :2]).max() < 0.01
+    assert conformal_error(warp).max() < 0.01
+
+
+def test_the_conformal_error_of_a_shear_is_the_closed_form():
+    """J = [[1, 0, 0], [0, 1, 0], [a, 0, 1]] has σ = √(1 + a²/4) ± a/2 and 1."""
+    slope = 0.5
+    ramp = HeightField.from_function(lambda x, y: slope * x)
+    grid_map = flatten(ramp, cells=(6, 6, 3))
+    control = np.stack(
+        np.meshgrid(*(np.linspace(*ends) for ends in ((-4 - 4 / 3, 4 + 4 / 3, 9),) * 2), [0.0], indexing="ij")
+    )
+    control = np.concatenate(
+        [control + np.array([0, 0, z]).reshape(3, 1, 1, 1) for z in 2.3 / 3 * np.arange(-1, 5)], axis=3
+    )
+    control[2] += slope * control[0]
+    shear = type(grid_map)(domain_m=ramp.domain_m, height_m=2.3, control_m=control)
+    root, half = np.sqrt(1.0 + slope**2 / 4.0), slope / 2.0
+    np.testing.assert_allclose(conformal_error(shear), 1.0 - (root - half) / (root + half), atol=1e-9)
+    assert least_determinant(shear)[0] == pytest.approx(1.0)
+    assert conformal_error(grid_map).mean() < 0.8 * conformal_error(shear).mean()
+
+
+def test_published_methods_are_reported_as_they_come_out_also_folded():
+    hill = reference_terrain("hill")
+    folded = fit_map(hill, cells=(12, 12, 4), method="local-global", iterations=15)
+    assert folded.report.least_det < 0.0
+    held = fit_map(hill, cells=(12, 12, 4), method="gauss-newton", iterations=10)
+    assert held.report.least_det > 0.0
+    assert held.map.snap is None
+    assert held.report.match_m[0] > 0.005
+
+
+def test_the_same_map_comes_out_twice():
+    first, second = (flatten(reference_terrain("cone"), cells=(10, 10, 3)) for _ in range(2))
+    np.testing.assert_array_equal(first.control_m, second.control_m)
+
+
+def test_where_no_optimised_map_will_do_there_is_a_shear_and_a_report_that_says_so(monkeypatch):
+    monkeypatch.setattr(conformal, "DET_FLOOR", 2.0)
+    field = HeightField.from_function(lambda x, y: 0.1 * np.sin(3.0 * x) * np.cos(2.0 * y), 2.0, 0.1)
+    fit = fit_map(field, cells=(8, 8, 3))
+    assert fit.report.message.startswith("a shear (x, y, z + h), for no optimised map will do: ")
+    assert fit.report.least_det == pytest.approx(1.0, abs=0.01)
+    assert fit.report.match_m[0] < 1e-3
+
+
+def test_reports_are_json_with_distributions():
+    report = fit_map(reference_terrain("ripple"), cells=(12, 12, 3)).report
+    record = json.loads(json.dumps(report.to_json(), allow_nan=False))
+    assert record["iterations"] == len(report.energy) - 1
+    assert record["ground_error"]["median"] <= record["ground_error"]["p95"] <= record["ground_error"]["max"]
+    assert np.all(np.diff(report.energy[:, 0]) < 0.0)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"cells": (1, 8, 3)}, "cells: expected three whole numbers in [2, 200], got (1, 8, 3)"),
+        ({"cells": (150, 150, 50)}, "cells: expected 200000 control points or fewer, got 1240677"),
+        ({"height_m": 0.0}, "height_m: expected a number above 0, got 0"),
+    ],
+)
+def test_bad_grids_are_refused(options, message):
+    with pytest.raises(InvalidInput) as caught:
+        fit_map(reference_terrain("ripple"), **options)
+    assert str(caught.value) == message
