@@ -8,6 +8,7 @@ from typing import Annotated
 import tyro
 
 from .bench_envelopes import BenchEnvelopes
+from .bench_gait import BenchGait
 from .bench_planner import BenchPlanner
 
 
@@ -18,6 +19,7 @@ class Bench:
     what: (
         Annotated[BenchEnvelopes, tyro.conf.subcommand("envelopes", prefix_name=False)]
         | Annotated[BenchPlanner, tyro.conf.subcommand("planner", prefix_name=False)]
+        | Annotated[BenchGait, tyro.conf.subcommand("gait", prefix_name=False)]
     )
 
     def run(self) -> int:

@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 OPTIONS = {"every": "tasks", "cap_s": "cap", "terrains": "terrain", "methods": "chart"}
 """Settings by the options that give them."""
 
+WIDTH = 150
+"""Of tables where standard output is no terminal."""
+
 
 @dataclass
 class BenchGait:
@@ -48,6 +51,8 @@ class BenchGait:
     """Processes."""
     out: Path | None = None
     """Folder for the cells and the tables; out/bench-gait, or out/bench-gait-quick, where there is none."""
+    kept: bool = False
+    """Measure nothing: the tables of what the folder has."""
     json: bool = False
     """One JSON object a cell."""
 
@@ -57,19 +62,24 @@ class BenchGait:
         from stancekit.planners.files import write_text
 
         settings = self._settings()
+        if self.workers < 1:
+            raise InvalidInput(f"--workers: expected 1 or more, got {self.workers}")
         folder = self.out or Path("out/bench-gait-quick" if self.quick else "out/bench-gait")
         make_folder(folder)
         rows: list[dict[str, Any]] = []
         with stages("bench gait") as told:
-            for row in gait_bench.run(settings, folder, told, self.workers):
+            known = gait_bench.kept(settings, folder) if self.kept else None
+            for row in gait_bench.run(settings, folder, told, self.workers) if known is None else known:
                 rows.append(row)
                 if self.json:
                     emit(row)
+        if not rows:
+            raise InvalidInput(f"{folder}: expected cells of this protocol, got none")
         records = gait_figures.table(rows)
         write_text(folder / "table.json", json.dumps(records, indent=1) + "\n")
         if not self.json:
             for made in (success_table(records), speed_table(records), motion_table(records)):
-                out.print(made)
+                out.print(made, width=None if out.is_terminal else WIDTH)
             for line in comparisons(rows):
                 out.print(line, markup=False, highlight=False)
             out.print(f"cells and table: {folder}", markup=False)

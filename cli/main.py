@@ -26,6 +26,8 @@ from .gait import Gait
 from .label import LabelPostures
 from .picture import Picture
 from .plan import PlanCourse
+from .replay import Replay
+from .run import Run
 from .sample import Sample
 from .simulate import Simulate
 from .solve import Solve
@@ -48,6 +50,7 @@ Key frames over a course, and a gait over curved ground:
   stancekit plan walls --out plan.json --picture plan.png
   stancekit verify plan.json
   stancekit simulate plan.json --world bullet
+  stancekit run plan.json --world mujoco --log run.mcap
   stancekit gait ripple --goal 1.5,1 --out gait.json --picture gait.png
 
 Exit code: 0 done; 1 ran, but a check failed; 2 bad input.
@@ -65,6 +68,8 @@ Verb = (
     | Annotated[Export, tyro.conf.subcommand("export")]
     | Annotated[PlanCourse, tyro.conf.subcommand("plan")]
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
+    | Annotated[Run, tyro.conf.subcommand("run")]
+    | Annotated[Replay, tyro.conf.subcommand("replay")]
     | Annotated[Warp, tyro.conf.subcommand("warp")]
     | Annotated[Gait, tyro.conf.subcommand("gait")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]

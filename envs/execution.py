@@ -146,7 +146,7 @@ def execute(
         away = float(np.linalg.norm(state.position_m - target.origin_m))
         if away > tolerance.fall_m or _turned(target, state) > tolerance.fall_rad:
             fallen = state.time_s
-    return _judged(plan, world, rows, _trace(rows, kinematics), tolerance, fallen, time.perf_counter() - begin)
+    return judged(plan, world, rows, traced(rows, kinematics), tolerance, fallen, time.perf_counter() - begin)
 
 
 def slips(trace: Trace, placements: int) -> Array:
@@ -169,7 +169,8 @@ def _turned(target: Target, state: State) -> float:
     return float(np.arccos(np.clip((np.trace(between) - 1.0) / 2.0, -1.0, 1.0)))
 
 
-def _trace(rows: list[tuple[Target, State]], kinematics: Kinematics) -> Trace:
+def traced(rows: list[tuple[Target, State]], kinematics: Kinematics) -> Trace:
+    """What was recorded, from the targets and states of every control period."""
     return Trace(
         time_s=np.array([s.time_s for _, s in rows]),
         frame=np.array([t.instant.frame for t, _ in rows]),
@@ -189,7 +190,7 @@ def _trace(rows: list[tuple[Target, State]], kinematics: Kinematics) -> Trace:
     )
 
 
-def _judged(
+def judged(
     plan: Plan,
     world: World,
     rows: list[tuple[Target, State]],
@@ -198,6 +199,7 @@ def _judged(
     fallen: float | None,
     wall: float,
 ) -> Execution:
+    """Compare a trace with its plan. fallen: when the robot fell [s], None if it did not; wall: real time taken [s]."""
     final = float(np.linalg.norm(trace.com_m[-1] - plan.com_m[-1]))
     slip = slips(trace, len(plan.course.placements))
     between = trace.forces_n - trace.planned_forces_n

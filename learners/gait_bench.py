@@ -20,6 +20,7 @@ import numpy as np
 
 from stancekit.planners.arrays import checked
 from stancekit.planners.files import parse_json, read_text, write_text
+from stancekit.planners.gait.account import Account
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.judge import GaitReport, check_trajectory
 from stancekit.planners.gait.portfolio import Caps, plan_gait, ways
@@ -170,10 +171,16 @@ def run(
         yield row
 
 
+def kept(settings: GaitBenchSettings, folder: Path) -> list[dict[str, Any]]:
+    """The rows that the folder has by this protocol."""
+    rows = (_kept(cell, settings, folder) for cell in cells(settings))
+    return [row for row in rows if row is not None]
+
+
 def _kept(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any] | None:
     path = folder / cell.file
-    kept = parse_json(read_text(path), str(path)) if path.exists() else {}
-    row: dict[str, Any] | None = kept.get("row") if kept.get("protocol") == settings.protocol() else None
+    content = parse_json(read_text(path), str(path)) if path.exists() else {}
+    row: dict[str, Any] | None = content.get("row") if content.get("protocol") == settings.protocol() else None
     return row
 
 
@@ -197,8 +204,6 @@ def measure(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, 
         return {"success": False, "verified": False, "status": str(error), "message": str(error)}
     program = formulate(task, own, warp)
     guess = program.perturbed(_rng(cell), settings.noise) if cell.seed else program.guess
-    from stancekit.planners.gait.account import Account
-
     account = Account(solve_s=settings.cap_s, total_s=settings.cap_s)
     solution = account(program, guess)
     report = check_trajectory(solution.trajectory())
@@ -217,6 +222,8 @@ def _planned(cell: Cell, settings: GaitBenchSettings, task: GaitTask) -> dict[st
     caps = Caps(solve_s=settings.cap_s, total_s=settings.total_s)
     attempts = [way.perturbed(cell.seed, settings.noise) if cell.seed else way for way in ways(task)]
     plan = plan_gait(task, GaitSettings(max_iterations=settings.iterations), caps=caps, attempts=attempts)
+    if not plan.attempts:
+        raise PlanningFailed(plan.message)
     best = plan.attempts[-1]
     phases = {name: [step for step in plan.steps if step.phase == name] for name in ("feasible", "smooth", "densify")}
     before = plan.feasible[-1]

@@ -33,14 +33,15 @@ GAITS = {
         # feet LF, RF, LH, RH
         Gait(name="walk", cycle_s=1.6, duty=0.75, offsets=(0.25, 0.75, 0.0, 0.5)),
         Gait(name="trot", cycle_s=1.0, duty=0.6, offsets=(0.0, 0.5, 0.5, 0.0)),
-        Gait(name="pace", cycle_s=0.8, duty=0.625, offsets=(0.0, 0.5, 0.0, 0.5)),
-        Gait(name="bound", cycle_s=0.6, duty=0.5, offsets=(0.0, 0.0, 0.5, 0.5)),
-        Gait(name="gallop", cycle_s=0.6, duty=0.5, offsets=(0.0, 0.1667, 0.5, 0.6667)),
+        Gait(name="pace", cycle_s=0.8, duty=0.75, offsets=(0.0, 0.5, 0.0, 0.5)),
+        Gait(name="bound", cycle_s=0.8, duty=0.75, offsets=(0.0, 0.0, 0.5, 0.5)),
+        Gait(name="gallop", cycle_s=0.8, duty=0.75, offsets=(0.0, 0.1667, 0.5, 0.6667)),
         # feet LF, LM, LR, RF, RM, RR
         Gait(name="tripod", cycle_s=1.0, duty=0.6, offsets=(0.0, 0.5, 0.0, 0.5, 0.0, 0.5)),
     )
 }
-"""Gaits by name. Front and hind feet of the bound, and single feet of the gallop, push in turn."""
+"""Gaits by name. Left and right pairs of the pace, front and hind ones of the bound push in turn, and in the gallop one
+foot after the other; they are slow ones, whose pairs hand over the weight in .2 s, without a flight."""
 SHORTEST_STAND_S = 0.2
 """At the beginning and at the end all feet stand for this long at least [s]."""
 

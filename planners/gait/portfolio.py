@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..arrays import Array, checked
-from ..outcome import InvalidInput
+from ..outcome import InvalidInput, PlanningFailed
 from .account import Account, Step
 from .attempt import Attempt, Attempted, Progress, Workbench
 from .densify import densified
@@ -59,7 +59,8 @@ class GaitPlan:
     trajectory, report: what the verifier accepts, the smoothest that was found; None where there is nothing, unless
     the caller asked for what it refuses. attempts: with the best trajectory of each, accepted or not; feasible: the
     verifier's word on the first feasible point of each, before the second phase, None for none; steps: every solve in
-    its order; stopped: the caller asked it to end.
+    its order; failures: of attempts that could not begin, e.g. for a terrain that no map fits; stopped: the caller
+    asked it to end.
     """
 
     trajectory: Trajectory | None
@@ -67,6 +68,7 @@ class GaitPlan:
     attempts: tuple[Attempted, ...]
     feasible: tuple[GaitReport | None, ...]
     steps: tuple[Step, ...]
+    failures: tuple[str, ...] = ()
     stopped: bool = False
 
     @property
@@ -85,7 +87,7 @@ class GaitPlan:
         if self.report is not None:
             return self.report.message
         if not self.attempts:
-            return "no walk: every attempt had failed before"
+            return "no walk: " + ("; ".join(self.failures) or "every attempt had failed before")
         best = min(self.attempts, key=_merit)
         if best.solution.success:
             return f"no walk that the verifier accepts: {best.report.message}"
@@ -112,14 +114,18 @@ def plan_gait(
     Raises InvalidInput for settings that do not fit the task.
     """
     pursuit = Pursuit(Workbench(task, settings, warp), caps or Caps(), progress)
-    found: list[Attempted] = []
+    found, failures = list[Attempted](), list[str]()
     for index, attempt in enumerate(ways(task) if attempts is None else attempts):
         point, stage = partial.begin(index) if partial is not None else (None, 0)
         if stage < 0:
             continue
         if point is None and index == 0:
             point = guess
-        found.append(pursuit.run(attempt, point, stage))
+        try:
+            found.append(pursuit.run(attempt, point, stage))
+        except PlanningFailed as error:
+            failures.append(f"{attempt.name}: {error}")
+            continue
         if partial is not None:
             partial.keep(index, found[-1])
         if found[-1].verified or pursuit.account.over:
@@ -132,6 +138,7 @@ def plan_gait(
         attempts=tuple(found),
         feasible=tuple(pursuit.feasible),
         steps=tuple(pursuit.account.steps),
+        failures=tuple(failures),
         stopped=pursuit.account.stopped,
     )
 

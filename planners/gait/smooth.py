@@ -61,7 +61,10 @@ class Smoothing:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Round:
-    """One round: the solve on the cost, what made its point feasible again (itself if it was), and the verifier's word."""
+    """One round: the solve on the cost, what made its point feasible again, and the verifier's word.
+
+    solution is ``lowered`` itself where that was feasible.
+    """
 
     lowered: GaitSolution
     solution: GaitSolution

@@ -14,7 +14,7 @@ from stancekit.cli.main import verbs
 from stancekit.planners.outcome import PlanningFailed
 
 COMMAND = [sys.executable, "-m", "stancekit.cli.main"]
-PLANS = ["plan", "verify", "simulate", "gait"]
+PLANS = ["plan", "verify", "simulate", "run", "gait"]
 HEAVY = ("cvxpy", "clarabel", "casadi", "scipy", "sklearn", "torch", "gymnasium", "matplotlib", "pyarrow", "joblib")
 
 
@@ -37,7 +37,7 @@ def test_every_verb_explains_itself(verb, stancekit, tmp_path):
     assert ran.out.startswith(f"usage: stancekit {verb} [-h]")
     assert verbs()[verb].__doc__.splitlines()[0][:60] in ran.out
     if verb == "bench":
-        assert all(f"• {what}" in ran.out for what in ("envelopes", "planner"))
+        assert all(f"• {what}" in ran.out for what in ("envelopes", "planner", "gait"))
         return
     options = [field.name for field in fields(verbs()[verb]) if "Positional" not in str(field.type)]
     assert options

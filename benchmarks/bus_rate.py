@@ -1,0 +1,118 @@
+"""How steadily a plan is forwarded to 24 servos on an emulated bus: cycle time, lag, answers asked for again.
+
+    python benchmarks/bus_rate.py [--courses walls …] [--plan FILE] [--rate 50] [--pace 0.9] [--seconds 0]
+        [--realtime] [--json]
+
+The plan's joint angles go through the real SDK over a pseudo-terminal to servos in a process of their own
+(``tests/emulators``), which take as long as the bytes would at 1 Mbaud; they stand on a desk, so that nothing presses
+on a foot and the planned forces are taken for felt. A cycle is from the start of one control period to that of the
+next, with the inverse kinematics of the next target in it. bus: what sending and reading alone took. cpu: of the
+host's process, a period. error: measured angle against the planned one at the same time, root mean square and worst of
+all joints; an emulated servo lags by about 50 ms behind a steady turn. --seconds ends every run early.
+--realtime gives host and servos a real-time priority (SCHED_FIFO, as root), as a robot's host would have: on a machine
+that is busy with other things the rest measures those.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import numpy as np
+
+from stancekit.envs.motion import Motion, Timing
+from stancekit.envs.tracking import Feel, Tracker
+from stancekit.envs.worlds.calibration import nominal
+from stancekit.envs.worlds.dynamixel import DynamixelWorld
+from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
+from stancekit.planners.kinematics import Kinematics, rotation_of
+from stancekit.planners.plan import Plan
+from stancekit.planners.plan_file import read_plan
+from stancekit.planners.scene.course_spec import builtin_courses, read_course
+from tests.emulators.servo_bus import BusProcess
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--courses", nargs="+", choices=builtin_courses(), default=list(builtin_courses()))
+    parser.add_argument("--plan", type=Path, default=None)
+    parser.add_argument("--rate", type=float, default=50.0)
+    parser.add_argument("--pace", type=float, default=0.9)
+    parser.add_argument("--seconds", type=float, default=0.0)
+    parser.add_argument("--realtime", action="store_true")
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    if asked.plan is not None:
+        plans = {asked.plan.name: read_plan(asked.plan)[0]}
+    else:
+        plans = {name: planned(name) for name in asked.courses}
+    if asked.realtime:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+    for name, plan in plans.items():
+        found = {"plan": name} | forward(plan, asked.rate, asked.pace, asked.seconds or float("inf"))
+        print(json.dumps(found) if asked.json else line(found), flush=True)
+
+
+def planned(name: str) -> Plan:
+    """The plan of a built-in course."""
+    outcome = TwoStageCoursePlanner().solve(read_course(name))
+    assert outcome.plan is not None, outcome.message
+    return outcome.plan
+
+
+def forward(plan: Plan, rate_hz: float, pace: float, seconds: float) -> dict[str, Any]:
+    """One plan over the bus."""
+    robot = plan.course.robot
+    kinematics = Kinematics(robot, gravity_m_s2=plan.course.gravity_m_s2)
+    tracker = Tracker(Motion(plan, Timing().at_pace(pace)), kinematics, rate_hz, Feel(press_hz=0.0, seek_m=0.0))
+    first = tracker.start()
+    with BusProcess(first.angles_rad.tolist()) as bus:
+        world = DynamixelWorld(robot, nominal(kinematics.joints, port=bus.path, watchdog_s=0.5), rate_hz=rate_hz)
+        with world:
+            pose = first.origin_m, rotation_of(first.instant.rotation_rad)
+            world.reset(plan.course.terrain, first.angles_rad, *pose)
+            world.torque(True)
+            starts, busy, errors, clipped = list[float](), list[float](), list[Any](), 0
+            felt, begin, cpu = first.instant.forces_n, time.monotonic(), time.process_time()
+            while (target := tracker.next(felt)) is not None and time.monotonic() - begin < seconds:
+                felt = target.instant.forces_n
+                starts.append(time.monotonic())
+                clipped += bool(np.abs(world.sendable(target.angles_rad) - target.angles_rad).max() > 1e-9)
+                state = world.step(target.angles_rad)
+                busy.append(world.bus_s)
+                errors.append(state.angles_rad - target.angles_rad)
+            took, cpu = time.monotonic() - begin, time.process_time() - cpu
+            world.relax()
+    cycles, off = 1e3 * np.diff(starts), np.array(errors)
+    return {
+        "seconds": took, "periods": len(starts), "rate_hz": (len(starts) - 1) / (starts[-1] - starts[0]),
+        "cycle_p50_ms": float(np.percentile(cycles, 50)), "cycle_p99_ms": float(np.percentile(cycles, 99)),
+        "cycle_worst_ms": float(cycles.max()), "bus_p50_ms": float(1e3 * np.percentile(busy, 50)),
+        "bus_p99_ms": float(1e3 * np.percentile(busy, 99)), "cpu_ms": 1e3 * cpu / len(starts),
+        "late": world.late, "asked_again": world.bus.retried,
+        "clipped": clipped, "error_rms_rad": float(np.sqrt((off**2).mean())), "error_worst_rad": float(abs(off).max()),
+    }  # fmt: skip
+
+
+def line(found: dict[str, Any]) -> str:
+    """One line."""
+    return (
+        f"{found['plan']}: {found['periods']} periods in {found['seconds']:.1f} s, {found['rate_hz']:.2f} Hz; cycle "
+        f"p50 {found['cycle_p50_ms']:.2f} p99 {found['cycle_p99_ms']:.2f} worst {found['cycle_worst_ms']:.1f} ms; bus "
+        f"p50 {found['bus_p50_ms']:.2f} p99 {found['bus_p99_ms']:.2f} ms; cpu {found['cpu_ms']:.1f} ms; "
+        f"{found['late']} late, {found['asked_again']} "
+        f"asked again, {found['clipped']} clipped; error {found['error_rms_rad']:.4f} rad RMS, worst "
+        f"{found['error_worst_rad']:.4f}"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,146 @@
+"""The closed loop on courses with less friction than was planned with: planning anew against the first plan alone.
+
+    python benchmarks/closed_loop.py [--courses walls …] [--shares 1 0.7 0.5] [--count 5] [--seed 0] [--world mujoco]
+        [--amount 1] [--replan-m 0.012] [--no-reserve] [--modes once anew anew-unlearned] [--json]
+
+The first course is the built-in one, the others have other heights, distances, leans, friction and panels
+(``envs.courses.perturbed``, --amount); they are planned with the friction that they say. The world has only a share of
+that, everywhere. "once" follows the first plan to its end; "anew" plans the rest again where body or feet are farther
+than --replan-m from the plan, with the friction that sliding feet felt; "anew-unlearned" does so, too, but goes on
+believing in the friction that it was told. All three run the same courses and the same first plans. A run is a success
+where all key frames were reached, nothing stopped it, and the centre of mass ended within 3 cm of its last plan's.
+Plans keep a reserve of friction where there is one (``planners.caution``); --no-reserve plans with all of it.
+
+The simulated world stands still while a plan is made: times of planning are told beside, not lived through.
+
+"solvable" is how many courses the planner finds a plan for when it is told the true friction (with no reserve): what
+no loop can be expected to exceed by much. The interval is Wilson's, 95 %.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from stancekit.envs.courses import perturbed
+from stancekit.envs.runner.policy import ClosedLoop, LoopReport, LoopSettings
+from stancekit.envs.runner.runner import Runner
+from stancekit.envs.worlds import WORLDS, make_world
+from stancekit.planners.caution import SHARES, slippery
+from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
+from stancekit.planners.outcome import InvalidInput, PlanningFailed
+from stancekit.planners.scene.course import Course
+from stancekit.planners.scene.course_spec import builtin_courses, read_course
+
+MODES = ("once", "anew", "anew-unlearned")
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--courses", nargs="+", choices=builtin_courses(), default=["walls"])
+    parser.add_argument("--shares", nargs="+", type=float, default=[1.0, 0.7, 0.5])
+    parser.add_argument("--modes", nargs="+", choices=MODES, default=list(MODES))
+    parser.add_argument("--world", choices=WORLDS, default="mujoco")
+    parser.add_argument("--count", type=int, default=5)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--amount", type=float, default=1.0)
+    parser.add_argument("--replan-m", type=float, default=LoopSettings.replan_m)
+    parser.add_argument("--no-reserve", action="store_true")
+    parser.add_argument("--json", action="store_true")
+    arguments = parser.parse_args()
+    shares = (1.0,) if arguments.no_reserve else SHARES
+    for name in arguments.courses:
+        refused = dict[int, str]()  # what cannot be begun cannot be begun with any friction under it
+        courses = [course_of(name, arguments.seed, index, arguments.amount) for index in range(arguments.count)]
+        for share in arguments.shares:
+            solvable = sum(solved(slippery(course, share)) for course in courses)
+            for mode in arguments.modes:
+                settings = settings_of(mode, arguments.replan_m, shares)
+                runs = list[LoopReport | str]()
+                for index, course in enumerate(courses):
+                    runs.append(refused.get(index) or walked(course, share, settings, arguments.world))
+                    if isinstance(runs[-1], str):
+                        refused[index] = runs[-1]
+                record = {"course": name, "friction": share, "mode": mode, "world": arguments.world}
+                record |= {"solvable": solvable} | summary(runs)
+                print(json.dumps(record) if arguments.json else line(record), flush=True)
+                for index, run in enumerate(runs):
+                    if (why := run if isinstance(run, str) else run.message) and not arguments.json:
+                        print(f"    {index}: {why}", flush=True)
+
+
+def course_of(name: str, seed: int, index: int, amount: float) -> Course:
+    """The course of one index, the same for every share and mode; the first is not perturbed."""
+    if index == 0:
+        return read_course(name)
+    return perturbed(name, np.random.default_rng([seed, index]), amount=amount)
+
+
+def settings_of(mode: str, replan_m: float, shares: tuple[float, ...]) -> LoopSettings:
+    """The loop of one mode."""
+    if mode == "once":
+        return LoopSettings(replan_m=float("inf"), shares=shares)
+    return LoopSettings(replan_m=replan_m, shares=shares, learn_friction=mode == "anew")
+
+
+def solved(course: Course) -> bool:
+    """Whether the planner finds a plan."""
+    return TwoStageCoursePlanner().solve(course).plan is not None
+
+
+def walked(course: Course, share: float, settings: LoopSettings, world: str) -> LoopReport | str:
+    """One run; why there was none where nothing could be run at all."""
+    made = make_world(world, course.robot, gravity_m_s2=course.gravity_m_s2)
+    try:
+        return ClosedLoop(course, Runner(made), settings=settings).run(slippery(course, share).terrain)
+    except (PlanningFailed, InvalidInput) as error:
+        made.close()
+        return f"not begun: {error}"
+
+
+def summary(runs: Sequence[LoopReport | str]) -> dict[str, Any]:
+    """Counts, and medians of the runs that were begun."""
+    begun = [run for run in runs if not isinstance(run, str)]
+    good = sum(run.succeeded for run in begun)
+
+    def median(key: str) -> float | None:
+        return float(np.median([getattr(run, key) for run in begun])) if begun else None
+
+    return {
+        "runs": len(begun), "refused": len(runs) - len(begun), "succeeded": good, "interval": wilson(good, len(begun)),
+        "replans": median("replans"), "share_believed": median("friction_share"), "frames": median("frames"),
+        "deviation_mm": None if not begun else 1e3 * (median("deviation_m") or 0.0), "seconds": median("seconds"),
+        "plan_s": median("plan_s"),
+    }  # fmt: skip
+
+
+def wilson(good: int, all_: int, z: float = 1.96) -> tuple[float, float]:
+    """Wilson's score interval of a share; the whole of [0, 1] of nothing."""
+    if all_ == 0:
+        return (0.0, 1.0)
+    share = good / all_
+    middle = share + z * z / (2 * all_)
+    half = z * float(np.sqrt(share * (1.0 - share) / all_ + z * z / (4.0 * all_ * all_)))
+    return (max(middle - half, 0.0) / (1.0 + z * z / all_), min((middle + half) / (1.0 + z * z / all_), 1.0))
+
+
+def line(record: dict[str, Any]) -> str:
+    """A record for people."""
+    low, high = record["interval"]
+    text = f"{record['course']:15s} friction × {record['friction']:<5g}{record['mode']:15s} "
+    text += f"{record['succeeded']}/{record['runs']} [{low:.2f}, {high:.2f}], solvable {record['solvable']}"
+    if record["runs"]:
+        text += (
+            f"; replans {record['replans']:g}, believed × {record['share_believed']:.2f}, off by "
+            f"{record['deviation_mm']:.0f} mm, planning {record['plan_s']:.1f} s of {record['seconds']:.1f} s of motion"
+        )
+    return text + (f"; {record['refused']} refused" if record["refused"] else "")
+
+
+if __name__ == "__main__":
+    main()

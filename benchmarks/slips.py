@@ -1,0 +1,94 @@
+"""What happens when the ground lets go in simulation: a foot that slips, or friction that drops, at random times.
+
+    python benchmarks/slips.py [--course walls] [--share 0.5] [--count 20] [--seed 0] [--ending hold] [--json]
+
+One plan of a built-in course is run in MuJoCo by the runner (``tests/emulators/slipping.py``); at a random time one
+random foot is left with a friction of 0.02, or all patches with --share of theirs, for good. as planned: runs whose
+report is a success all the same. Those that stop are stopped by the runner's bounds on the body (0.1 m, 0.5 rad) or the
+joints; told: simulated time from the fault to the stop, median and worst.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import numpy as np
+
+from stancekit.envs.runner.acceptance import Accepted
+from stancekit.envs.runner.ending import ENDINGS
+from stancekit.envs.runner.runner import Runner, RunSettings
+from stancekit.planners.caution import plan_with_reserve
+from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
+from stancekit.planners.scene.course_spec import builtin_courses, read_course
+from tests.emulators.slipping import FAULTS, SlippingWorld
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--course", choices=builtin_courses(), default="walls")
+    parser.add_argument("--share", type=float, default=0.5)
+    parser.add_argument("--count", type=int, default=20)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--ending", choices=ENDINGS, default="hold")
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    plan = plan_with_reserve(TwoStageCoursePlanner(), read_course(asked.course)).plan
+    if plan is None:
+        raise SystemExit(f"no plan for {asked.course}")
+    accepted = Accepted.verified(plan, asked.course)
+    for kind in FAULTS:
+        rng = np.random.default_rng([asked.seed, FAULTS.index(kind)])
+        runs = [tried(accepted, kind, rng, asked.share, asked.ending) for _ in range(asked.count)]
+        record = {"course": asked.course, "kind": kind, "ending": asked.ending} | summary(runs)
+        print(json.dumps(record) if asked.json else line(record), flush=True)
+
+
+def tried(accepted: Accepted, kind: str, rng: np.random.Generator, share: float, ending: Any) -> dict[str, Any]:
+    """One run with one fault at a random time of the plan."""
+    robot = accepted.plan.course.robot
+    world = SlippingWorld(robot, limb=int(rng.integers(len(robot.limbs))), share=share)
+    runner = Runner(world, settings=RunSettings(ending=ending))
+    at_s = float(rng.uniform(0.2, 12.0))
+    world.inject(kind, at_s)
+    report = runner.run(accepted)
+    stop_s = float("nan") if runner.state is None else runner.state.time_s
+    happened = bool(np.isfinite(world.happened_s))
+    return {
+        "happened": happened, "good": report.succeeded, "told_s": stop_s - world.happened_s,
+        "stopped": runner.latch.tripped, "left": report.ended.left,
+        "message": report.message,
+    }  # fmt: skip
+
+
+def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    """Counts, and times of those that were stopped."""
+    stopped = [run for run in runs if run["stopped"] and run["happened"]]
+    told = [run["told_s"] for run in stopped] or [float("nan")]
+    lefts = sorted({run["left"] for run in runs})
+    return {
+        "runs": len(runs), "as_planned": sum(run["good"] for run in runs), "stopped": len(stopped),
+        "told_s": float(np.median(told)), "told_worst_s": float(np.max(told)),
+        "left": {left: sum(run["left"] == left for run in runs) for left in lefts},
+        "message": next((run["message"] for run in runs if run["message"]), ""),
+    }  # fmt: skip
+
+
+def line(record: dict[str, Any]) -> str:
+    """A record for people."""
+    left = ", ".join(f"{count} × {left}" for left, count in record["left"].items())
+    return (
+        f"{record['course']} {record['kind']:17s} {record['as_planned']}/{record['runs']} as planned, "
+        f"{record['stopped']} stopped, told {record['told_s']:.2f} ({record['told_worst_s']:.2f}) s, "
+        f"{left}: {record['message']}"
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,86 @@
+"""``stancekit replay``: what a log of a run says."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.markup import escape
+from rich.table import Table
+
+from .console import emit, out
+
+
+@dataclass
+class Replay:
+    """Read the log of a run: which plan, what was decided, how well it was followed, and how it ended.
+
+    A log whose writer was killed is read up to its last message. `stancekit run PLAN --world replay --setup LOG` runs
+    the plan again against what was measured then, and compares the commands.
+
+    Exit code 0 where the run ended well, 1 where it did not or the log breaks off, 2 for what is no log.
+    """
+
+    log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
+    """Log file, as `stancekit run --log` writes it."""
+    picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Picture of the tracking, .png, .pdf or .svg."""
+    json: bool = False
+    """Print everything as one JSON object."""
+
+    def run(self) -> int:
+        """Read, and tell."""
+        from stancekit.envs.runner.chart import differences, draw_tracking, tracked
+        from stancekit.envs.runner.log import read_log
+
+        if self.picture is not None:
+            from stancekit.envs.plan_picture import check_picture
+
+            check_picture(self.picture)
+        recorded = read_log(self.log)
+        plan, verdicts = recorded.of("plan")[0], recorded.of("verdict")
+        commands = recorded.of("command")
+        record: dict[str, Any] = {
+            "log": str(self.log),
+            "whole": recorded.whole,
+            **{name: plan.get(name) for name in ("digest", "course", "world", "dry", "rate_hz", "pace")},
+            "commands": len(commands),
+            "decisions": recorded.of("decision"),
+            "verdict": verdicts[-1] if verdicts else None,
+            **(differences(tracked(recorded)) if commands else {}),
+        }
+        if self.picture is not None:
+            from stancekit.envs.picture import save
+
+            save(draw_tracking(recorded), self.picture)
+        if self.json:
+            emit(record)
+        else:
+            out.print(_table(record))
+            if self.picture is not None:
+                out.print(f"written: {self.picture}", markup=False)
+        return 0 if recorded.whole and verdicts and verdicts[-1]["succeeded"] else 1
+
+
+def _table(record: dict[str, Any]) -> Table:
+    table = Table(box=None, show_header=False)
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    verdict = record["verdict"]
+    if verdict is None:
+        table.add_row("verdict", "[red]none: the process was ended[/]")
+    else:
+        table.add_row(
+            "verdict", "[green]run as planned[/]" if verdict["succeeded"] else f"[red]{verdict['message']}[/]"
+        )
+    dry = ", dry" if record["dry"] else ""
+    table.add_row("plan", f"{record['course']} on {record['world']}{dry}, digest {str(record['digest'])[:16]}…")
+    table.add_row("commands", f"{record['commands']} at {record['rate_hz']:g} Hz")
+    if "joint_worst_rad" in record:
+        worst, rms = 1e3 * record["joint_worst_rad"], 1e3 * record["joint_rms_rad"]
+        table.add_row("joints", f"{worst:.1f} mrad from the plan at most, {rms:.1f} mrad (RMS)")
+    for decision in record["decisions"]:
+        table.add_row(decision["what"], escape(str(decision["why"])))
+    return table

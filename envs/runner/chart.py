@@ -1,0 +1,89 @@
+"""The picture of a run's tracking, drawn from its log: joints, body, forces and commands over time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from stancekit.planners.arrays import Array
+from stancekit.planners.outcome import InvalidInput
+
+from ..chart import DEFAULT_STYLE, leg_colour
+from .log import Recorded
+
+SIZE_IN = (9.6, 7.2)
+
+
+def tracked(recorded: Recorded) -> dict[str, Array]:
+    """Times, angles as planned, sent and measured, torques, and forces of a log; shape (T,), (T, J) and (T, N, 3).
+
+    Raises InvalidInput for a log without a command.
+    """
+    commands, states = recorded.of("command"), recorded.of("measurement")[1:]
+    rows = min(len(commands), len(states))
+    if not rows:
+        raise InvalidInput("log: expected commands, got none: nothing was sent")
+    found = {
+        "planned_rad": [each["planned_rad"] for each in commands[:rows]],
+        "sent_rad": [each["sent_rad"] for each in commands[:rows]],
+        **{
+            name: [each[name] for each in states[:rows]]
+            for name in ("time_s", "angles_rad", "torques_nm", "forces_n", "position_m")
+        },
+    }
+    return {name: np.array(values, dtype=float) for name, values in found.items()}
+
+
+def differences(tracks: dict[str, Array]) -> dict[str, float]:
+    """How far measured joints were from the plan: worst, root mean square [rad]."""
+    away = tracks["angles_rad"] - tracks["planned_rad"]
+    return {"joint_worst_rad": float(np.abs(away).max()), "joint_rms_rad": float(np.sqrt(np.mean(away**2)))}
+
+
+@DEFAULT_STYLE
+def draw_tracking(recorded: Recorded) -> Figure:
+    """Draw a log. Raises InvalidInput for one without commands."""
+    plan: dict[str, Any] = recorded.of("plan")[0]
+    tracks = tracked(recorded)
+    limbs = sorted({name.split("_")[0] for name in plan["joints"]}, key=lambda n: _first(plan["joints"], n))
+    time_s = tracks["time_s"]
+    figure = Figure(figsize=SIZE_IN, layout="constrained")
+    top, middle, low, bottom = figure.subplots(4, 1, sharex=True)
+    away = 1e3 * np.abs(tracks["angles_rad"] - tracks["planned_rad"])
+    _limb_lines(top, time_s, away.reshape(len(time_s), len(limbs), -1).max(axis=2), limbs)
+    top.set_ylabel("joints off\nthe plan [mrad]")
+    torque = np.abs(tracks["torques_nm"]).reshape(len(time_s), len(limbs), -1).max(axis=2)
+    _limb_lines(middle, time_s, torque, limbs)
+    middle.set_ylabel("largest\ntorque [Nm]")
+    _limb_lines(low, time_s, np.linalg.norm(tracks["forces_n"], axis=2), limbs)
+    low.set_ylabel("force on\nfoot [N]")
+    for axis, name in enumerate("xyz"):
+        bottom.plot(time_s, 1e3 * (tracks["position_m"][:, axis] - tracks["position_m"][0, axis]), label=name)
+    bottom.set_ylabel("body moved\n[mm]")
+    bottom.set_xlabel("time [s]")
+    for axes in (top, bottom):
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=len(limbs), fontsize="small",
+            frameon=False,
+        )  # fmt: skip
+    said = differences(tracks)
+    end = "" if recorded.whole else "; the log breaks off"
+    figure.suptitle(
+        f"{plan['course']} on {plan.get('world', '?')}: joints within {1e3 * said['joint_worst_rad']:.1f} mrad of the "
+        f"plan, {1e3 * said['joint_rms_rad']:.1f} mrad (RMS){end}",
+        fontsize="medium",
+    )
+    return figure
+
+
+def _limb_lines(axes: Axes, time_s: Array, values: Array, limbs: list[str]) -> None:
+    """One line a limb; values: shape (T, N)."""
+    for index, limb in enumerate(limbs):
+        axes.plot(time_s, values[:, index], label=limb, color=leg_colour(index), linewidth=0.9)
+
+
+def _first(joints: list[str], limb: str) -> int:
+    return next(index for index, name in enumerate(joints) if name.startswith(f"{limb}_"))

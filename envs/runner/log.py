@@ -1,0 +1,192 @@
+"""The log of a run: MCAP, one JSON message after the other, readable up to the last one whatever ends the process.
+
+Five topics, each with its JSON Schema: ``plan`` (which, its digest, how it was timed), ``command`` (what was asked and
+what was sent), ``measurement`` (the world's state), ``decision`` (what the runner did, and why) and ``verdict`` (how it
+ended). There are no chunks: a message is in the file as soon as it is written.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import struct
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Protocol, Self
+
+import numpy as np
+
+from stancekit.planners.files import check_writable, decoded, parse_json
+from stancekit.planners.outcome import InvalidInput
+
+from ..worlds.world import State
+
+FORMAT = "stancekit/run/1"
+TOPICS: dict[str, dict[str, str]] = {
+    "plan": {"format": "string", "digest": "string", "course": "string", "joints": "array", "rate_hz": "number"},
+    "command": {"time_s": "number", "asked_rad": "array", "sent_rad": "array", "planned_rad": "array"},
+    "measurement": {"time_s": "number", "angles_rad": "array", "position_m": "array"},
+    "decision": {"what": "string", "why": "string"},
+    "verdict": {"succeeded": "boolean", "message": "string"},
+}
+"""The topics, and what every message of each has at least, by JSON type."""
+
+
+class Log(Protocol):
+    """Where a run writes down what happens."""
+
+    def write(self, topic: str, content: Mapping[str, Any]) -> None:
+        """Write one message."""
+        ...
+
+
+class NoLog:
+    """Forgets everything."""
+
+    def write(self, topic: str, content: Mapping[str, Any]) -> None:
+        """Nothing."""
+
+
+class McapLog:
+    """An MCAP file. A context manager. Raises InvalidInput where it cannot be written, or without the package mcap.
+
+    clock: of the messages, in nanoseconds since 1970; a clock that is set back is no matter, order is the file's.
+    """
+
+    def __init__(self, path: str | Path, clock: Callable[[], int] = time.time_ns) -> None:
+        try:
+            from mcap.writer import CompressionType, IndexType, Writer
+        except ImportError:
+            raise InvalidInput("--log: expected mcap, it is not installed: pip install 'stancekit[log]'") from None
+        check_writable(path)
+        self._stream = open(path, "wb")  # noqa: SIM115
+        self._writer: Any = Writer(
+            self._stream, use_chunking=False, compression=CompressionType.NONE, index_types=IndexType.NONE
+        )
+        self._writer.start(profile="", library="stancekit")
+        self._clock, self._counts, self._open = clock, dict.fromkeys(TOPICS, 0), True
+        self._channels = {}
+        for topic, keys in TOPICS.items():
+            schema = {
+                "title": f"stancekit.{topic}", "type": "object", "required": list(keys),
+                "properties": {key: {"type": kind} for key, kind in keys.items()},
+            }  # fmt: skip
+            number = self._writer.register_schema(f"stancekit.{topic}", "jsonschema", json.dumps(schema).encode())
+            self._channels[topic] = self._writer.register_channel(topic, "json", number)
+
+    def write(self, topic: str, content: Mapping[str, Any]) -> None:
+        """Write one message, and hand it to the operating system. Numbers that are not finite become null."""
+        data = json.dumps(_plain(content), allow_nan=False, separators=(",", ":")).encode()
+        now = self._clock()
+        self._counts[topic] += 1
+        self._writer.add_message(self._channels[topic], now, data, now, self._counts[topic])
+        self._stream.flush()
+
+    def close(self) -> None:
+        """End the file properly; once is enough."""
+        if self._open:
+            self._open = False
+            self._writer.finish()
+            self._stream.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Message:
+    """One message of a log. time_ns: since 1970."""
+
+    topic: str
+    time_ns: int
+    content: dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """A log that was read. whole: it was ended properly; else the process was, and all that it wrote is here."""
+
+    messages: tuple[Message, ...]
+    whole: bool
+
+    def of(self, topic: str) -> list[dict[str, Any]]:
+        """The contents of a topic's messages, in order."""
+        return [message.content for message in self.messages if message.topic == topic]
+
+
+def read_log(path: str | Path) -> Recorded:
+    """Read a log to its end, or to where its writer was killed. Raises InvalidInput for what is no log of a run."""
+    path = Path(path)
+    try:
+        from mcap.records import Channel, Footer
+        from mcap.records import Message as Raw
+    except ImportError:
+        raise InvalidInput(f"{path}: expected mcap to read it, got none: pip install 'stancekit[log]'") from None
+    messages, topics, whole = list[Message](), dict[int, str](), False
+    for record in _records(path):
+        if isinstance(record, Footer):
+            whole = True
+        elif isinstance(record, Channel):
+            topics[record.id] = record.topic
+        elif isinstance(record, Raw) and record.channel_id in topics:
+            topic = topics[record.channel_id]
+            content = parse_json(decoded(record.data, f"{path}: {topic}"), f"{path}: {topic}")
+            if not isinstance(content, dict) or not set(TOPICS.get(topic, ())) <= set(content):
+                raise InvalidInput(f"{path}: {topic}: expected an object with {', '.join(TOPICS.get(topic, ()))}")
+            messages.append(Message(topic=topic, time_ns=record.log_time, content=content))
+    first = messages[0].content if messages else {}
+    if first.get("format") != FORMAT:
+        found = first.get("format", "no messages")
+        raise InvalidInput(f"{path}: expected a log of format {FORMAT!r}, got {found!r:.60}")
+    return Recorded(messages=tuple(messages), whole=whole)
+
+
+def state_json(state: State) -> dict[str, Any]:
+    """A world's state, JSON-ready."""
+    return {item.name: getattr(state, item.name) for item in fields(state)}
+
+
+def state_from_json(content: Mapping[str, Any], where: str) -> State:
+    """What ``state_json`` wrote. Raises InvalidInput."""
+    try:
+        numbers = {item.name: np.array(content[item.name], dtype=float) for item in fields(State)}
+        return State(**{n: float(v) if n in ("time_s", "bump_n") else v for n, v in numbers.items()})  # type: ignore[arg-type]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InvalidInput(f"{where}: expected a whole measurement, got {error!r:.80}") from None
+
+
+def _records(path: Path) -> Iterator[Any]:
+    """The records of a file, as far as they are whole."""
+    from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+    from mcap.stream_reader import StreamReader
+
+    try:
+        with open(path, "rb") as stream:
+            yield from StreamReader(stream, record_size_limit=path.stat().st_size).records
+    except OSError as error:
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
+    except (EndOfFile, struct.error):  # the writer was killed
+        return
+    except InvalidMagic:
+        raise InvalidInput(f"{path}: expected an MCAP file, got something else") from None
+    except McapError as error:
+        raise InvalidInput(f"{path}: expected an MCAP file, broken: {error}") from None
+
+
+def _plain(value: Any) -> Any:
+    """JSON-ready: arrays as lists, what is not finite as null."""
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist()) if not np.isfinite(value).all() else value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

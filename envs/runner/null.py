@@ -1,0 +1,56 @@
+"""The world of a dry run: it measures once, and then says what would have been sent."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from stancekit.planners.arrays import Array
+from stancekit.planners.scene import Patch
+
+from ..worlds.world import State, World
+
+
+class NullWorld:
+    """In place of a world that was reset: no command goes through. Its joints are where they would have been sent.
+
+    first: what the world measured. The body is where it was, and its feet feel nothing.
+    """
+
+    def __init__(self, world: World, first: State) -> None:
+        self.name, self.robot, self.servo = world.name, world.robot, world.servo
+        self.joints, self.rate_hz = world.joints, world.rate_hz
+        self._state = replace(first, sent_rad=np.array(first.angles_rad))
+        self.steps = 0
+
+    def reset(self, terrain: Sequence[Patch], angles_rad: Array, position_m: Array, rotation: Array) -> State:
+        """What was measured; nothing is asked again."""
+        return self._state
+
+    def step(self, targets_rad: Array) -> State:
+        """Send nothing; the joints are at the targets, shape (J,) [rad]."""
+        self.steps += 1
+        before, period_s = self._state, 1.0 / self.rate_hz
+        self._state = replace(
+            before,
+            time_s=before.time_s + period_s,
+            angles_rad=np.array(targets_rad, dtype=float),
+            rates_rad_s=(np.asarray(targets_rad, dtype=float) - before.angles_rad) / period_s,
+            sent_rad=np.array(targets_rad, dtype=float),
+        )
+        return self._state
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()

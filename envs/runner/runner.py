@@ -1,0 +1,271 @@
+"""The runner: an accepted plan, forwarded to a world one control period after the other, and what came of it.
+
+Before the first motion: the plan's verdict, its robot, and inverse kinematics of the whole motion, slowed down to what
+the joints can do. Then the soft start from the pose that was measured, then the motion; limbs are unloaded before they
+lift and loaded after they land, as ``Motion`` has it. Whatever happens, it ends as was asked for.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stancekit.planners.arrays import Array, checked, gathered
+from stancekit.planners.force_share import shared_forces
+from stancekit.planners.kinematics import Kinematics, rotation_of
+from stancekit.planners.outcome import HardwareFault, InvalidInput
+from stancekit.planners.plan import Plan
+from stancekit.planners.scene import Patch
+
+from ..motion import Timing
+from ..tracking import Feel, Target, Tracker
+from ..worlds.world import State, World
+from .acceptance import Accepted
+from .ending import Ended, Ending, end
+from .estop import Source, StopLatch, Stopped, watched
+from .log import FORMAT, Log, NoLog, state_json
+from .pace import BLIND, Paced, expected, paced
+from .report import Rows, RunReport, reported
+from .safety import Limits, SafeWorld
+from .start import soft_motion, soft_start
+
+Progress = Callable[[int, int], None]
+Until = Callable[[Target, State], bool]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings:
+    """How a plan is run.
+
+    speed_rad_s: of the soft start, and of the way home. body_m, body_rad: a body farther than this from where it should
+    be stops the run, where the world measures it. goal_rad: how far joints may be from the plan's at the end.
+    ending: the state to leave the robot in. hung: the robot hangs in a stand, level and off the ground: its feet carry
+    nothing and meet nothing; for what is real only.
+    """
+
+    timing: Timing = field(default_factory=Timing)
+    feel: Feel = field(default_factory=Feel)
+    limits: Limits = field(default_factory=Limits)
+    speed_rad_s: float = 0.4
+    body_m: float = 0.10
+    body_rad: float = 0.5
+    goal_rad: float = 0.1
+    ending: Ending = "hold"
+    hung: bool = False
+
+    def __post_init__(self) -> None:
+        names = ("speed_rad_s", "body_m", "body_rad", "goal_rad")
+        gathered(*(lambda n=n: checked(getattr(self, n), n, above=0.0) for n in names))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prepared:
+    """A plan that is ready to go. first: the target before the first period."""
+
+    accepted: Accepted
+    paced: Paced
+    kinematics: Kinematics
+    tracker: Tracker
+    first: Target
+    sees: bool
+
+    @property
+    def plan(self) -> Plan:
+        """The plan."""
+        return self.accepted.plan
+
+
+class Runner:
+    """Runs plans on one world. A context manager; it closes the world.
+
+    dry: send nothing to anything real. sources: of stops, beside the latch. log: of everything. progress: called with
+    (key frames done, all).
+    """
+
+    def __init__(
+        self,
+        world: World,
+        *,
+        settings: RunSettings = RunSettings(),
+        dry: bool = True,
+        latch: StopLatch | None = None,
+        sources: Sequence[Source] = (),
+        log: Log = NoLog(),
+        progress: Progress = lambda done, total: None,
+    ) -> None:
+        self.settings, self.log = settings, log
+        self.latch = StopLatch() if latch is None else latch
+        self.world = SafeWorld(world, latch=self.latch, limits=settings.limits, dry=dry, sources=sources)
+        self.sources, self._progress = tuple(sources), progress
+        self._found: Array | None = None
+        self.state: State | None = None
+
+    def run(self, accepted: Accepted) -> RunReport:
+        """One plan from its beginning to its end. Raises InvalidInput for what cannot be run, before anything moves.
+
+        What stops it on the way is in the report.
+        """
+        begin = time.perf_counter()
+        prepared = self.prepare(accepted)
+        rows, message = Rows(), ""
+        with self.world, watched(self.latch, self.sources):
+            try:
+                self.begin(prepared)
+                self.follow(prepared, rows)
+                message = self.goal(rows)
+            except (Stopped, HardwareFault) as error:
+                message = str(error)
+            except BaseException as error:
+                message = f"{type(error).__name__}: {error}"
+                raise
+            finally:
+                ended = self.finish(prepared, message)
+        report = reported(prepared, self.world, rows, ended, message, time.perf_counter() - begin)
+        self.log.write("verdict", report.to_json())
+        return report
+
+    def prepare(self, accepted: Accepted, kinematics: Kinematics | None = None) -> Prepared:
+        """Check that the plan fits the world, and time it. Raises InvalidInput."""
+        world, plan, hung = self.world, accepted.plan, self.settings.hung
+        if hung and not world.real:
+            raise InvalidInput(f"hung: expected a robot that can hang in a stand, world {world.name} has none")
+        accepted.check_fits(world)
+        can, sees = world.capabilities, world.capabilities.has_contact_forces and not world.dry
+        course = plan.course
+        kinematics = kinematics or Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
+        timed = paced(plan, kinematics, can, self.settings.timing, forces_n=shared_forces(plan), hung=hung)
+        tracker = Tracker(timed.motion, kinematics, world.rate_hz, self.settings.feel if sees else BLIND)
+        self.log.write(
+            "plan",
+            {
+                "format": FORMAT, "digest": accepted.digest, "course": course.name, "source": accepted.source,
+                "joints": list(world.joints), "rate_hz": world.rate_hz, "world": world.name, "dry": world.dry,
+                "pace": timed.pace, "bound_by": timed.bound_by, "seconds": timed.motion.seconds, "sees": sees,
+                "frames": course.frames, "com_m": plan.com_m, "toes_m": plan.toes_m, "holds": course.holds,
+            },
+        )  # fmt: skip
+        return Prepared(
+            accepted=accepted, paced=timed, kinematics=kinematics, tracker=tracker, first=tracker.start(), sees=sees
+        )
+
+    @property
+    def begun(self) -> bool:
+        """Whether the world was reset: from then on something may move."""
+        return self._found is not None
+
+    def begin(self, prepared: Prepared, terrain: Sequence[Patch] | None = None) -> None:
+        """Measure, arm, and go softly to the first pose. Raises InvalidInput where there is no clear way to it.
+
+        terrain: what the world has, where that is not what the plan's course says.
+        """
+        first, motion = prepared.first, prepared.paced.motion
+        rotation = rotation_of(first.instant.rotation_rad)
+        terrain = prepared.plan.course.terrain if terrain is None else terrain
+        state = self.world.reset(terrain, first.angles_rad, first.origin_m, rotation)
+        self.log.write("measurement", state_json(state))
+        self.state, self._found = state, np.array(state.angles_rad)
+        way = self._way(prepared, state, first.angles_rad)
+        if self.world.real and not self.world.dry:
+            self.decide("armed", "torque on, at the measured pose")
+        self.world.arm()
+        far = float(np.abs(state.angles_rad - first.angles_rad).max())
+        self.decide("soft start", f"{far:.3f} rad to the first pose, over {len(way)} pose{'s' * (len(way) > 1)}")
+        self.go(way)
+        self.decide("motion", f"{motion.seconds:.1f} s at pace {prepared.paced.pace:.2f} {prepared.paced.bound_by}")
+
+    def go(self, way: Sequence[Array]) -> None:
+        """Along joint poses, softly, one after the other."""
+        for pose in way:
+            for targets in soft_motion(self.world.last_rad, pose, self.settings.speed_rad_s, self.world.rate_hz):
+                self.send(targets, pose)
+
+    def follow(self, prepared: Prepared, rows: Rows, until: Until = lambda target, state: False) -> bool:
+        """The motion to its end, or to where ``until`` says so while all feet stand. Returns whether it ended."""
+        assert self.state is not None
+        felt = prepared.first.instant.forces_n
+        motion, period_s, k = prepared.paced.motion, 1.0 / self.world.rate_hz, 0
+        frames = prepared.plan.course.frames - 1
+        while True:
+            k += 1
+            target = prepared.tracker.next(felt if prepared.sees else expected(motion.at(k * period_s)))
+            if target is None:
+                return True
+            began = time.perf_counter()
+            state = self.send(target.targets_rad if prepared.sees else target.angles_rad, target.angles_rad)
+            rows.add(target, state, time.perf_counter() - began, began)
+            felt = state.forces_n
+            self._check_body(target, state)
+            self._progress(int(target.instant.frame), frames)
+            if min(target.instant.placement) >= 0 and until(target, state):
+                return False
+
+    def send(self, targets: Array, planned: Array) -> State:
+        """One command, logged. Raises Stopped, HardwareFault."""
+        state = self.world.step(targets)
+        self.log.write(
+            "command",
+            {"time_s": state.time_s, "asked_rad": targets, "sent_rad": state.sent_rad, "planned_rad": planned},
+        )
+        self.log.write("measurement", state_json(state))
+        self.state = state
+        return state
+
+    def goal(self, rows: Rows) -> str:
+        """What is wrong with where the joints are at the end; empty where nothing is."""
+        target, state = rows.pairs[-1]
+        away = np.abs(state.angles_rad - target.angles_rad)
+        worst = int(np.argmax(away))
+        if away[worst] <= self.settings.goal_rad:
+            return ""
+        limit = self.settings.goal_rad
+        return f"joint {self.world.joints[worst]}: ended {away[worst]:.3f} rad from the plan, limit {limit:g} rad"
+
+    def decide(self, what: str, why: str) -> None:
+        """Log a decision."""
+        self.log.write("decision", {"what": what, "why": why})
+
+    def finish(self, prepared: Prepared, message: str) -> Ended:
+        """Leave the robot as it should be left."""
+        home: Sequence[Array] | None = None
+        if self._found is None:
+            return Ended(left="as it was", message="nothing was sent", seconds=0.0)
+        if message:
+            self.decide("stop", message)
+            self.latch.trip(message)
+        elif self.settings.ending == "home" and self.state is not None:
+            try:
+                home = self._way(prepared, self.state, self._found)
+            except InvalidInput as error:
+                self.decide("no way home", str(error))
+        ended = end(self.world, self.settings.ending, home, self.settings.speed_rad_s)
+        self.decide("end", f"{ended.left} after {ended.seconds:.3f} s{': ' * bool(ended.message)}{ended.message}")
+        return ended
+
+    def _way(self, prepared: Prepared, state: State, goal_rad: Array) -> list[Array]:
+        """A clear way from the measured pose to this one."""
+        motion, instant = prepared.paced.motion, prepared.first.instant
+        return soft_start(
+            prepared.kinematics,
+            () if self.settings.hung else motion.solids,
+            (state.position_m, state.rotation),
+            np.array(state.angles_rad),
+            goal_rad,
+            instant.normals,
+            motion.timing.clearance_m,
+        )
+
+    def _check_body(self, target: Target, state: State) -> None:
+        """Stop where the body is not where it should be."""
+        if not self.world.capabilities.has_body_pose or self.world.dry:
+            return
+        away = float(np.linalg.norm(state.position_m - target.origin_m))
+        between = rotation_of(target.instant.rotation_rad).T @ state.rotation
+        turned = float(np.arccos(np.clip((np.trace(between) - 1.0) / 2.0, -1.0, 1.0)))
+        if away > self.settings.body_m or turned > self.settings.body_rad:
+            self.world.trip(
+                f"body: {1e3 * away:.0f} mm and {turned:.2f} rad from the plan at frame {target.instant.frame:.1f}, "
+                f"limits {1e3 * self.settings.body_m:.0f} mm and {self.settings.body_rad:g} rad"
+            )

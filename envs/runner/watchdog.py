@@ -1,0 +1,64 @@
+"""The host's own watchdog: a loop that falls silent is stopped, whatever it hangs in.
+
+A thread trips the latch; that is enough for a loop that is late. A process that hangs altogether no thread of its own
+can help: there the device's bus watchdog stops it (``worlds.dynamixel``), or the goal is cancelled (``worlds.ros``).
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+from .estop import StopLatch
+
+
+class Watchdog:
+    """Trips the latch where ``kick`` was not called for ``limit_s``; begins with the first kick. A context manager.
+
+    clock: in seconds, never set back; what the wall clock does is no matter. A limit of infinity watches nothing.
+    """
+
+    def __init__(self, latch: StopLatch, limit_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+        self.limit_s = limit_s
+        self._latch, self._clock = latch, clock
+        self._last: float | None = None
+        self._over = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    def kick(self) -> None:
+        """The loop lives. One that comes too late trips the latch itself."""
+        self.look()
+        self._last = self._clock()
+
+    def rest(self) -> None:
+        """Watch nothing until the next kick."""
+        self._last = None
+
+    def look(self) -> None:
+        """Trip the latch where the last kick is too long ago."""
+        last = self._last
+        if last is None or self._latch.tripped:
+            return
+        silent = self._clock() - last
+        if silent > self.limit_s:
+            self._latch.trip(f"host watchdog: the loop was silent for {silent:.3f} s, limit {self.limit_s:g} s")
+
+    def __enter__(self) -> Self:
+        if self.limit_s < float("inf"):
+            self._thread = threading.Thread(target=self._watch, name="watchdog", daemon=True)
+            self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._over.set()
+        if self._thread is not None:
+            self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._over.wait(0.2 * self.limit_s):
+            self.look()

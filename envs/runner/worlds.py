@@ -1,0 +1,70 @@
+"""The worlds that a plan can be run on, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal, get_args
+
+from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.scene import Robot
+from stancekit.planners.scene.course import Course
+from stancekit.planners.scene.urdf import Servo, joint_names
+
+from ..worlds import WORLDS, make_world
+from ..worlds.world import World
+
+RunWorldName = Literal["bullet", "mujoco", "replay", "dynamixel", "ros"]
+RUN_WORLDS: tuple[RunWorldName, ...] = get_args(RunWorldName)
+RATE_HZ = {"bullet": 200.0, "mujoco": 200.0, "dynamixel": 50.0, "ros": 50.0}
+"""Targets a second, where nothing else is asked for."""
+
+
+def make_run_world(
+    name: str, course: Course, *, setup: Path | None = None, servo: Servo = Servo(), rate_hz: float | None = None
+) -> World:
+    """A world by name for a course's robot.
+
+    setup: the log of ``replay``, the calibration file of ``dynamixel``, the set-up file of ``ros``; others have none.
+    Raises InvalidInput for an unknown name, a file that is missing or wrong, and a package that is not installed.
+    """
+    if name in WORLDS:
+        if setup is not None:
+            raise InvalidInput(f"setup: expected none with world {name}, got {setup}")
+        rate = RATE_HZ[name] if rate_hz is None else rate_hz
+        return make_world(name, course.robot, servo, rate_hz=rate, gravity_m_s2=course.gravity_m_s2)
+    makers: dict[str, tuple[str, Callable[[Robot, Path, Servo, float | None], World]]] = {
+        "replay": ("a log", _replay),
+        "dynamixel": ("a calibration file", _dynamixel),
+        "ros": ("a set-up file", _ros),
+    }
+    if name not in makers:
+        raise InvalidInput(f"world: expected one of {', '.join(RUN_WORLDS)}, got {name!r}")
+    told, make = makers[name]
+    if setup is None:
+        raise InvalidInput(f"setup: expected {told} with world {name}, got none")
+    return make(course.robot, setup, servo, rate_hz)
+
+
+def _replay(robot: Robot, path: Path, servo: Servo, rate_hz: float | None) -> World:
+    from ..worlds.replay import ReplayWorld
+
+    if rate_hz is not None:
+        raise InvalidInput("rate_hz: expected none with world replay: the log has its own")
+    return ReplayWorld(path, robot, servo)
+
+
+def _dynamixel(robot: Robot, path: Path, servo: Servo, rate_hz: float | None) -> World:
+    from ..worlds.calibration import Calibration
+    from ..worlds.dynamixel import DynamixelWorld
+
+    rate = RATE_HZ["dynamixel"] if rate_hz is None else rate_hz
+    return DynamixelWorld(robot, Calibration.from_yaml(path, joint_names(robot)), servo, rate_hz=rate)
+
+
+def _ros(robot: Robot, path: Path, servo: Servo, rate_hz: float | None) -> World:
+    from ..worlds.ros import RosWorld
+    from ..worlds.ros_setup import RosSetup
+
+    rate = RATE_HZ["ros"] if rate_hz is None else rate_hz
+    return RosWorld(robot, RosSetup.from_yaml(path, joint_names(robot)), servo, rate_hz=rate)

@@ -1,0 +1,79 @@
+"""`stancekit bench gait` measures what is missing and prints what there is."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from stancekit.cli.bench_gait import BenchGait
+from stancekit.learners import gait_bench
+from stancekit.planners.outcome import InvalidInput
+
+
+@pytest.fixture(autouse=True)
+def measured(monkeypatch):
+    """Cells of which ours takes half the iterations of the baseline."""
+    asked = []
+
+    def measure(cell, settings, folder):
+        asked.append(cell)
+        ours = cell.method == "decoupled"
+        return {
+            "success": True, "verified": ours, "iterations": 4 if ours else 8,
+            "cpu_s": 2.0, "linear_s": 1.0, "outside_cone": 0.0, "peak_acceleration_g": 0.25,
+        }  # fmt: skip
+
+    monkeypatch.setattr(gait_bench, "measure", measure)
+    return asked
+
+
+def bench(tmp_path, **options):
+    return BenchGait(out=tmp_path, terrain="ripple", chart="ambient,decoupled", tasks=12, seeds=0, **options)
+
+
+def test_the_tables_say_success_iterations_and_ratios(tmp_path, capsys):
+    assert bench(tmp_path).run() == 0
+    shown = capsys.readouterr().out
+    assert "100 / 0 of 2" in shown
+    assert "100 / 100 of 2" in shown
+    assert "ours: decoupled, centred over baseline: ambient, PCDM: ripple 0.50 × iterations, 1.00 × time" in shown
+    records = json.loads((tmp_path / "table.json").read_text())
+    assert [record["method"] for record in records] == ["ambient", "decoupled"]
+
+
+def test_json_is_an_object_a_cell(tmp_path, capsys):
+    assert bench(tmp_path, json=True).run() == 0
+    rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [(row["task"], row["method"]) for row in rows] == [
+        (0, "ambient"), (0, "decoupled"), (12, "ambient"), (12, "decoupled")
+    ]  # fmt: skip
+
+
+def test_kept_cells_alone_are_shown_without_measuring(tmp_path, capsys, measured):
+    with pytest.raises(InvalidInput, match="expected cells of this protocol, got none"):
+        bench(tmp_path, kept=True).run()
+    bench(tmp_path).run()
+    count = len(measured)
+    assert bench(tmp_path, kept=True).run() == 0
+    assert len(measured) == count
+
+
+def test_quick_is_one_task_a_terrain(tmp_path, measured):
+    assert BenchGait(quick=True, out=tmp_path).run() == 0
+    assert {(cell.terrain, cell.task, cell.seed) for cell in measured} == {(name, 0, 0) for name in gait_bench.TERRAINS}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"terrain": "moon"}, "--terrain: expected some of ripple"),
+        ({"chart": "flat"}, "--chart: expected some of ambient"),
+        ({"tasks": 0}, "--tasks: expected 1 or more, got 0"),
+        ({"cap": -1.0}, "--cap: expected"),
+        ({"workers": 0}, "--workers: expected 1 or more, got 0"),
+    ],
+)
+def test_options_out_of_range_are_refused(tmp_path, options, message):
+    with pytest.raises(InvalidInput, match=f"^{message}"):
+        BenchGait(out=tmp_path, **options).run()

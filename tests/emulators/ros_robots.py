@@ -1,0 +1,45 @@
+"""An emulated robot behind a rosbridge, and the world that drives it, for the tests of both."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+pytest.importorskip("roslibpy")
+pytest.importorskip("websockets")
+pytest.importorskip("pinocchio")
+
+from stancekit.envs.worlds.ros import RosWorld
+from stancekit.envs.worlds.ros_setup import same_names
+from stancekit.envs.worlds.world import State
+from stancekit.planners.scene import hexapod
+from stancekit.planners.scene.urdf import joint_names
+from tests.emulators.rosbridge import RosBridge
+
+ROBOT = hexapod()
+JOINTS = joint_names(ROBOT)
+START = np.tile([0.0, 0.3, 0.0, 1.2], len(ROBOT.limbs))
+QUICK: dict[str, Any] = {"timeout_s": 0.6, "estop": "/e_stop"}
+
+
+def reset(world: RosWorld) -> State:
+    return world.reset((), START, np.array([0.0, 0.0, 0.2]), np.eye(3))
+
+
+def commands(bridge: RosBridge) -> list[str]:
+    return [what for what, _ in bridge.log if not what.startswith("fault")]
+
+
+@contextlib.contextmanager
+def armed(ros: Literal[1, 2] = 2, **settings: Any) -> Iterator[tuple[RosBridge, RosWorld]]:
+    """An emulated robot, and the world that drives it, armed; at the end no message was against the protocol."""
+    with RosBridge(JOINTS, START, ros=ros) as bridge:
+        with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, ros=ros, **(QUICK | settings))) as world:
+            reset(world)
+            world.torque(True)
+            yield bridge, world
+        assert bridge.errors == []

@@ -1,0 +1,350 @@
+"""A rosbridge with a robot behind it: a real websocket server on loopback, ROS 1 or 2, and its faults.
+
+It speaks the public rosbridge v2 protocol: every operation and message that comes is held against the fields and types
+of ``rosbridge_protocol``, and what does not conform is answered with a status message
+and kept in ``errors``, as a rosbridge refuses messages that do not fit their type. Times are ``time.monotonic``.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import sys
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any, Literal, Self
+
+import numpy as np
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.server import ServerConnection, serve
+
+from .rosbridge_protocol import Client, fields_wrong, goal_wrong, operation_wrong, path_wrong
+from .trajectory_controller import INVALID_JOINTS, Controller, Task
+
+FAULTS = (
+    "rosbridge gone", "connection lost", "silent", "not json", "no operation", "null angle", "half a message", "delay",
+    "rejects goals", "stuck joint", "e-stop", "status error",
+)  # fmt: skip
+ENDS2 = {"succeeded": 4, "cancelled": 5, "aborted": 6}
+ENDS1 = {"succeeded": 3, "cancelled": 2, "aborted": 4, "rejected": 5}
+TICK_S = 0.005
+FEEDBACK_S = 0.05
+
+
+class RosBridge:
+    """A server; ``port`` is where. A context manager.
+
+    names: of the robot's joints, other: of joints that only publish their state. ros: 1 or 2. rate_hz: of the joint
+    states. one_thread: read nothing from a client while its goal is on its way, as some rosbridges do. log: every
+    command with its time: ("stream" | "goal" | "cancel" | "switch", time). errors: what was against the protocol.
+    """
+
+    def __init__(
+        self, names: Sequence[str], angles_rad: Sequence[float] | None = None, *, ros: Literal[1, 2] = 2,
+        rate_hz: float = 100.0, controller: str = "/joint_trajectory_controller", other: Sequence[str] = (),
+        one_thread: bool = False, port: int = 0,
+    ) -> None:  # fmt: skip
+        start = np.zeros(len(names)) if angles_rad is None else np.array(angles_rad, dtype=float)
+        self.robot, self.ros, self.controller = Controller(list(names), start), ros, controller
+        self.log: list[tuple[str, float]] = []
+        self.errors: list[str] = []
+        self.received: list[dict[str, Any]] = []
+        self._other, self._period_s, self._one_thread = list(other), 1.0 / rate_hz, one_thread
+        self._nanos = "nanosec" if ros == 2 else "nsecs"
+        self._lock, self._ending = threading.RLock(), threading.Event()
+        self._clients: list[Client] = []
+        self._running: dict[str, Task] = {}
+        self._due: list[tuple[float, str]] = []
+        self._faults: set[str] = set()
+        self._statuses: list[dict[str, Any]] = []
+        self._server = serve(self._serve, "127.0.0.1", port, logger=logging.Logger("quiet", logging.CRITICAL))
+        self.port = int(self._server.socket.getsockname()[1])
+        self.robot.now_s = time.monotonic()
+        self.robot.stop()
+        for target in (self._server.serve_forever, self._live):
+            threading.Thread(target=target, daemon=True).start()
+
+    def inject(self, kind: str, at_s: float = 0.0) -> None:
+        """Let a fault of ``FAULTS`` happen in so many seconds."""
+        if kind not in FAULTS:
+            raise ValueError(f"kind: expected one of {', '.join(FAULTS)}, got {kind!r}")
+        with self._lock:
+            self._due.append((time.monotonic() + at_s, kind))
+
+    def state(self) -> dict[str, Any]:
+        """What the joints are at, JSON-ready."""
+        with self._lock:
+            return {
+                "now_s": time.monotonic(), "position_rad": self.robot.position.tolist(),
+                "rate_rad_s": self.robot.rate.tolist(), "desired_rad": self.robot.desired()[0].tolist(),
+                "on": self.robot.on, "goals": len(self._running),
+            }  # fmt: skip
+
+    def close(self) -> None:
+        """Stop; once is enough."""
+        self._ending.set()
+        self._gone()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _gone(self) -> None:
+        self._server.shutdown()
+        self._drop()
+
+    def _drop(self) -> None:
+        for client in list(self._clients):
+            client.drop()
+
+    def _serve(self, socket: ServerConnection) -> None:
+        client = Client(socket)
+        with self._lock:
+            self._clients.append(client)
+        try:
+            for text in socket:
+                self._hear(client, str(text))
+        except (ConnectionClosed, OSError):
+            pass
+        finally:
+            with self._lock:
+                self._clients.remove(client)
+            client.end()
+
+    def _hear(self, client: Client, text: str) -> None:
+        """One message; a client's goals go on when its connection ends, as they do at a rosbridge."""
+        if "silent" in self._faults:
+            return
+        try:
+            message = json.loads(text)
+            wrong = operation_wrong(message)
+        except json.JSONDecodeError:
+            message, wrong = {}, "not JSON"
+        if wrong is not None:
+            self._refuse(client, message.get("id") if isinstance(message, dict) else None, wrong)
+            return
+        with self._lock:
+            self.received.append(message)
+        getattr(self, "_" + message["op"])(client, message)
+
+    def _refuse(self, client: Client, told: Any, why: str) -> None:
+        with self._lock:
+            self.errors.append(why)
+        self._say(client, {"op": "status", "level": "error", "msg": why} | ({} if told is None else {"id": told}))
+
+    def _advertise(self, client: Client, message: dict[str, Any]) -> None:
+        slashes = message["type"].count("/")
+        if slashes != (2 if self.ros == 2 else 1):
+            self._refuse(client, message.get("id"), f"{message['topic']}: unknown type {message['type']}")
+
+    def _unadvertise(self, client: Client, message: dict[str, Any]) -> None: ...
+
+    def _subscribe(self, client: Client, message: dict[str, Any]) -> None:
+        with self._lock:
+            client.topics.add(message["topic"])
+
+    def _unsubscribe(self, client: Client, message: dict[str, Any]) -> None:
+        with self._lock:
+            client.topics.discard(message["topic"])
+
+    def _publish(self, client: Client, message: dict[str, Any]) -> None:
+        topic, said = message["topic"], message["msg"]
+        action = f"{self.controller}/follow_joint_trajectory"
+        with self._lock:
+            if topic == f"{self.controller}/{'joint_trajectory' if self.ros == 2 else 'command'}":
+                if (wrong := path_wrong(said, self._nanos)) is not None:
+                    self._refuse(client, message.get("id"), wrong)
+                    return
+                self.log.append(("stream", time.monotonic()))
+                self.robot.load(said, self._nanos)
+            elif self.ros == 1 and topic == f"{action}/goal":
+                told = said["goal_id"]["id"]
+                status = self._begin(client, told, said["goal"])
+                if status is not None:
+                    self._finished1(told, status, INVALID_JOINTS if status == "rejected" else 0)
+            elif self.ros == 1 and topic == f"{action}/cancel":
+                if (wrong := fields_wrong(said, "GoalID")) is not None:
+                    self._refuse(client, message.get("id"), wrong)
+                self._cancel(said["id"])
+
+    def _call_service(self, client: Client, message: dict[str, Any]) -> None:
+        known = message["service"] == "/controller_manager/switch_controller"
+        values: Any = "service does not exist"
+        if known:
+            request = message.get("args", {})
+            with self._lock:
+                self.log.append(("switch", time.monotonic()))
+                self.robot.on = bool(request.get("activate_controllers") or request.get("start_controllers"))
+                self.robot.stop()
+            values = {"ok": True}
+        answer = {"op": "service_response", "service": message["service"], "values": values, "result": known}
+        self._say(client, answer | ({"id": message["id"]} if "id" in message else {}))
+
+    def _send_action_goal(self, client: Client, message: dict[str, Any]) -> None:
+        def run() -> None:
+            told = message["id"]
+            head, fed = {"action": message["action"], "id": told}, 0.0
+            with self._lock:
+                why = self._begin(client, told, message.get("args", {}))
+            if why is not None:
+                refused = {"values": "Action goal was rejected", "status": 0, "result": False}
+                self._say(client, head | {"op": "action_result"} | refused)
+                return
+            task = self._running[told]
+            while task.ended is None and not self._ending.is_set():
+                time.sleep(TICK_S)
+                if message.get("feedback") and time.monotonic() > fed + FEEDBACK_S:
+                    fed = time.monotonic()
+                    self._say(client, head | {"op": "action_feedback", "values": self._feedback()})
+            self._running.pop(told, None)
+            how, code = task.ended or ("aborted", 0)
+            values = {"error_code": code, "error_string": ""}
+            self._say(client, head | {"op": "action_result", "values": values, "status": ENDS2[how], "result": True})
+
+        if self._one_thread:
+            run()
+        else:
+            threading.Thread(target=run, daemon=True).start()
+
+    def _cancel_action_goal(self, client: Client, message: dict[str, Any]) -> None:
+        with self._lock:
+            self._cancel(message["id"])
+
+    def _begin(self, client: Client, told: str, goal: dict[str, Any]) -> str | None:
+        wrong = goal_wrong(goal, self._nanos)
+        if wrong is not None:
+            self._refuse(client, told, wrong)
+        task = None
+        if wrong is None and "rejects goals" not in self._faults:
+            task = self.robot.begin(goal, self._nanos)
+        self.log.append(("goal", time.monotonic()))
+        if task is None:
+            return "rejected"
+        self._running[told] = task
+        return None
+
+    def _cancel(self, told: str) -> None:
+        self.log.append(("cancel", time.monotonic()))
+        task = self._running.get(told) if told else self.robot.task
+        if task is not None and task is self.robot.task:
+            self.robot.stop()
+            self.robot.end("cancelled", 0)
+
+    def _feedback(self) -> dict[str, Any]:
+        with self._lock:
+            actual, (desired, rate) = self.robot.position, self.robot.desired()
+            return {
+                "joint_names": list(self.robot.names),
+                "desired": {"positions": desired.tolist(), "velocities": rate.tolist()},
+                "actual": {"positions": actual.tolist(), "velocities": self.robot.rate.tolist()},
+                "error": {"positions": (desired - actual).tolist()},
+            }
+
+    def _finished1(self, told: str, how: str, code: int) -> None:
+        """A result of actionlib, and the final status that stays in the list."""
+        status = {"goal_id": {"id": told, "stamp": {"secs": 0, "nsecs": 0}}, "status": ENDS1[how]}
+        self._statuses = [*self._statuses[-4:], status]
+        action = f"{self.controller}/follow_joint_trajectory"
+        self._tell(f"{action}/result", {"status": status, "result": {"error_code": code, "error_string": ""}})
+
+    def _say(self, client: Client, message: Any) -> None:
+        if "silent" not in self._faults:
+            client.say(message, time.monotonic() + (0.5 if "delay" in self._faults else 0.0))
+
+    def _tell(self, topic: str, said: Any) -> None:
+        for client in [each for each in self._clients if topic in each.topics]:
+            self._say(client, {"op": "publish", "topic": topic, "msg": said})
+
+    def _live(self) -> None:
+        """Move the robot, publish, let faults happen."""
+        published = 0.0
+        while not self._ending.wait(TICK_S):
+            with self._lock:
+                now = time.monotonic()
+                for kind in [kind for at, kind in self._due if at <= now]:
+                    self._happen(kind)
+                self._due = [item for item in self._due if item[0] > now]
+                self.robot.advance(now)
+                if self.ros == 1:
+                    self._live1()
+                if now >= published + self._period_s - 0.5 * TICK_S:
+                    published = now
+                    self._speak()
+
+    def _live1(self) -> None:
+        """Feedback and ends of actionlib's goals."""
+        action = f"{self.controller}/follow_joint_trajectory"
+        for told, task in list(self._running.items()):
+            if task.ended is None:
+                goal = {"goal_id": {"id": told}, "status": 1}
+                self._tell(f"{action}/feedback", {"status": goal, "feedback": self._feedback()})
+            else:
+                del self._running[told]
+                self._finished1(told, *task.ended)
+
+    def _speak(self) -> None:
+        """Joint states, the controller's state, and actionlib's status."""
+        names, robot = [*self.robot.names, *self._other], self.robot
+        rest = [0.0] * len(self._other)
+        positions: list[Any] = [*robot.position.tolist(), *rest]
+        if "null angle" in self._faults:
+            positions[0] = None
+        if "half a message" in self._faults:
+            positions = positions[: len(positions) // 2]
+        said = {"name": names, "position": positions, "velocity": [*robot.rate.tolist(), *rest], "effort": []}
+        self._tell("/joint_states", said)
+        self._tell(f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}", self._feedback())
+        if self.ros == 1:
+            going = [{"goal_id": {"id": told}, "status": 1} for told in self._running]
+            self._tell(f"{self.controller}/follow_joint_trajectory/status", {"status_list": [*going, *self._statuses]})
+        if "e-stop" in self._faults:
+            self._tell("/e_stop", {"data": True})
+        if "not json" in self._faults:
+            self._shout("{what?")
+        if "no operation" in self._faults:
+            self._shout({"hello": "world"})
+        if "status error" in self._faults:
+            self._shout({"op": "status", "level": "error", "msg": "type of topic differs"})
+
+    def _shout(self, message: Any) -> None:
+        for client in self._clients:
+            self._say(client, message)
+
+    def _happen(self, kind: str) -> None:
+        self.log.append((f"fault: {kind}", time.monotonic()))
+        if kind == "rosbridge gone":
+            threading.Thread(target=self._gone, daemon=True).start()
+        elif kind == "connection lost":
+            self._drop()
+        elif kind == "stuck joint":
+            self.robot.stuck[0] = True
+        else:
+            self._faults.add(kind)
+
+
+def main() -> None:
+    """Run a rosbridge with the default hexapod until standard input ends; a line there is a fault to inject."""
+    parser = argparse.ArgumentParser(description=main.__doc__)
+    parser.add_argument("--port", type=int, default=9090)
+    parser.add_argument("--ros", type=int, choices=(1, 2), default=2)
+    parser.add_argument("--position", type=str, default="", help="24 angles [rad], with commas")
+    asked = parser.parse_args()
+    from stancekit.planners.scene import hexapod
+    from stancekit.planners.scene.urdf import joint_names
+
+    position = [float(value) for value in asked.position.split(",")] if asked.position else None
+    with RosBridge(joint_names(hexapod()), position, ros=asked.ros, port=asked.port) as bridge:
+        sys.stdout.write(json.dumps({"port": bridge.port}) + "\n")
+        sys.stdout.flush()
+        for line in sys.stdin:
+            bridge.inject(line.strip())
+            sys.stdout.write(json.dumps(bridge.state()) + "\n")
+            sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

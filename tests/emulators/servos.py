@@ -1,0 +1,212 @@
+"""Servos of the X series as a bus sees them: a control table, a shaft that follows its goal, limits and protection.
+
+Written from the public manual of the XM540-W270 and the notes on Bus Watchdog and Shutdown, sharing no number with the
+driver that is tested against it. The shaft is of second order: a position loop of 6 Hz, a current limit, a profile of
+limited velocity and mechanical stops.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from .protocol2 import ACCESS, ALERT, DATA_LENGTH, DATA_LIMIT, DATA_RANGE
+
+MODEL, FIRMWARE = 1120, 45
+TICKS_RAD = 4096 / (2 * np.pi)
+UNIT_RAD_S = 0.229 * 2 * np.pi / 60
+UNIT_A = 2.69e-3
+NM_A = 10.6 / 4.4
+INERTIA, LOOP_HZ = 0.02, 6.0
+STIFFNESS = INERTIA * (2 * np.pi * LOOP_HZ) ** 2
+DAMPING = 2 * INERTIA * (2 * np.pi * LOOP_HZ)
+PHYSICS_S = 1e-3
+OVERLOAD_S, OVERLOAD = 0.3, 0x20
+TRIPPED = 0xFF
+REST_RAD_S = 0.02
+INDIRECT, INDIRECT_DATA, INDIRECT_COUNT = 168, 224, 28
+
+FIELDS: dict[int, tuple[int, bool, int, int, int]] = {
+    # address: (bytes, writable, at the factory, least, most)
+    0: (2, False, MODEL, 0, 0), 6: (1, False, FIRMWARE, 0, 0), 7: (1, True, 1, 0, 252), 8: (1, True, 3, 0, 7),
+    9: (1, True, 250, 0, 254), 10: (1, True, 0, 0, 13), 11: (1, True, 3, 0, 16), 12: (1, True, 255, 0, 255),
+    13: (1, True, 2, 1, 2), 20: (4, True, 0, -1044479, 1044479), 31: (1, True, 80, 0, 100), 36: (2, True, 885, 0, 885),
+    38: (2, True, 2047, 0, 2047), 44: (4, True, 128, 0, 1023), 48: (4, True, 4095, 0, 4095), 52: (4, True, 0, 0, 4095),
+    63: (1, True, 52, 0, 255), 64: (1, True, 0, 0, 1), 65: (1, True, 0, 0, 1), 68: (1, True, 2, 0, 2),
+    70: (1, False, 0, 0, 0), 80: (2, True, 0, 0, 16383), 82: (2, True, 0, 0, 16383), 84: (2, True, 800, 0, 16383),
+    98: (1, True, 0, 0, 127), 100: (2, True, 885, -885, 885), 102: (2, True, 2047, -2047, 2047),
+    104: (4, True, 0, -1023, 1023), 108: (4, True, 0, 0, 32767), 112: (4, True, 0, 0, 32767),
+    116: (4, True, 0, -1048575, 1048575), 122: (1, False, 0, 0, 0), 126: (2, False, 0, 0, 0), 128: (4, False, 0, 0, 0),
+    132: (4, False, 0, 0, 0), 144: (2, False, 120, 0, 0), 146: (1, False, 36, 0, 0),
+    **{INDIRECT + 2 * i: (2, True, INDIRECT_DATA + i, 64, 251) for i in range(INDIRECT_COUNT)},
+}  # fmt: skip
+EEPROM_END = 64
+GOALS = (100, 102, 104, 116)
+
+
+class Servos:
+    """Some servos, all of one model, and the time that passes for them. stops_rad: mechanical, from tick 2048."""
+
+    def __init__(
+        self, ids: Sequence[int], position_rad: Sequence[float] | None = None, stops_rad: tuple[float, float] = (-3, 3)
+    ) -> None:
+        self.ids = list(ids)
+        n = len(self.ids)
+        self.position = np.zeros(n) if position_rad is None else np.array(position_rad, dtype=float)
+        self.rate, self.current, self.profile, self.goal = np.zeros(n), np.zeros(n), self.position.copy(), np.zeros(n)
+        self.jammed, self.powered, self.overloaded_s = np.zeros(n, bool), np.ones(n, bool), np.zeros(n)
+        self.heard_s, self.tripped_s, self.at_limit_s = np.zeros(n), np.full(n, np.nan), np.zeros(n)
+        self.moved_s = 0.0
+        self.goal_writes, self.last_goal_s, self.refused_goals = 0, 0.0, 0
+        self.stops, self.now = stops_rad, 0.0
+        self.table = [bytearray(256) for _ in self.ids]
+        for index in range(n):
+            self._factory(index, range(256))
+            self._put(index, 7, self.ids[index])
+        self._limits()
+
+    def advance(self, now: float) -> None:
+        """Let time pass until ``now``."""
+        if not self.now:
+            self.now, self.heard_s[:] = now, now
+        if self._changed:
+            self._limits()
+        while self.now + PHYSICS_S <= now:
+            self.now += PHYSICS_S
+            self._watchdogs()
+            self._move()
+
+    def hear(self, index: int, now: float) -> None:
+        """An instruction packet went by; said before time advances, or a late emulator would be taken for silence."""
+        self.heard_s[index] = now
+
+    def read(self, index: int, address: int, size: int) -> tuple[int, bytes]:
+        """Error and bytes."""
+        if address + size > 256 or not size:
+            return self._alert(index) | ACCESS, b""
+        self._measure(index)
+        table = self.table[index]
+        found = bytearray(table[address : address + size])
+        for offset in range(size):
+            place = address + offset - INDIRECT_DATA
+            if 0 <= place < INDIRECT_COUNT:
+                found[offset] = table[int.from_bytes(table[INDIRECT + 2 * place : INDIRECT + 2 * place + 2], "little")]
+        return self._alert(index), bytes(found)
+
+    def write(self, index: int, address: int, data: bytes) -> int:
+        """Write all fields that the bytes cover; the error of the first that cannot be."""
+        while data:
+            field = FIELDS.get(address)
+            if field is None or not field[1]:
+                return self._alert(index) | ACCESS
+            size, _, _, least, most = field
+            if len(data) < size:
+                return self._alert(index) | DATA_LENGTH
+            value = int.from_bytes(data[:size], "little", signed=True)
+            error = self._write_field(index, address, value, size, (least, most))
+            if error:
+                return self._alert(index) | error
+            address, data = address + size, data[size:]
+        return self._alert(index)
+
+    def reboot(self, index: int) -> None:
+        """What is not in the EEPROM is as at the factory; torque off."""
+        self._factory(index, range(EEPROM_END, 256))
+        self.jammed[index] = False
+        self.overloaded_s[index], self.tripped_s[index] = 0.0, np.nan
+        self._limits()
+
+    def get(self, index: int, address: int, signed: bool = False) -> int:
+        """A field as it is kept."""
+        size = FIELDS[address][0]
+        return int.from_bytes(self.table[index][address : address + size], "little", signed=signed)
+
+    def _write_field(self, index: int, address: int, value: int, size: int, range_: tuple[int, int]) -> int:
+        least, most = range_
+        if least >= 0 and value < 0:
+            value += 1 << 8 * size
+        torque = self.get(index, 64)
+        if (address < EEPROM_END and torque) or (address == 64 and value and self.get(index, 70)):
+            return ACCESS  # ROM lock; after a shutdown only a reboot brings the torque back
+        if not least <= value <= most:
+            return DATA_RANGE
+        if address == 102 and abs(value) > self.get(index, 38):
+            return DATA_LIMIT
+        if address in GOALS and self.get(index, 98) == TRIPPED:
+            self.refused_goals += address == 116
+            return DATA_RANGE
+        if address == 116:
+            if self.get(index, 11) == 3 and not self.get(index, 52) <= value <= self.get(index, 48):
+                return DATA_LIMIT
+            self.goal[index] = (value - 2048) / TICKS_RAD
+            self.goal_writes, self.last_goal_s = self.goal_writes + 1, self.now
+        if address == 64 and value and not torque:
+            self.profile[index] = self.position[index]
+            self.heard_s[index] = self.now
+        if address == 98:
+            self.tripped_s[index] = np.nan
+        self._put(index, address, value)
+        self._changed = self._changed or (address < INDIRECT and address != 116)
+        return 0
+
+    def _limits(self) -> None:
+        """What the physics needs of the tables."""
+        self._changed = False
+        n = range(len(self.ids))
+        self._torque = np.array([bool(self.get(i, 64)) for i in n])
+        modes = [self.get(i, 11) for i in n]
+        self._most_a = UNIT_A * np.array([abs(self.get(i, 102, True)) if modes[i] == 5 else 2047 for i in n])
+        self._watch_s = np.array([0.02 * w if 0 < (w := self.get(i, 98)) < 128 else np.inf for i in n])
+        profile = np.array([self.get(i, 112) for i in n]) * UNIT_RAD_S
+        self._fastest = np.where(profile > 0, profile, 30.0 * 2 * np.pi / 60)
+
+    def _watchdogs(self) -> None:
+        late = self._torque & (self.now - self.heard_s > self._watch_s) & self.powered
+        for index in np.flatnonzero(late):
+            self.profile[index] = self.goal[index] = self.position[index]
+            self.tripped_s[index] = self.now
+            self._put(index, 98, TRIPPED)
+            self._put(index, 112, 0)
+            self._watch_s[index] = np.inf
+
+    def _move(self) -> None:
+        step = self._fastest * PHYSICS_S
+        drives = self._torque & self.powered
+        self.profile += np.where(drives, np.clip(self.goal - self.profile, -step, step), 0.0)
+        wanted = (STIFFNESS * (self.profile - self.position) - DAMPING * self.rate) / NM_A
+        self.current = np.where(drives, np.clip(wanted, -self._most_a, self._most_a), 0.0)
+        self.current[self.jammed & drives] = self._most_a[self.jammed & drives]
+        push = np.where(drives, NM_A * self.current, -2.0 * self.rate)
+        self.rate = np.where(self.jammed, 0.0, self.rate + PHYSICS_S * push / INERTIA)
+        moved = self.position + PHYSICS_S * self.rate
+        self.position = np.clip(moved, *self.stops)
+        self.rate[self.position != moved] = 0.0
+        if (np.abs(self.rate) > REST_RAD_S).any():
+            self.moved_s = self.now
+        pressing = drives & (np.abs(self.current) >= 0.98 * self._most_a) & (np.abs(self.rate) < 0.05)
+        self.at_limit_s = np.where(pressing, self.at_limit_s + PHYSICS_S, 0.0)
+        for index in np.flatnonzero(self.at_limit_s > OVERLOAD_S):
+            if self.get(index, 63) & OVERLOAD:
+                self._put(index, 70, OVERLOAD)
+                self._put(index, 64, 0)
+                self.overloaded_s[index], self.at_limit_s[index], self._torque[index] = self.now, 0.0, False
+
+    def _measure(self, index: int) -> None:
+        """Present current, velocity and position."""
+        self._put(index, 126, round(float(self.current[index]) / UNIT_A))
+        self._put(index, 128, round(float(self.rate[index]) / UNIT_RAD_S))
+        self._put(index, 132, round(2048 + float(self.position[index]) * TICKS_RAD))
+        self._put(index, 122, int(abs(self.rate[index]) > 0.2))
+
+    def _alert(self, index: int) -> int:
+        return ALERT if self.get(index, 70) else 0
+
+    def _put(self, index: int, address: int, value: int) -> None:
+        size = FIELDS[address][0]
+        self.table[index][address : address + size] = (value & ((1 << 8 * size) - 1)).to_bytes(size, "little")
+
+    def _factory(self, index: int, addresses: range) -> None:
+        for address, (_, _, value, _, _) in FIELDS.items():
+            if address in addresses:
+                self._put(index, address, value)

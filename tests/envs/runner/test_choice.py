@@ -1,0 +1,59 @@
+"""A selector as a policy: whom it is asked about, what is planned within its choice, and what happens to a bad one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stancekit.envs.expert import expert_envelopes
+from stancekit.envs.runner.choice import EnvelopeOrLift, chosen, selector_policy
+from stancekit.envs.runner.policy import Observation
+from stancekit.planners.contact.envelope import EnvelopeSet
+from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.verify_plan import check_plan
+
+LEARNED = expert_envelopes("wall")
+WINDOW = read_course("walls", frames=3)
+
+
+def seen(window: Any = WINDOW) -> Observation:
+    return Observation(window=window, standing=None, state=None, friction_share=1.0, frame=0)
+
+
+def vector(learned: EnvelopeSet) -> NDArray[Any]:
+    return np.concatenate([box.to_vector() for box in learned.envelopes])
+
+
+def test_it_is_asked_about_the_stances_of_its_legs_and_its_boxes_are_planned_with() -> None:
+    asked: list[Mapping[str, NDArray[Any]]] = []
+
+    def predict(observation: Mapping[str, NDArray[Any]]) -> NDArray[Any]:
+        asked.append(observation)
+        return vector(LEARNED)
+
+    boxes = chosen(predict, LEARNED, WINDOW)
+    names = WINDOW.robot.limb_names
+    stances = [s for s in WINDOW.stances if {names[i] for i in s.limbs} == set(LEARNED.legs)]
+    assert len(asked) == len(stances) > 0
+    assert asked[0]["friction"].shape == (3,)
+    assert len(boxes) == len(LEARNED.envelopes)
+    np.testing.assert_allclose(boxes[0].to_vector(), LEARNED.envelopes[0].to_vector())
+    planner = selector_policy(predict, LEARNED)(seen())
+    assert isinstance(planner, EnvelopeOrLift)
+    outcome = planner.solve(WINDOW)
+    assert outcome.plan is not None
+    assert check_plan(outcome.plan).accepted
+    assert (planner.lifted, outcome.plan.provenance["p1"]) == (0, LEARNED.problem_class)
+
+
+def test_a_choice_within_which_there_is_no_plan_is_planned_without() -> None:
+    tight = 1e-6 * np.tile(np.repeat([-1.0, 1.0], 9), 2)
+    assert tight.size == vector(LEARNED).size // len(LEARNED.envelopes)
+    planner = selector_policy(lambda observation: tight, LEARNED)(seen())
+    assert isinstance(planner, EnvelopeOrLift)
+    outcome = planner.solve(WINDOW)
+    assert outcome.plan is not None
+    assert (planner.lifted, outcome.plan.provenance["p1"]) == (1, "lift")

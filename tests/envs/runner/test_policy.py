@@ -1,0 +1,110 @@
+"""The closed loop: what it makes of measurements, and that it finds its way with less friction than was planned for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("mujoco")
+
+from stancekit.envs.motion import Timing
+from stancekit.envs.runner.observed import Continued, _nearest
+from stancekit.envs.runner.policy import ClosedLoop, LoopReport, LoopSettings, Observation
+from stancekit.envs.runner.runner import Runner, RunSettings
+from stancekit.envs.worlds import make_world
+from stancekit.planners.caution import slippery
+from stancekit.planners.keyframes.planner import CoursePlanner
+from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
+from stancekit.planners.kinematics import Kinematics
+from stancekit.planners.outcome import InvalidInput, PlanningFailed
+from stancekit.planners.plan import Plan
+from stancekit.planners.scene import Patch
+from stancekit.planners.scene.course_spec import read_course
+
+FAST = RunSettings(timing=Timing().at_pace(2.0))
+PLANNER = TwoStageCoursePlanner()
+
+
+def looped(share: float, settings: LoopSettings, frames: int = 3) -> tuple[LoopReport, list[Observation]]:
+    seen: list[Observation] = []
+
+    def policy(observation: Observation) -> CoursePlanner:
+        seen.append(observation)
+        return PLANNER
+
+    course = read_course("walls", frames=frames)
+    runner = Runner(make_world("mujoco", course.robot), settings=FAST)
+    return ClosedLoop(course, runner, policy, settings).run(slippery(course, share).terrain), seen
+
+
+def test_windows_are_walked_one_after_the_other_from_where_the_robot_stands() -> None:
+    report, seen = looped(1.0, LoopSettings(horizon=1))
+    assert report.succeeded, report.message
+    assert (report.plans, report.replans, report.frames, report.friction_share) == (2, 0, 2, 1.0)
+    assert [observation.frame for observation in seen] == [0, 1]
+    assert seen[0].standing is None
+    standing, state = seen[1].standing, seen[1].state
+    assert standing is not None
+    assert state is not None
+    away = np.linalg.norm(state.feet_m - standing.toes_m, axis=1)
+    np.testing.assert_allclose(away, 0.012, atol=1e-3)  # a foot's radius from the surface on which it stands
+    assert report.deviation_m < 0.01
+
+
+def test_less_friction_than_planned_is_felt_by_feet_that_slide_and_planned_with() -> None:
+    report, seen = looped(0.7, LoopSettings(replan_m=0.008), frames=4)
+    assert report.succeeded, report.message
+    assert report.replans >= 1
+    assert report.friction_share == pytest.approx(0.7, abs=0.03)
+    assert seen[-1].window.terrain[0].friction == pytest.approx(
+        report.friction_share * seen[0].window.terrain[0].friction
+    )
+
+
+def test_without_planning_anew_it_keeps_its_first_plan() -> None:
+    report, seen = looped(0.75, LoopSettings(replan_m=np.inf), frames=3)
+    assert (report.plans, report.replans, len(seen)) == (1, 0, 1)
+    assert report.friction_share == 1.0
+
+
+def test_a_course_that_cannot_be_planned_fails_before_anything_moves() -> None:
+    course = slippery(read_course("walls", frames=2), 0.05)
+    runner = Runner(make_world("mujoco", course.robot), settings=FAST)
+    with pytest.raises(PlanningFailed, match="frame 0: "):
+        ClosedLoop(course, runner).run()
+    assert not runner.begun
+
+
+def test_kinematics_that_continue_begin_where_the_robot_is(step: Callable[[str], Plan]) -> None:
+    plan = step("walls")
+    near = np.tile([0.1, -0.4, 0.2, 1.2], 6)
+    arguments = (plan.com_m[0], plan.rotation_rad[0], plan.toes_at(0))
+    continued = Continued(plan.course.robot, near=near)
+    np.testing.assert_array_equal(continued.solve(*arguments).angles, near)
+    seeded = continued.solve(*arguments, seed=near).angles
+    np.testing.assert_allclose(seeded, Kinematics(plan.course.robot).solve(*arguments, seed=near).angles)
+
+
+def test_the_nearest_point_of_a_patch_is_that_of_a_dense_search() -> None:
+    rng = np.random.default_rng(0)
+    corners = np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0], [0.5, 0.3, 0.0], [0.1, 0.2, 0.0]])
+    patch = Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
+    weights = rng.dirichlet(0.4 * np.ones(4), 60000)
+    dense = weights @ corners
+    for point in rng.uniform(-0.2, 0.7, (20, 3)):
+        found = _nearest(patch, point)
+        best = np.linalg.norm(dense - point, axis=1).min()
+        assert np.linalg.norm(found - point) <= best + 1e-9
+        assert best - np.linalg.norm(found - point) < 5e-3
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"loop.most"):
+        LoopSettings(most=0)
+    with pytest.raises(InvalidInput, match=r"loop.replan_m: expected a number above 0, or inf"):
+        LoopSettings(replan_m=-1.0)
+    assert replace(LoopSettings(), replan_m=np.inf).replan_m == np.inf

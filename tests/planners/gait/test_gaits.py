@@ -1,0 +1,33 @@
+"""Every gait, walked once over the reference ripples, and the verifier's word on what comes out."""
+
+import numpy as np
+import pytest
+
+from stancekit.planners.gait.formulation import formulate
+from stancekit.planners.gait.judge import check_trajectory
+from stancekit.planners.gait.phases import GAITS
+from stancekit.planners.gait.robot import anymal, hexapod_walker
+from stancekit.planners.gait.smooth import smoothed
+from stancekit.planners.gait.task import GaitTask
+from stancekit.planners.scene.terrains import reference_terrain
+
+
+@pytest.mark.parametrize("gait", sorted(GAITS))
+def test_every_gait_crosses_ripples_and_the_verifier_accepts_it(gait: str) -> None:
+    robot = hexapod_walker() if gait == "tripod" else anymal()
+    goal = np.array([0.5, 0.15]) if gait == "tripod" else np.array([1.0, 0.3])
+    task = GaitTask(
+        robot=robot, terrain=reference_terrain("ripple"), start_xy_m=np.zeros(2), goal_xy_m=goal, gait=gait,
+        start_yaw_rad=float(np.arctan2(goal[1], goal[0])), duration_s=5.0,
+    )  # fmt: skip
+    lowered = {"mu_max": 1.0} if gait in ("bound", "tripod") else {}  # their guesses are far off: no larger barriers
+    found = formulate(task).solve(**lowered)
+    assert found.success
+    reports = [check_trajectory(found.trajectory())]
+    if not reports[0].accepted:  # hasty gaits: what the nodes allow swings too much between them until it is smoothed
+        assert gait in ("pace", "bound")
+        for done in smoothed(found):
+            reports.append(done.report)
+            if done.report.accepted:
+                break
+    assert reports[-1].accepted, [report.message for report in reports]
