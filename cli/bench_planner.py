@@ -8,10 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from rich.console import Console
+
 from .console import emit, make_folder, out, stages
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+WIDTH = 150
+"""Of the table, in letters, also where a terminal is narrower: it folds lines, and a file keeps them."""
 
 
 @dataclass
@@ -55,7 +60,7 @@ class BenchPlanner:
                     emit(row)
         write_text(folder / "table.json", json.dumps(rows, indent=1) + "\n")
         if not self.json:
-            out.print(table(rows))
+            Console(width=max(out.width, WIDTH), soft_wrap=True).print(table(rows))
             for method in dict.fromkeys(row["method"] for row in rows if "over_solver" in row):
                 out.print(f"{method}: CPU s ~ M^{planner_bench.growth(rows, method):.2f}", markup=False)
             for line in speed_ups(rows):

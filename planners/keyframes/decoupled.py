@@ -12,12 +12,15 @@ import numpy as np
 
 from ..arrays import Array
 from ..conic import ConicModel, ConicSolution, ConicStatus
+from ..contact.project import Point
+from ..contact.scaled import ScaledProblem
+from ..contact.stages import Stages
 from ..contact.terms import Body, Toes
 from ..plan import PlanOutcome
 from ..refute_plan import LEAF, PlanCertificate
 from ..scene.course import Course, Weights
 from .clock import Clock
-from .layout import Layout
+from .layout import Index, Layout
 from .planner import PlanAcceptance, plan_of
 from .project import PlanPoint
 from .scaled import ScaledCourse
@@ -90,9 +93,11 @@ class DecoupledPlanner:
         plan, message = None, "the patches of the largest shares admit no positions"
         if solution.status is ConicStatus.SOLVED:
             details["on_ice"] = _on_ice(chosen)
-            point = self._models.projector(chosen).fix_p(chosen, point, clock)
+            placed, point = point, self._models.projector(chosen).fix_p(chosen, point, clock)
             details["residual"] = point.residual
             message = "the positions admit no forces that hold the robot"
+            if point.residual > 0.5 * self.acceptance.tolerance:
+                message += f": {_worst_stance(course, choice, placed)}"
         if point.residual <= 0.5 * self.acceptance.tolerance:
             plan, message = plan_of(scaled, choice, point, provenance={"planner": self.name}), ""
         return self.acceptance.outcome(
@@ -110,6 +115,26 @@ class DecoupledPlanner:
             with clock.compiling():
                 self._positions[scaled.key] = Positions(scaled.layout, weights, length_m, scaled.typical())
         return self._positions[scaled.key]
+
+
+def _worst_stance(course: Course, choice: Index, placed: PlanPoint) -> str:
+    """Which stance its positions leave most moment, or no balance of forces at all."""
+    stages, worst, told = Stages(), -1.0, ""
+    for stance in course.stances:
+        limbs = list(stance.limbs)
+        scaled = ScaledProblem.of(course.posture_problem(stance, choice))
+        toes = placed.toes[course.holds[stance.frame, limbs]]
+        at = Point(
+            com=placed.com[stance.frame], rotation=placed.rotation[stance.frame], toes=toes,
+            forces=np.zeros_like(toes), residual=float("inf"),
+        )  # fmt: skip
+        residual = stages.project("fix-p", scaled, at).residual
+        if residual > worst:
+            worst = residual
+            left = f"{residual * course.weight_n * course.length_scale_m:.3g} Nm are left over"
+            missing = left if np.isfinite(residual) else "they cannot carry the weight"
+            told = f"frame {stance.frame} on {', '.join(course.robot.limb_names[i] for i in limbs)}, {missing}"
+    return told
 
 
 def _opened(scaled: ScaledCourse) -> Array:
