@@ -58,6 +58,8 @@ class BenchGait:
 
     def run(self) -> int:
         """Measure what is missing, and print the tables."""
+        from rich.console import Console
+
         from stancekit.learners import gait_bench, gait_figures
         from stancekit.planners.files import write_text
 
@@ -78,8 +80,9 @@ class BenchGait:
         records = gait_figures.table(rows)
         write_text(folder / "table.json", json.dumps(records, indent=1) + "\n")
         if not self.json:
+            wide = out if out.is_terminal else Console(width=WIDTH)
             for made in (success_table(records), speed_table(records), motion_table(records)):
-                out.print(made, width=None if out.is_terminal else WIDTH)
+                wide.print(made)
             for line in comparisons(rows):
                 out.print(line, markup=False, highlight=False)
             out.print(f"cells and table: {folder}", markup=False)
@@ -116,7 +119,7 @@ def success_table(records: list[dict[str, Any]]) -> Table:
     )
     found.add_column("method", no_wrap=True)
     for terrain in terrains:
-        found.add_column(terrain, justify="right", no_wrap=True)
+        found.add_column(terrain, justify="right")
     cells = {(record["label"], record["terrain"]): record for record in records}
     for label in dict.fromkeys(record["label"] for record in records):
         found.add_row(label, *(_rates(cells.get((label, terrain))) for terrain in terrains))
@@ -163,7 +166,7 @@ def _table(records: list[dict[str, Any]], title: str, caption: str, columns: dic
     for name in ("method", "terrain"):
         found.add_column(name, no_wrap=True)
     for name in columns.values():
-        found.add_column(name, justify="right", no_wrap=True)
+        found.add_column(name, justify="right")
     for record in records:
         found.add_row(record["label"], record["terrain"], *(_quartiles(record[name]) for name in columns))
     return found

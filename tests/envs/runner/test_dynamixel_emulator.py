@@ -76,6 +76,14 @@ def bus() -> Iterator[ServoBus]:
         yield made
 
 
+@pytest.fixture(scope="module", autouse=True)
+def patience() -> Iterator[None]:
+    """The SDK waits 34 ms for an answer; on a busy machine the emulator may take longer to be woken."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr("dynamixel_sdk.port_handler.LATENCY_TIMER", 150)
+        yield
+
+
 @pytest.fixture(scope="module")
 def port(bus: ServoBus) -> Iterator[Any]:
     handler = sdk.PortHandler(bus.path)
