@@ -6,6 +6,7 @@ is to go. Generators reach far enough beyond both ends for every toe.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
@@ -40,15 +41,15 @@ class Terrain:
     footing: tuple[bool, ...]
 
 
-class TerrainSpec(BaseModel):
+class TerrainSpec(BaseModel, ABC):
     """What all kinds of terrain share: friction μ, and the answer to a path."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
     friction: Friction = 1.0
 
+    @abstractmethod
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """The terrain along a path, shape (L, 3) [m]; folder: where relative paths of files begin."""
-        raise NotImplementedError
 
 
 class PolygonSpec(BaseModel):

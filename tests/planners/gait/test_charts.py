@@ -90,7 +90,7 @@ def test_a_hexapod_walks_on_its_tripods(field: HeightField) -> None:
 def test_a_hexapod_may_stand_wherever_its_boxes_hold_ground() -> None:
     ripple = reference_terrain("ripple")
     for goal in ([1.2, 0.0], [0.4, 0.4], [-2.0, 1.2]):
-        walk(robot=hexapod_walker(), terrain=ripple, gait="tripod", goal_xy_m=goal)
+        assert walk(robot=hexapod_walker(), terrain=ripple, gait="tripod", goal_xy_m=goal).goal_xy_m.tolist() == goal
 
 
 def walk(**changes: object) -> GaitTask:
