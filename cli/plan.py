@@ -81,6 +81,8 @@ class PlanCourse:
     """Limit for the planner; what is not decided by then is undecided [s]."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None
     """Plan file: .json, and .npz beside it with the numbers; for `stancekit verify` and `stancekit simulate`."""
+    proof: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None
+    """Where the course is infeasible: the proof, for `stancekit verify` and whoever doubts it."""
     picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the plan: .png, .pdf or .svg."""
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
@@ -93,6 +95,7 @@ class PlanCourse:
     def run(self) -> int:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.planners.caution import plan_with_reserve
+        from stancekit.planners.proof_file import write_proof
         from stancekit.planners.scene.course_spec import read_course
 
         self._check()
@@ -102,6 +105,9 @@ class PlanCourse:
             outcome = plan_with_reserve(planner, course) if self._reserved() else planner.solve(course)
             bar(1, 1)
         report = None if outcome.plan is None else self._write(outcome.plan)
+        proved = outcome.certificate is not None
+        if self.proof is not None and outcome.certificate is not None:
+            write_proof(self.proof, course, outcome.certificate)
         if self.json:
             emit(self._record(course, outcome, report))
         else:
@@ -110,6 +116,8 @@ class PlanCourse:
                 out.print(line, markup=False, highlight=False)
         if report is None:
             complain(f"stancekit: no plan: {course.name}: {outcome.message or outcome.claim or outcome.status.value}")
+            if self.proof is not None:
+                complain(f"wrote {self.proof}" if proved else f"{self.proof}: not written, since nothing is proved")
         return int(report is None or not report.accepted)
 
     def _reserved(self) -> bool:
@@ -143,6 +151,8 @@ class PlanCourse:
 
             for target in plan_paths(self.out):
                 check_writable(target)
+        if self.proof is not None:
+            check_writable(self.proof)
         if self.picture is not None:
             from stancekit.envs.plan_picture import check_picture
 

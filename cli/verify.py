@@ -23,9 +23,10 @@ EVIDENCE = {"feasible": "posture", "infeasible": "certificate"}
 class Verify:
     """Check answers again: postures and proofs, a data set, a plan of key frames, a gait.
 
-    `stancekit verify plan.json` checks a plan of key frames or a gait trajectory against the course or terrain in
-    the file, whatever the file says of itself. `stancekit verify problems.jsonl answers.jsonl` takes the n-th
-    answer for the n-th problem; answers are what `stancekit solve --certificate --out answers.jsonl` writes.
+    `stancekit verify plan.json` checks a plan of key frames, a proof that there is none, or a gait trajectory against
+    the course or terrain in the file, whatever the file says of itself.
+    `stancekit verify problems.jsonl answers.jsonl` takes the n-th answer for the n-th problem; answers are what
+    `stancekit solve --certificate --out answers.jsonl` writes.
     `stancekit verify data/wall-3` checks every witness and every certificate of a data set. No solver takes part.
     Exit code 1 if anything is refused, and that is also what happens to a claim that comes without its evidence.
     """
@@ -62,7 +63,7 @@ class Verify:
 
     def _file(self) -> int:
         """A plan of key frames or a gait trajectory: one verdict."""
-        from stancekit.planners import plan_file
+        from stancekit.planners import plan_file, proof_file
         from stancekit.planners.files import parse_json, read_text
         from stancekit.planners.gait import record
 
@@ -76,6 +77,11 @@ class Verify:
         if plan_file.is_plan_file(self.problems):
             checked = plan_file.check_file(self.problems, tolerance=self.tolerance)
             accepted, message, found = checked.accepted, checked.message, checked.to_json()
+        elif proof_file.is_proof(data):
+            if self.tolerance != TOLERANCE:
+                raise InvalidInput("--tolerance: expected none with a proof, which has to hold with room for any plan")
+            proof = proof_file.check_proof_file(self.problems)
+            accepted, message, found = proof.accepted, proof.message, proof.to_json()
         elif record.is_trajectory(data):
             if self.tolerance != TOLERANCE:
                 raise InvalidInput("--tolerance: expected none with a gait, whose groups have limits of their own")
@@ -84,7 +90,9 @@ class Verify:
             verdict = "accepted" if accepted else "refused"
             found = {"where": name, "kind": "gait", "verdict": verdict, **report.to_json()}
         else:
-            raise InvalidInput(f"{name}: expected a data set folder, a plan or a gait, or a file of answers after it")
+            raise InvalidInput(
+                f"{name}: expected a data set folder, a plan, a proof or a gait, or a file of answers after it"
+            )
         if self.json:
             emit(found)
         else:

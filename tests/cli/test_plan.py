@@ -6,12 +6,15 @@ import json
 import resource
 import subprocess
 import sys
+from importlib import resources
 
 import pytest
 import tyro
+import yaml
 
 from stancekit.cli.main import run
 from stancekit.cli.plan import PlanCourse
+from stancekit.cli.verify import Verify
 from stancekit.envs.plan_page import check_page
 from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.plan import PlanOutcome
@@ -174,3 +177,18 @@ def children_s():
     """Processor time of the processes that were started and have ended [s]."""
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
+
+
+def test_a_proof_is_written_where_there_is_no_plan_and_verify_accepts_it(plan, capsys, tmp_path):
+    walls = resources.files("stancekit.configs.courses") / "walls.yaml"
+    slippery = {**yaml.safe_load(walls.read_text()), "name": "ice"}
+    slippery["terrain"]["friction"] = 0.3
+    (tmp_path / "ice.yaml").write_text(yaml.safe_dump(slippery))
+    code, _, err = plan("ice.yaml", "--frames", 3, "--proof", "proof.json")
+    assert code == 1
+    assert err.endswith("\nwrote proof.json\n")
+    verify = tyro.cli(Verify, args=["proof.json"])
+    assert run(verify) == 0
+    assert capsys.readouterr().out.startswith("proof.json: ice: infeasible: ")
+    assert plan("walls", "--frames", 2, "--proof", "none.json")[0] == 0
+    assert not (tmp_path / "none.json").exists()
