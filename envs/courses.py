@@ -62,12 +62,6 @@ def icy_walls(rng: np.random.Generator, frames: int = 8, regions: int = 4, *, ic
     return lay_out(spec.model_copy(update={"terrain": terrain, "candidates": candidates}), Path())
 
 
-def small_course(rng: np.random.Generator) -> Course:
-    """A course of two or three frames of one of the kinds, perturbed: small enough for an exact answer."""
-    name = SMALL[int(rng.integers(len(SMALL)))]
-    return perturbed(name, rng, frames=int(rng.integers(2, 4)))
-
-
 def grips(course: Course) -> bool:
     """Every placement has a candidate with friction."""
     return all(any(patch.friction > 0.0 for patch in placement.candidates) for placement in course.placements)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from stancekit.envs.courses import grips, icy_walls, perturbed, small_course
+from stancekit.envs.courses import grips, icy_walls, perturbed
 from stancekit.planners.contact.methods import make_planner
 from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.scene.course_json import course_to_json
@@ -107,13 +107,6 @@ def test_walls_of_nothing_but_ice_are_given_up(monkeypatch):
 def test_a_chance_beyond_one_is_refused():
     with pytest.raises(InvalidInput, match="ice: expected a chance in"):
         icy_walls(np.random.default_rng(0), ice=1.5)
-
-
-def test_small_courses_have_two_or_three_frames_of_every_kind():
-    rng = np.random.default_rng(0)
-    drawn = [small_course(rng) for _ in range(24)]
-    assert {course.frames for course in drawn} == {2, 3}
-    assert {course.name for course in drawn} == {"stairs", "walls", "tube", "icy-walls"}
 
 
 def test_perturbing_does_not_touch_the_description():
