@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 OPTIONS = {"every": "tasks", "cap_s": "cap", "terrains": "terrain", "methods": "chart"}
 """Settings by the options that give them."""
 
-WIDTH = 150
+WIDTH = 180
 """Of tables where standard output is no terminal."""
 
 
@@ -60,7 +60,7 @@ class BenchGait:
         """Measure what is missing, and print the tables."""
         from rich.console import Console
 
-        from stancekit.learners import gait_bench, gait_figures
+        from stancekit.learners import gait_bench, gait_drawings, gait_figures
         from stancekit.planners.files import write_text
 
         settings = self._settings()
@@ -83,9 +83,12 @@ class BenchGait:
             wide = out if out.is_terminal else Console(width=WIDTH)
             for made in (success_table(records), speed_table(records), motion_table(records)):
                 wide.print(made)
-            for line in comparisons(rows):
+            for line in (*comparisons(rows), *products(records)):
                 out.print(line, markup=False, highlight=False)
-            out.print(f"cells and table: {folder}", markup=False)
+        drawn = gait_drawings.draw(rows, folder)
+        if not self.json:
+            names = ", ".join(sorted({path.stem.partition("-")[0] for path in drawn}))
+            out.print(f"{folder}: cells, table.json" + (f", pictures ({names})" if drawn else ""), markup=False)
         return 0
 
     def _settings(self) -> GaitBenchSettings:
@@ -142,6 +145,7 @@ def speed_table(records: list[dict[str, Any]]) -> Table:
         "of cells that succeeded: median, lower and upper quartile; solver: share of the CPU time in IPOPT and MUMPS, "
         "the rest is evaluation; a portfolio's time is of all its phases",
         {"iterations": "iterations", "cpu_s": "CPU s", "iteration_s": "s / iteration", "linear_share": "solver"},
+        digits=3,
     )
 
 
@@ -150,33 +154,37 @@ def motion_table(records: list[dict[str, Any]]) -> Table:
     return _table(
         records,
         "Between the nodes",
-        "of cells that succeeded: median, lower and upper quartile; outside cone: share of standing samples outside "
-        "the true cone; before: a portfolio's first feasible point",
+        "of cells that succeeded: median, lower and upper quartile; left cone: cells with standing samples outside the "
+        "true cone; outside: their share; before: a portfolio's first feasible point",
         {
-            "outside_cone": "outside cone", "force_rms": "force rms m·g", "reach_mm": "reach mm",
+            "left_cone": "left cone", "outside_cone": "outside", "force_rms": "force rms m·g", "reach_mm": "reach mm",
             "penetration_mm": "depth mm", "peak_before_g": "before g", "peak_g": "peak g",
         },
+        digits=2,
     )  # fmt: skip
 
 
-def _table(records: list[dict[str, Any]], title: str, caption: str, columns: dict[str, str]) -> Table:
+def _table(records: list[dict[str, Any]], title: str, caption: str, columns: dict[str, str], digits: int) -> Table:
     from rich.table import Table
 
     found = Table(title=title, caption=caption)
     for name in ("method", "terrain"):
         found.add_column(name, no_wrap=True)
     for name in columns.values():
-        found.add_column(name, justify="right")
+        found.add_column(name, justify="right", overflow="fold")
     for record in records:
-        found.add_row(record["label"], record["terrain"], *(_quartiles(record[name]) for name in columns))
+        found.add_row(record["label"], record["terrain"], *(_quartiles(record[name], digits) for name in columns))
     return found
 
 
-def _quartiles(values: list[float] | None) -> str:
+def _quartiles(values: list[float] | float | None, digits: int) -> str:
+    """Median and quartiles, or a share in percent."""
     if values is None:
         return ""
-    low, middle, high = (f"{value:.3g}" if abs(value) >= 5e-4 else "0" for value in values)
-    return f"{middle} ({low}–{high})"
+    if isinstance(values, float):
+        return f"{100 * values:.0f} %"
+    low, middle, high = (f"{value:.{digits}g}" if abs(value) >= 5e-4 else "0" for value in values)
+    return f"{middle} ({low}–{high})" if low != high else middle
 
 
 def comparisons(rows: list[dict[str, Any]]) -> list[str]:
@@ -195,4 +203,25 @@ def comparisons(rows: list[dict[str, Any]]) -> list[str]:
         ]
         if told:
             found.append(f"{METHODS[method].label} over {METHODS[BASELINE].label}: " + "; ".join(told))
+    return found
+
+
+def products(records: list[dict[str, Any]]) -> list[str]:
+    """What a verified walk costs, how much it is smoothed, and how many points verified success is below success."""
+    from stancekit.learners.gait_bench import METHODS
+
+    found = []
+    for method in dict.fromkeys(record["method"] for record in records):
+        own = [record for record in records if record["method"] == method and record["success"]]
+        below = [f"{one['terrain']} {100 * (one['success'] - one['verified']):.0f}" for one in own]
+        if below:
+            found.append(f"{METHODS[method].label}, verified below success: " + ", ".join(below) + " points")
+        if METHODS[method].portfolio:
+            told = [
+                f"{one['terrain']} {one['verified_cpu_s'][1]:.1f} CPU-s, peak {one['peak_before_g'][1]:.2f} → "
+                f"{one['peak_g'][1]:.2f} g"
+                for one in own
+                if one["verified_cpu_s"] and one["peak_before_g"]
+            ]
+            found += [f"{METHODS[method].label}, medians of a verified walk: " + "; ".join(told)] if told else []
     return found

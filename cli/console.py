@@ -42,12 +42,14 @@ def text_of(name: str | Path) -> str:
 
 
 @contextmanager
-def as_options() -> Iterator[None]:
-    """Let an InvalidInput that names a setting name the option that gave it."""
+def as_options(*names: str) -> Iterator[None]:
+    """Let an InvalidInput that names a setting name the option that gave it. names: of settings, all where none."""
     try:
         yield
     except InvalidInput as error:
         name, colon, rest = str(error).partition(":")
+        if names and name not in names:
+            raise
         raise InvalidInput(f"--{name.replace('_', '-')}{colon}{rest}") from None
 
 

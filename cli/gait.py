@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,16 +12,20 @@ import tyro
 from stancekit.planners.outcome import InvalidInput, PlanningFailed
 
 from .console import as_options, emit, err, out
+from .terrain import TerrainFile
 from .watch import interruptible, shown
 
 if TYPE_CHECKING:
     from stancekit.planners.arrays import Array
-    from stancekit.planners.gait.attempt import Attempt, Attempted, Workbench
+    from stancekit.planners.gait.attempt import Attempt, Attempted
     from stancekit.planners.gait.partial import Partial
+    from stancekit.planners.gait.portfolio import Caps, GaitPlan
     from stancekit.planners.gait.robot import GaitRobot
-    from stancekit.planners.gait.task import GaitTask
+    from stancekit.planners.gait.task import GaitSettings, GaitTask
 
 ROBOTS = ("anymal", "hexapod")
+LIMITS = {True: 80, False: 200}
+"""Iterations of a solve in a portfolio, and in one chart."""
 
 
 @dataclass
@@ -42,6 +47,9 @@ class Gait:
     """Where the torso has to end."""
     start: Annotated[str, tyro.conf.arg(metavar="X,Y")] = "0,0"
     """Where it begins, at rest."""
+    heading: Annotated[str, tyro.conf.arg(metavar="RAD|goal")] = "0"
+    """Which way the robot faces, from x towards y [rad], or goal. It walks in any direction; out of a pit it has to
+    face its goal, for the feet that stick are in front."""
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
     """anymal, hexapod, or a robot's file (YAML)."""
     chart: Literal["portfolio", "ambient", "warped", "warped-exact", "shear", "decoupled"] = "portfolio"
@@ -64,10 +72,16 @@ class Gait:
     """How many initial guesses of each chart to try; the smoothest accepted walk is kept."""
     seed: int = 0
     """Seed of the perturbed guesses; the first guess is never perturbed."""
-    max_iterations: int = 200
-    """Limit a solve."""
+    max_iterations: int | None = None
+    """Limit of a solve; 80 in a portfolio and 200 in one chart where there is none."""
+    total_s: float = 240.0
+    """CPU time of all solves; the best walk until then is the answer [s]."""
+    raw: bool = False
+    """The first feasible point as it is: no second phase that smooths it, no rows added where the verifier refuses."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None
     """Where to write the trajectory; its samples go to FILE.npz."""
+    file: Annotated[TerrainFile, tyro.conf.OmitArgPrefixes] = field(default_factory=TerrainFile)
+    """What the numbers of a terrain's file mean."""
     unverified: bool = False
     """Write the best trajectory even if the verifier refuses it, marked so."""
     picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -83,43 +97,47 @@ class Gait:
 
     def run(self) -> int:
         """Plan, verify, write, draw."""
-        from stancekit.planners.gait.attempt import Workbench
         from stancekit.planners.gait.partial import Partial
 
-        self._check_files()
+        from . import gait_answer
+
+        self._check()
         task = self._task()
         with as_options():
-            bench = Workbench(task, self._settings())
-        attempts = self._attempts()
-        partial = Partial(self.out, task, bench.settings, attempts)
-        tried = self._try(bench, attempts, partial)
-        if not tried:
-            raise PlanningFailed(
-                f"every attempt failed before the run was interrupted; remove {partial.path} to try anew"
-            )
-        best = min(tried, key=_merit)
+            settings, caps = self._settings(), self._caps()
+        attempts = self._attempts(task)
+        partial = Partial(self.out, task, settings, attempts)
+        plan = self._plan(task, settings, caps, attempts, partial)
+        best = plan.best
+        if best is None:
+            hint = "" if plan.failures or partial.path is None else f"; remove {partial.path} to try anew"
+            raise PlanningFailed(plan.message + hint)
         written = self._write(best)
-        self._draw(best, tried, bench)
+        gait_answer.draw(
+            best, plan, picture=self.picture, convergence=self.convergence, video=self.video, html=self.html
+        )
         partial.remove()
-        self._say(best, tried, written)
+        if self.json:
+            emit(gait_answer.record(plan, best, self.terrain, self.out if written else None))
+        else:
+            self._say(plan, best, written)
+        if not best.report.accepted:
+            gait_answer.advise(task)
         return 0 if best.report.accepted else 1
 
     # ------------------------------------------------------------------------------------------------- input
 
-    def _check_files(self) -> None:
-        """Raise InvalidInput for what cannot be written, before any work."""
-        from stancekit.planners.files import check_writable
+    def _check(self) -> None:
+        """Raise InvalidInput for what cannot be written, and for counts out of range, before any work."""
         from stancekit.planners.gait.record import check_names
+
+        from .gait_answer import check_pictures
 
         if self.out is not None:
             check_names(self.out)
         if self.unverified and self.out is None:
             raise InvalidInput("--unverified: expected --out with it, got none")
-        for picture in (self.picture, self.convergence):
-            if picture is not None:
-                check_writable(picture)
-                if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
-                    raise InvalidInput(f"{picture}: expected a name that ends in .png, .pdf, .svg")
+        check_pictures(self.picture, self.convergence)
         if self.html is not None:
             from stancekit.envs.gait_page import check_page
 
@@ -132,10 +150,11 @@ class Gait:
             raise InvalidInput(f"--seeds: expected 1 to 1000, got {self.seeds}")
         if self.seed < 0:
             raise InvalidInput(f"--seed: expected 0 or more, got {self.seed}")
+        if self.max_iterations is not None and self.max_iterations < 1:
+            raise InvalidInput(f"--max-iterations: expected 1 or more, got {self.max_iterations}")
 
     def _task(self) -> GaitTask:
         from stancekit.planners.gait.task import GaitTask
-        from stancekit.planners.scene.terrains import named_terrain
 
         start, goal = _place(self.start, "--start"), _place(self.goal, "--goal")
         robot = _robot(self.robot)
@@ -143,13 +162,14 @@ class Gait:
         unknown = sorted(set(sticky) - set(robot.foot_names))
         if unknown:
             raise InvalidInput(f"--adhesive: expected some of {', '.join(robot.foot_names)}, got {', '.join(unknown)}")
-        terrain = named_terrain(self.terrain)
+        terrain = self.file.read(self.terrain)
         try:
             return GaitTask(
                 robot=robot,
                 terrain=terrain,
                 start_xy_m=start,
                 goal_xy_m=goal,
+                start_yaw_rad=_heading(self.heading, goal - start),
                 duration_s=self.duration_s,
                 friction=self.friction,
                 adhesive=tuple(name in sticky for name in robot.foot_names),
@@ -159,37 +179,54 @@ class Gait:
         except InvalidInput as error:
             raise InvalidInput(_as_options(str(error))) from None
 
-    def _settings(self) -> Any:
+    def _settings(self) -> GaitSettings:
         from stancekit.planners.gait.task import GaitSettings
 
-        return GaitSettings(dynamics=self.dynamics, hessian=self.hessian, max_iterations=self.max_iterations)
+        return GaitSettings(dynamics=self.dynamics, hessian=self.hessian, max_iterations=self._limit)
 
-    def _attempts(self) -> list[Attempt]:
-        from stancekit.planners.gait.attempt import Attempt, portfolio
+    def _caps(self) -> Caps:
+        from stancekit.planners.gait.portfolio import Caps
+        from stancekit.planners.gait.smooth import Smoothing
 
-        ways = portfolio() if self.chart == "portfolio" else [Attempt(chart=self.chart)]
-        return [way.perturbed(self.seed + k) if k else way for way in ways for k in range(self.seeds)]
+        raw: dict[str, Any] = {"smoothing": Smoothing(rounds=0), "densifications": 0} if self.raw else {}
+        return Caps(iterations=self._limit, total_s=self.total_s, apart=True, **raw)
+
+    @property
+    def _limit(self) -> int:
+        return self.max_iterations or LIMITS[self.chart == "portfolio"]
+
+    def _attempts(self, task: GaitTask) -> list[Attempt]:
+        from stancekit.planners.gait.attempt import Attempt
+        from stancekit.planners.gait.portfolio import ways
+
+        found = ways(task) if self.chart == "portfolio" else [Attempt(chart=self.chart)]
+        return [way.perturbed(self.seed + k) if k else way for way in found for k in range(self.seeds)]
 
     # -------------------------------------------------------------------------------------------------- work
 
-    def _try(self, bench: Workbench, attempts: list[Attempt], partial: Partial) -> list[Attempted]:
-        """Attempts in their order; of a portfolio up to the chart that the verifier accepts."""
-        tried: list[Attempted] = []
-        for index, attempt in enumerate(attempts):
-            if self.chart == "portfolio" and index % self.seeds == 0 and any(one.report.accepted for one in tried):
-                break
-            guess, stage = partial.begin(index)
-            if stage < 0:
-                continue
-            with interruptible() as interrupted, shown(attempt.name) as show:
-                found = bench.run(attempt, lambda *at: show(*at) or interrupted(), guess=guess, stage=stage)
-            partial.keep(index, found)
-            if found.stopped:
-                if partial.path is not None:
-                    err.print(f"{partial.path}: kept; the same command goes on from there", markup=False)
-                raise KeyboardInterrupt
-            tried.append(found)
-        return tried
+    def _plan(
+        self, task: GaitTask, settings: GaitSettings, caps: Caps, attempts: list[Attempt], partial: Partial
+    ) -> GaitPlan:
+        """Attempts in their order, up to the chart that the verifier accepts. Raises KeyboardInterrupt when stopped."""
+        from stancekit.planners.gait.portfolio import plan_gait
+
+        if partial.begun:
+            err.print(f"{partial.path}: goes on from what an interrupted run of this command kept", markup=False)
+        with interruptible() as interrupted, shown(self.terrain) as show:
+
+            def progress(*at: Any) -> bool:
+                show(*at)
+                return interrupted()
+
+            try:
+                plan = plan_gait(task, settings, progress, caps=caps, attempts=attempts, partial=partial)
+            except InvalidInput as error:
+                raise InvalidInput(_as_options(str(error))) from None
+        if plan.stopped:
+            if partial.path is not None:
+                err.print(f"{partial.path}: kept; the same command goes on from there", markup=False)
+            raise KeyboardInterrupt
+        return plan
 
     # ------------------------------------------------------------------------------------------------ output
 
@@ -201,78 +238,16 @@ class Gait:
         write_trajectory(self.out, best.trajectory, best.report)
         return True
 
-    def _draw(self, best: Attempted, tried: list[Attempted], bench: Workbench) -> None:
-        warp = bench.warp.points if bench.warp is not None and best.attempt.chart.startswith("warped") else None
-        if self.picture is not None:
-            from stancekit.envs.chart import save
-            from stancekit.envs.gait_picture import draw_motion
+    def _say(self, plan: GaitPlan, best: Attempted, written: bool) -> None:
+        from .gait_answer import words
 
-            save(draw_motion(best.trajectory, best.report, warp=warp), self.picture)
-        if self.convergence is not None:
-            from stancekit.envs.chart import save
-            from stancekit.envs.gait_chart import GaitRun, draw_convergence
-
-            runs = [GaitRun(method=one.attempt.name, violations=one.history, seconds=one.seconds) for one in tried]
-            save(draw_convergence(runs, caption=f"Convergence on {bench.task.terrain.name}"), self.convergence)
-        if self.video is not None:
-            from stancekit.envs.gait_video import motion_frames
-            from stancekit.envs.video import write_video
-
-            write_video(self.video, motion_frames(best.trajectory, best.report, warp=warp))
-        if self.html is not None:
-            from stancekit.envs.gait_page import write_page
-
-            write_page(self.html, best.trajectory, best.report, warp=warp)
-
-    def _say(self, best: Attempted, tried: list[Attempted], written: bool) -> None:
-        record = {
-            "terrain": self.terrain,
-            "verified": best.report.accepted,
-            "attempt": best.attempt.name,
-            "message": _verdict(best),
-            "digest": best.report.digest if best.report.accepted else None,
-            "out": str(self.out) if written else None,
-            "figures": dict(best.report.figures),
-            "attempts": [_attempt_record(one) for one in tried],
-        }
-        if self.json:
-            emit(record)
-            return
-        for one in tried:
-            line = f"{one.attempt.name}: {one.iterations} iterations, {one.seconds:.1f} s, {_verdict(one)}"
+        for line in words(plan):
             out.print(line, markup=False, highlight=False)
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}", markup=False)
         elif self.out is not None:
             out.print(f"{self.out}: not written; --unverified writes what the verifier refuses", markup=False)
-
-
-def _attempt_record(one: Attempted) -> dict[str, Any]:
-    return {
-        "attempt": one.attempt.name,
-        "chart": one.attempt.chart,
-        "success": one.solution.success,
-        "verified": one.report.accepted,
-        "iterations": one.iterations,
-        "cpu_seconds": one.seconds,
-        "violation": one.solution.violation,
-        "violations": [float(value) for value in one.history],
-        "message": _verdict(one),
-    }
-
-
-def _verdict(one: Attempted) -> str:
-    """What came of an attempt: the solver's failure, or the verifier's word."""
-    if one.solution.success or one.report.accepted:
-        return one.report.message
-    return f"no success: largest violation {one.solution.violation:.1e} ({one.solution.status})"
-
-
-def _merit(one: Attempted) -> tuple[bool, bool, float]:
-    """Verified before feasible before the rest, then the smaller peak acceleration, or violation."""
-    peak = one.report.figures.get("peak_acceleration_g", float("inf"))
-    return not one.report.accepted, not one.solution.success, peak if one.solution.success else one.solution.violation
 
 
 def _place(text: str, option: str) -> Array:
@@ -284,6 +259,16 @@ def _place(text: str, option: str) -> Array:
     except ValueError:
         raise InvalidInput(f"{option}: expected a place X,Y in metres, got {text!r:.60}") from None
     return np.array([x, y])
+
+
+def _heading(text: str, way: Array) -> float:
+    """An angle, or that of the way to the goal [rad]."""
+    if text == "goal":
+        return math.atan2(way[1], way[0])
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidInput(f"--heading: expected an angle in rad, or goal, got {text!r:.60}") from None
 
 
 def _robot(name: str) -> GaitRobot:
@@ -298,7 +283,7 @@ def _robot(name: str) -> GaitRobot:
 
 def _as_options(message: str) -> str:
     """A task's message with the names of its fields as the options that gave them."""
-    names = {"start_xy_m": "start", "goal_xy_m": "goal"}
+    names = {"start_xy_m": "start", "goal_xy_m": "goal", "start_yaw_rad": "heading"}
     parts = []
     for part in message.split("; "):
         name, colon, rest = part.partition(":")

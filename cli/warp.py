@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from rich.markup import escape
@@ -13,6 +13,7 @@ from rich.table import Table
 from stancekit.planners.outcome import InvalidInput
 
 from .console import as_options, emit, out
+from .terrain import TerrainFile, numbers
 
 if TYPE_CHECKING:
     from stancekit.planners.warp.report import MapReport
@@ -43,12 +44,8 @@ class Warp:
     Anderson acceleration, with no snap."""
     iterations: int = 100
     """Most iterations of the method."""
-    spacing_m: float = 0.05
-    """Grid spacing of a file, and at which a mesh is sampled [m]."""
-    unit_m: float = 1.0
-    """What one unit of lengths in a file means [m]; 0.001 for millimetres."""
-    heights_m: Annotated[str | None, tyro.conf.arg(metavar="BLACK,WHITE")] = None
-    """Heights of black and white in a .png [m]."""
+    file: Annotated[TerrainFile, tyro.conf.OmitArgPrefixes] = field(default_factory=TerrainFile)
+    """What the numbers of a terrain's file mean."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File for the map, .npz."""
     picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -59,10 +56,9 @@ class Warp:
     def run(self) -> int:
         """Read the terrain, make the map, write and say what came of it."""
         from stancekit.planners.files import check_writable
-        from stancekit.planners.scene.terrains import named_terrain
         from stancekit.planners.warp.conformal import fit_map
 
-        cells = _numbers(self.cells, "--cells", int, 3)
+        cells = numbers(self.cells, "--cells", int, 3)
         if not 1 <= self.iterations <= 10_000:
             raise InvalidInput(f"--iterations: expected 1 to 10000, got {self.iterations}")
         if self.out is not None and self.out.suffix != ".npz":
@@ -70,13 +66,10 @@ class Warp:
         for path in (self.out, self.picture):
             if path is not None:
                 check_writable(path)
-        options: dict[str, Any] = {"spacing_m": self.spacing_m, "unit_m": self.unit_m}
-        if self.heights_m is not None:
-            options["height_m"] = _numbers(self.heights_m, "--heights-m", float, 2)
-        field = named_terrain(self.terrain, **options)
+        terrain = self.file.read(self.terrain)
         with as_options():
             fit = fit_map(
-                field, cells=(cells[0], cells[1], cells[2]), height_m=self.height_m, method=self.method,
+                terrain, cells=(cells[0], cells[1], cells[2]), height_m=self.height_m, method=self.method,
                 iterations=self.iterations,
             )  # fmt: skip
         if self.out is not None:
@@ -85,22 +78,12 @@ class Warp:
             from stancekit.envs.chart import save
             from stancekit.envs.map_picture import draw_map
 
-            save(draw_map(fit.map, field, fit.report), self.picture)
+            save(draw_map(fit.map, terrain, fit.report), self.picture)
         if self.json:
             emit(fit.report.to_json())
         else:
             out.print(_table(fit.report))
         return 0 if fit.report.least_det > 0.0 else 1
-
-
-def _numbers(text: str, option: str, kind: type, count: int) -> tuple[Any, ...]:
-    try:
-        found = tuple(kind(part) for part in text.split(","))
-    except ValueError:
-        found = ()
-    if len(found) != count:
-        raise InvalidInput(f"{option}: expected {count} numbers with commas between them, got {text!r}")
-    return found
 
 
 def _table(report: MapReport) -> Table:

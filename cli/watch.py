@@ -5,9 +5,20 @@ from __future__ import annotations
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, Protocol
+
+from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
 from .console import err
+
+
+class Named(Protocol):
+    """What is tried."""
+
+    @property
+    def name(self) -> str:
+        """What it is called."""
+        ...
 
 
 @contextmanager
@@ -29,14 +40,17 @@ def interruptible() -> Iterator[Callable[[], bool]]:
 
 
 @contextmanager
-def shown(name: str) -> Iterator[Callable[..., None]]:
-    """Yields what shows an iteration (attempt, number, violation, cost) on standard error, where it is a terminal."""
-    if not err.is_terminal:
-        yield lambda *at: None
-        return
-    with err.status(f"{name}: written down") as status:
+def shown(title: str) -> Iterator[Callable[[Named, int, float, float, str], None]]:
+    """Yields what shows an iteration (attempt, number, violation, cost, phase) on standard error.
 
-        def show(_attempt: object, iteration: int, violation: float, cost: float) -> None:
-            status.update(f"{name}: iteration {iteration}, violation {violation:.1e}, cost {cost:.3g}")
+    One line with the time that has passed; silent where standard error is no terminal.
+    """
+    columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
+    with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
+        line = bar.add_task(title, total=None)
+
+        def show(attempt: Named, iteration: int, violation: float, cost: float, phase: str) -> None:
+            said = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}, cost {cost:.3g}"
+            bar.update(line, description=said)
 
         yield show

@@ -1,4 +1,4 @@
-"""Charts of gait solves: violation per iteration, and by walking direction in polar form (paper W Figs. 8, 9, 11)."""
+"""Charts of gait solves: violation per iteration, and violation and time by walking direction (paper W Figs. 8, 9)."""
 
 from __future__ import annotations
 
@@ -11,19 +11,31 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, NullLocator
 
 from stancekit.planners.arrays import Array, frozen
 from stancekit.planners.outcome import InvalidInput
 
 from . import chart
-from .chart import ACCENT, CHART_PX, DEFAULT_STYLE, INK, MEASURE_COLOURS, QUIET, RULE, Size
+from .chart import ACCENT, CHART_PX, DEFAULT_STYLE, INK, QUIET, RULE, Size
 
 TOLERANCE = 1e-4
 """Paper W §V: a solve succeeds when its largest violation falls below this."""
 LEAST = 1e-9
 """Violations below this are drawn as this."""
 TICKS = (1, 3, 10, 30, 100, 300, 1000)
+SECONDS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
+COLOURS = ("#27407f", "#e08a2b", "#2c8173", "#b8407a", "#9a86c4", "#c9a227")
+"""Of methods in their order; they repeat after the sixth."""
+MANY = 8
+"""More runs of a method than this are drawn thin, with their median."""
+ROOM = 38
+"""Letters that fit over a panel at full size."""
+LONG = 60
+"""Iterations beyond which the axis is logarithmic."""
+TALL_PX = (1200, 980)
+"""Size of a chart with two rows of panels."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,62 +71,100 @@ class GaitRun:
 def draw_convergence(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size = CHART_PX) -> Figure:
     """Violation at every iteration, a line a solve, a colour a method; a dot where it succeeds, a cross where it ends.
 
-    Raises InvalidInput without runs.
+    Many solves of a method are thin lines with their median, which ends where half of them have. Raises InvalidInput
+    without runs.
     """
     methods = _methods(runs)
     figure = chart.sheet(size_px, CHART_PX)
     chart.headline(figure, caption or "Convergence", f"largest constraint violation; success is below {TOLERANCE:g}")
+    labels = [_label(name, [run for run in runs if run.method == name]) for name in methods]
     high = figure.get_figheight()
-    axes = figure.add_axes((0.075, 0.72 / high, 0.9, 1.0 - 2.1 / high))
-    most = max(len(run.violations) for run in runs) - 1
-    top = max(float(run.violations.max()) for run in runs)
-    axes.set(yscale="log", xlim=(-0.01 * most, max(1.02 * most, 1.0)), ylim=(0.1 * TOLERANCE, max(3.0 * top, 1.0)))
+    columns = min(len(methods), max(1, int(95.0 * figure.get_figwidth() / 12.0 / (7 + max(map(len, labels)) * 0.74))))
+    top = 0.92 + 0.26 * -(-len(methods) // columns)
+    axes = figure.add_axes((0.075, 0.72 / high, 0.9, 1.0 - (0.72 + top) / high))
+    most = max(run.iterations for run in runs)
+    axes.set(yscale="log", ylim=(0.1 * TOLERANCE, max(3.0 * max(float(run.violations.max()) for run in runs), 1.0)))
     axes.set_xlabel("iteration", size=11.5, color=INK)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    _iterations(axes, most)
     axes.axhspan(0.1 * TOLERANCE, TOLERANCE, color="#e6f0ec", lw=0, zorder=0)
     axes.axhline(TOLERANCE, color="#58a695", lw=1.2, zorder=1)
     _quiet(axes)
-    for index, method in enumerate(methods):
-        own = [run for run in runs if run.method == method]
-        colour = MEASURE_COLOURS[index % len(MEASURE_COLOURS)]
-        for run in own:
-            shown = np.maximum(run.violations[: run.iterations + 1], 0.15 * TOLERANCE)
-            axes.plot(shown, color=colour, lw=2.0 if len(own) < 4 else 1.1, alpha=1.0 if len(own) < 4 else 0.55)
-            end = {"marker": "o", "mec": "white"} if run.success else {"marker": "X", "mec": ACCENT, "mfc": ACCENT}
-            axes.plot([len(shown) - 1], [shown[-1]], ms=8, color=colour, zorder=4, **end)  # type: ignore[arg-type]
-        axes.plot([], [], color=colour, lw=2.5, label=_label(method, own))
+    for index, (method, label) in enumerate(zip(methods, labels, strict=True)):
+        colour = COLOURS[index % len(COLOURS)]
+        _draw_lines(axes, [run for run in runs if run.method == method], colour)
+        axes.plot([], [], color=colour, lw=2.5, label=label)
     axes.legend(
-        ncols=min(len(methods), 4), loc="lower left", bbox_to_anchor=(-0.005, 1.01), frameon=False, fontsize=11,
+        ncols=columns, loc="lower left", bbox_to_anchor=(-0.005, 1.01), frameon=False, fontsize=11,
         labelcolor=INK, handlelength=1.4, columnspacing=1.6, borderpad=0.0,
     )  # fmt: skip
     return figure
 
 
+def _draw_lines(axes: Axes, runs: Sequence[GaitRun], colour: str) -> None:
+    """The solves of one method."""
+    few = len(runs) <= MANY
+    for run in runs:
+        shown = np.maximum(run.violations[: run.iterations + 1], 0.15 * TOLERANCE)
+        width, alpha = (2.0, 1.0) if len(runs) < 4 else (1.1, 0.55) if few else (0.6, 0.18)
+        axes.plot(shown, color=colour, lw=width, alpha=alpha)
+        if few or not run.success:
+            _draw_end(axes, len(shown) - 1, float(shown[-1]), colour, run.success, 8.0 if few else 5.0)
+    if not few:
+        ends = np.array([run.iterations for run in runs])
+        last = int(np.median(ends))
+        held = np.array([run.violations[np.minimum(np.arange(last + 1), run.iterations)] for run in runs])
+        middle = np.maximum(np.median(held, axis=0), 0.15 * TOLERANCE)
+        axes.plot(middle, color=colour, lw=2.8, zorder=3, path_effects=[withStroke(linewidth=4.6, foreground="white")])
+        _draw_end(axes, last, float(middle[-1]), colour, bool(middle[-1] < TOLERANCE), 10.0)
+
+
+def _draw_end(axes: Axes, iteration: int, violation: float, colour: str, success: bool, size: float) -> None:
+    end = {"marker": "o", "mec": "white", "mfc": colour} if success else {"marker": "X", "mec": ACCENT, "mfc": ACCENT}
+    axes.plot([iteration], [violation], ms=size, zorder=4, **end)  # type: ignore[arg-type]
+
+
+def _iterations(axes: Axes, most: int) -> None:
+    """The axis of iterations, by eye logarithmic where there are many."""
+    if most <= LONG:
+        axes.set_xlim(-0.01 * most, max(1.02 * most, 1.0))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        return
+    axes.set_xscale("function", functions=(_radius, lambda radius: 2.0 * np.expm1(radius)))
+    axes.set_xlim(0.0, 1.05 * most)
+    axes.xaxis.set_major_locator(FixedLocator([0, *(tick for tick in TICKS if tick <= most)]))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
 @DEFAULT_STYLE
-def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size = CHART_PX) -> Figure:
+def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size | None = None) -> Figure:
     """Violation by walking direction (paper W Fig. 8), a panel a method: iterations run outward in its colours.
 
-    A solve that fails has a red mark at the rim. Raises InvalidInput without runs.
+    A solve that fails has a red mark at the rim. size_px: ``CHART_PX`` where there is none, taller for more than three
+    methods. Raises InvalidInput without runs.
     """
     methods = _methods(runs)
-    figure = chart.sheet(size_px, CHART_PX)
+    figure = chart.sheet(size_px or (CHART_PX if len(methods) < 4 else TALL_PX), CHART_PX)
     words = "iterations from the centre outward, coloured by the largest violation; red: no success"
     chart.headline(figure, caption or "Violation by walking direction", words)
     most = max(run.iterations for run in runs)
-    rim = _radius(max(most, 3))
+    rim = float(_radius(max(most, 3)))
     colours = ScalarMappable(LogNorm(TOLERANCE, 10.0), "magma_r")
     for axes, method in zip(_panels(figure, len(methods)), methods, strict=True):
         own = [run for run in runs if run.method == method]
         width = _wedge(own)
+        turns = 0.96 * width * np.linspace(-0.5, 0.5, 2 + int(np.rad2deg(width) / 3.0))
+        _polar(axes, _label(method, own), 1.12 * rim, [tick for tick in TICKS if _radius(tick) <= rim], _radius)
         for run in own:
             shown = np.clip(run.violations[: run.iterations + 1], LEAST, 1e6)
             edges = _radius(np.arange(len(shown) + 1))
-            for low, high, violation in zip(edges[:-1], edges[1:], shown, strict=True):
-                axes.bar(run.direction_rad, high - low, 0.96 * width, low, color=colours.to_rgba(violation), lw=0)
+            cells = np.repeat(shown[:, None], len(turns) - 1, axis=1)
+            axes.pcolormesh(run.direction_rad + turns, edges, cells, norm=colours.norm, cmap=colours.cmap, zorder=1.5)
             if not run.success:
-                axes.plot([run.direction_rad], [1.07 * rim], "X", color=ACCENT, ms=7, clip_on=False)
-        _polar(axes, _label(method, own), 1.12 * rim, [tick for tick in TICKS if _radius(tick) <= rim], _radius)
-    bar = figure.colorbar(colours, cax=figure.add_axes((0.36, 0.055, 0.28, 0.018)), orientation="horizontal")
+                axes.plot([run.direction_rad], [1.07 * rim], "X", color=ACCENT, ms=6, clip_on=False, zorder=4)
+    middle, high = 0.36, figure.get_figheight()
+    place = (middle, 0.35 / high, 1.0 - 2.0 * middle, 0.11 / high)
+    bar = figure.colorbar(colours, cax=figure.add_axes(place), orientation="horizontal")
     bar.outline.set_visible(False)
     bar.ax.tick_params(length=0, labelsize=10, labelcolor=QUIET)
     return figure
@@ -124,26 +174,32 @@ def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size
 def draw_times(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size = CHART_PX) -> Figure:
     """CPU time by walking direction (paper W Fig. 9), a line a method; solves that fail are crosses.
 
-    Several runs of a method in one direction are shown by their median. Raises InvalidInput without runs.
+    Several runs of a method in one direction are shown by their median. Rings are closer together for longer times.
+    Raises InvalidInput without runs.
     """
     methods = _methods(runs)
     figure = chart.sheet(size_px, CHART_PX)
     chart.headline(figure, caption or "CPU time by walking direction", "seconds a solve; crosses: no success")
     high, wide = figure.get_figheight(), figure.get_figwidth()
     side = high - 1.45
-    axes = figure.add_axes((0.5 - 0.62 * side / wide, 0.42 / high, side / wide, side / high), projection="polar")
+    axes = figure.add_axes((0.47 - 0.85 * side / wide, 0.42 / high, side / wide, side / high), projection="polar")
     longest = max(run.seconds for run in runs)
+    ticks = [tick for tick in SECONDS if tick < longest]
+    ticks.append(next((tick for tick in SECONDS if tick >= longest), longest))
     for index, method in enumerate(methods):
         own = [run for run in runs if run.method == method]
-        colour = MEASURE_COLOURS[index % len(MEASURE_COLOURS)]
+        colour = COLOURS[index % len(COLOURS)]
         turns = sorted({run.direction_rad for run in own})
         medians = [float(np.median([run.seconds for run in own if run.direction_rad == turn])) for turn in turns]
-        axes.plot([*turns, turns[0]], [*medians, medians[0]], color=colour, lw=2.0, label=_label(method, own))
+        shown = _radius_of_time([*medians, medians[0]])
+        axes.plot([*turns, turns[0]], shown, color=colour, lw=2.0, label=_label(method, own))
         failed = [run for run in own if not run.success]
-        axes.plot([r.direction_rad for r in failed], [r.seconds for r in failed], "x", color=colour, ms=7, mew=2.0)
-    ticks = np.linspace(0.0, _round_up(longest), 5)[1:].tolist()
-    _polar(axes, "", 1.02 * _round_up(longest), ticks, np.asarray, unit=" s")
-    axes.legend(loc="center left", bbox_to_anchor=(1.12, 0.5), frameon=False, fontsize=11, labelcolor=INK)
+        at = _radius_of_time([run.seconds for run in failed])
+        axes.plot([run.direction_rad for run in failed], at, "x", color=colour, ms=7, mew=2.0)
+    _polar(axes, "", 1.02 * float(_radius_of_time(ticks[-1])), ticks, _radius_of_time, unit=" s")
+    axes.legend(
+        loc="center left", bbox_to_anchor=(1.12, 0.5), frameon=False, fontsize=11, labelcolor=INK, labelspacing=0.9
+    )
     return figure
 
 
@@ -163,6 +219,11 @@ def _label(method: str, runs: Sequence[GaitRun]) -> str:
 def _radius(iterations: Any) -> Any:
     """Where an iteration is drawn: logarithmic, with room for the first."""
     return np.log1p(np.asarray(iterations, dtype=np.float64) / 2.0)
+
+
+def _radius_of_time(seconds: Any) -> Any:
+    """Where a time is drawn: logarithmic beyond half a second."""
+    return np.log1p(np.asarray(seconds, dtype=np.float64) / 0.5)
 
 
 def _wedge(runs: Sequence[GaitRun]) -> float:
@@ -194,12 +255,16 @@ def _polar(axes: Any, title: str, rim: float, ticks: Sequence[float], radius: An
     axes.set_yticks(
         [float(radius(tick)) for tick in ticks], [f"{tick:g}{unit}" for tick in ticks], size=9.5, color=QUIET
     )
+    for label in axes.get_yticklabels():
+        label.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
+        label.set_zorder(5)
     axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)), [f"{turn}°" for turn in range(0, 360, 45)], size=10, color=QUIET)
     axes.set_rlabel_position(22.5)
     axes.grid(color=RULE, lw=0.8)
     axes.set_axisbelow(True)
     axes.spines["polar"].set_color(RULE)
-    axes.set_title(title, size=12, weight="bold", color=INK, pad=12, parse_math=False)
+    size = min(12.0, 12.0 * ROOM / max(len(title), 1))
+    axes.set_title(title, size=size, weight="bold", color=INK, pad=12, parse_math=False)
 
 
 def _quiet(axes: Axes) -> None:
@@ -209,9 +274,3 @@ def _quiet(axes: Axes) -> None:
     for name, side in axes.spines.items():
         side.set_visible(name == "bottom")
         side.set_color("#9aa5b1")
-
-
-def _round_up(value: float) -> float:
-    """The next of 1, 2, 4, 6, 8 or 10 times a power of ten."""
-    power = 10.0 ** np.floor(np.log10(max(value, 1e-3)))
-    return float(next(step * power for step in (1.0, 2.0, 4.0, 6.0, 8.0, 10.0) if value <= step * power * (1.0 + 1e-9)))

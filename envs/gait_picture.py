@@ -106,8 +106,7 @@ def _draw_grid(painter: Painter, scene: MotionScene, warp: Warp | None) -> None:
 
 def _draw_way(painter: Painter, scene: MotionScene) -> None:
     """The torso's way, and a disc at every foothold."""
-    torso = scene.trajectory.torso_m[:: max(1, scene.trajectory.samples // 150)]
-    for a, b in pairwise(torso):
+    for a, b in scene.way():
         painter.face(np.array([a, b]), "none", ROBOT, edge=INK, width=2.0, depth=painter.near(0.5 * (a + b)) + 0.02)
     terrain = scene.trajectory.terrain
     for _, foot, place in scene.footholds():

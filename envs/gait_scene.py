@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 from matplotlib.colors import to_rgb as rgb
@@ -60,6 +60,16 @@ class MotionScene:
         length = 2.6 * float(self.trajectory.robot.trunk_half_m[0])
         count = int(np.clip(round(way[-1] / length), 1, 8))
         return sorted({int(np.searchsorted(way, share * way[-1])) for share in np.linspace(0.0, 1.0, count + 1)})
+
+    def way(self) -> Iterator[tuple[Array, Array]]:
+        """Pieces of the torso's way by their ends, shape (3,) each [m], but those inside a trunk that is shown."""
+        trajectory = self.trajectory
+        half = trajectory.robot.trunk_half_m
+        for a, b in pairwise(trajectory.torso_m[:: max(1, trajectory.samples // 150)]):
+            middles = 0.5 * (a + b) - trajectory.torso_m[self.moments]
+            local = np.einsum("kji,kj->ki", trajectory.rotation[self.moments], middles)
+            if not np.any(np.all(np.abs(local) < half, axis=1)):
+                yield a, b
 
     @cached_property
     def surface(self) -> tuple[Array, Array, Array, Array]:

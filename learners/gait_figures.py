@@ -18,10 +18,11 @@ QUARTILES = (25.0, 50.0, 75.0)
 def table(rows: Iterable[Row]) -> list[dict[str, Any]]:
     """One record a method and terrain, in the order of ``METHODS`` and of the rows.
 
-    cells; success, verified: shares; paper: the success that paper W prints for it, if any; capped: how many were cut
-    off. Quartiles over the cells that succeeded: iterations, cpu_s, iteration_s, linear_share (of the CPU time in the
-    solver and its linear algebra), peak_g, peak_before_g (of a portfolio's first feasible point), force_rms,
-    force_peak, reach_mm, penetration_mm, and outside_cone, the share of standing samples outside the true cone.
+    cells; success, verified: shares; left_cone: share of those that succeeded whose feet leave the true cone; paper:
+    the success that paper W prints for it, if any; capped: how many were cut off. verified_cpu_s: quartiles over what
+    the verifier accepts. Quartiles over the cells that succeeded: iterations, cpu_s, iteration_s, linear_share (of the
+    CPU time in the solver and its linear algebra), peak_g, peak_before_g (of a portfolio's first feasible point),
+    force_rms, force_peak, reach_mm, penetration_mm, and outside_cone, the share of standing samples outside the cone.
     """
     every = list(rows)
     terrains = list(dict.fromkeys(row["terrain"] for row in every))
@@ -43,10 +44,12 @@ def _record(method: str, terrain: str, rows: Sequence[Row]) -> dict[str, Any]:
         "cells": len(rows),
         "success": _share(row["success"] for row in rows),
         "verified": _share(row["verified"] for row in rows),
+        "left_cone": _share(row["outside_cone"] > 0.0 for row in good if row.get("outside_cone") is not None),
         "paper": PAPER.get(method, {}).get(terrain),
         "capped": sum(bool(row.get("capped")) for row in rows),
         "refused": _counted(group for row in good for group in row.get("refused", ())),
         **{name: quartiles([read(row) for row in good]) for name, read in MEASURES.items()},
+        "verified_cpu_s": quartiles([row.get("cpu_s") for row in rows if row["verified"]]),
     }
 
 
@@ -104,9 +107,10 @@ def ratios(rows: Iterable[Row], method: str, name: str = "iterations", against: 
     return {terrain: float(own / max(theirs, 1e-9)) for terrain, (own, theirs) in medians.items()}
 
 
-def _share(flags: Iterable[bool]) -> float:
+def _share(flags: Iterable[bool]) -> float | None:
+    """Of what is there; None of nothing."""
     values = list(flags)
-    return sum(values) / len(values)
+    return sum(values) / len(values) if values else None
 
 
 def _counted(names: Iterable[str]) -> dict[str, int]:

@@ -94,20 +94,19 @@ class Account:
         return solution
 
     def _in_child(self, program: GaitProgram, guess: Array, limit_s: float, options: dict[str, Any]) -> GaitSolution:
-        """Progress comes when the child has answered."""
         try:
-            solution = solve_apart(
-                program, guess, time_limit_s=PATIENCE * limit_s, callback=_Watch(limit_s, None), **options
-            )
+            return solve_apart(
+                program, guess, time_limit_s=PATIENCE * limit_s, callback=_Watch(limit_s, None), shown=self._shown,
+                **options,
+            )  # fmt: skip
         except PlanningFailed as error:
-            solution = _nothing(program, guess, limit_s, str(error))
-        for iteration, (violation, cost) in enumerate(solution.history):
-            self._shown(iteration, violation, cost)
-        return solution
+            return _nothing(program, guess, limit_s, str(error))
 
     def _shown(self, _iteration: int, violation: float, cost: float) -> bool:
         self._iterations += 1
-        if self._progress is not None and self._progress(self._attempt, self._iterations - 1, violation, cost):
+        if self._progress is not None and self._progress(
+            self._attempt, self._iterations - 1, violation, cost, self.phase
+        ):
             self.stopped = True
         return self.stopped
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 import io
 import json
 import os
-import select
 import signal
 import time
-from typing import Any
+from contextlib import suppress
+from multiprocessing import Pipe
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,64 +21,89 @@ from ..arrays import Array, frozen
 from ..outcome import PlanningFailed
 from .formulation import GaitProgram
 from .solution import GaitSolution
+from .solve import Callback
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+    Pair = Connection[Any, Any]
 
 FIELDS = ("success", "iterations", "violations", "status", "seconds", "seconds_evaluating", "seconds_linear",
           "height_factor")  # fmt: skip
 
 
 def solve_apart(
-    program: GaitProgram, guess: Array | None = None, *, time_limit_s: float = 60.0, **options: Any
+    program: GaitProgram,
+    guess: Array | None = None,
+    *,
+    time_limit_s: float = 60.0,
+    callback: Callback | None = None,
+    shown: Callback | None = None,
+    **options: Any,
 ) -> GaitSolution:
-    """``program.solve(guess, **options)`` in a child; a callback in ``options`` runs there.
+    """``program.solve(guess, callback, **options)`` in a child; the callback runs there.
 
+    shown(iteration, violation, cost): called here while the child works; the child ends soon after it returns True.
     Raises PlanningFailed when the child has not answered after time_limit_s of wall-clock time, or died.
     """
     if not hasattr(os, "fork"):
-        return program.solve(guess, **options)
-    reader, writer = os.pipe()
+        return program.solve(
+            guess, lambda *at: bool(shown and shown(*at)) | bool(callback and callback(*at)), **options
+        )
+    here, there = Pipe()
     child = os.fork()
     if child == 0:
-        _answer(program, guess, options, reader, writer)
-    os.close(writer)
+        here.close()
+        _answer(program, guess, callback, options, there)
+    there.close()
     try:
-        content = _received(reader, time.monotonic() + time_limit_s)
+        return _solution(program, _received(here, time_limit_s, shown))
     finally:
-        os.close(reader)
+        here.close()
         _ended(child)
-    if content is None:
-        raise PlanningFailed(f"the solver did not answer within {time_limit_s:g} s")
-    if not content:
-        raise PlanningFailed("the solver's process died")
-    return _solution(program, content)
 
 
-def _answer(program: GaitProgram, guess: Array | None, options: dict[str, Any], reader: int, writer: int) -> None:
-    """The child's whole life: it leaves without any of the parent's clean-up."""
+def _answer(
+    program: GaitProgram, guess: Array | None, callback: Callback | None, options: dict[str, Any], pipe: Pair
+) -> None:
+    """The child's whole life: it leaves without any of the parent's clean-up, and where the parent is gone."""
     status = 1
+
+    def told(*at: Any) -> bool:
+        try:
+            pipe.send(at)
+            stop = pipe.poll()
+        except OSError:
+            os._exit(1)
+        return stop or bool(callback and callback(*at))
+
     try:
-        os.close(reader)
-        solution = program.solve(guess, **options)
+        for number in (signal.SIGINT, signal.SIGTERM):  # come to the whole group; the parent decides
+            signal.signal(number, signal.SIG_IGN)
+        solution = program.solve(guess, told, **options)
         header = {name: getattr(solution, name) for name in FIELDS}
         content = io.BytesIO()
         np.savez(content, x=solution.x, history=np.array(solution.history), header=np.array(json.dumps(header)))
-        with os.fdopen(writer, "wb") as pipe:
-            pipe.write(content.getvalue())
+        pipe.send(content.getvalue())
         status = 0
     finally:
         os._exit(status)
 
 
-def _received(reader: int, deadline: float) -> bytes | None:
-    """All that comes before the pipe closes; None when the deadline passes first."""
-    found = b""
-    while True:
-        ready, _, _ = select.select([reader], [], [], max(deadline - time.monotonic(), 0.0))
-        if not ready:
-            return None
-        part = os.read(reader, 1 << 20)
-        if not part:
-            return found
-        found += part
+def _received(pipe: Pair, time_limit_s: float, shown: Callback | None) -> bytes:
+    """The child's answer, after all that it has to show. Raises PlanningFailed."""
+    deadline = time.monotonic() + time_limit_s
+    while pipe.poll(max(deadline - time.monotonic(), 0.0)):
+        try:
+            said = pipe.recv()
+        except (EOFError, OSError):
+            raise PlanningFailed("the solver's process died") from None
+        if isinstance(said, bytes):
+            return said
+        if shown is not None and shown(*said):
+            with suppress(OSError):  # it may have come to its end
+                pipe.send("stop")
+    raise PlanningFailed(f"the solver did not answer within {time_limit_s:g} s")
 
 
 def _ended(child: int) -> None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -21,22 +21,26 @@ if TYPE_CHECKING:
     from ..warp.spline_map import SplineMap
     from .solution import GaitSolution
 
-Progress = Callable[["Attempt", int, float, float], "bool | None"]
-"""Called at every iteration with the attempt, the iteration over all its stages, the largest violation and the cost;
-may return True to stop."""
+Progress = Callable[["Attempt", int, float, float, str], "bool | None"]
+"""Called at every iteration with the attempt, the iteration over all its solves, the largest violation, the cost and
+the phase, ``feasible``, ``smooth`` or ``densify``; may return True to stop."""
+Homotopy = Literal["height", "smoothing"]
+"""What makes a terrain gentler: lower heights, or a Gaussian."""
 SCALED = ("ambient", "shear", "decoupled")
 """Charts in which heights can be scaled; a map belongs to its terrain."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Attempt:
-    """How to solve a task. heights: factors on the terrain's heights, solved one after another, the last is 1.
+    """How to solve a task. heights: factors on the terrain's gradients, solved one after another, the last is 1.
 
+    by: whether factors below 1 scale the heights, or are what a Gaussian leaves of the steepest gradient.
     noise: deviation of what is added to every variable of the terrain-following guess [m, rad, m·g].
     """
 
     chart: ChartName = "decoupled"
     heights: tuple[float, ...] = (1.0,)
+    by: Homotopy = "height"
     noise: float = 0.0
     seed: int = 0
 
@@ -49,7 +53,7 @@ class Attempt:
         """What it is called in tables and files."""
         words: list[str] = [self.chart]
         if len(self.heights) > 1:
-            words.append(f"{len(self.heights)} heights")
+            words.append(f"{len(self.heights)} {'heights' if self.by == 'height' else 'smoothings'}")
         if self.noise:
             words.append(f"seed {self.seed}")
         return ", ".join(words)
@@ -102,10 +106,10 @@ class Workbench:
         """Solve stage by stage, each from the last one's point, and verify what comes out.
 
         guess, stage: where to begin instead of the attempt's own guess, shape (size,), and at which of its heights,
-        e.g. where a run was stopped. A chart with a map has no heights but 1.
+        e.g. where a run was stopped. A chart with a map has no heights but 1, and no Gaussian is used here.
         """
         program = self.program(attempt.chart)
-        heights = attempt.heights if attempt.chart in SCALED else (1.0,)
+        heights = attempt.heights if attempt.chart in SCALED and attempt.by == "height" else (1.0,)
         rng = np.random.default_rng(attempt.seed)
         x = guess if guess is not None else program.perturbed(rng, attempt.noise) if attempt.noise else program.guess
         history: list[float] = []
@@ -114,7 +118,7 @@ class Workbench:
         def watch(_iteration: int, violation: float, cost: float) -> bool:
             nonlocal stopped
             history.append(violation)
-            stopped = bool(progress and progress(attempt, len(history) - 1, violation, cost))
+            stopped = bool(progress and progress(attempt, len(history) - 1, violation, cost, "feasible"))
             return stopped
 
         for factor in heights[stage:]:
@@ -142,12 +146,3 @@ class Workbench:
             "largest_violation": solution.violation,
             "iterations": float(solution.iterations),
         }
-
-
-def portfolio() -> list[Attempt]:
-    """The charts in the order in which they are worth trying, the last with its terrain growing from a fifth."""
-    return [
-        Attempt(chart="decoupled"),
-        Attempt(chart="warped-exact"),
-        Attempt(chart="ambient", heights=(0.15, 0.3, 0.5, 0.7, 1.0)),
-    ]

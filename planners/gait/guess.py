@@ -58,11 +58,12 @@ class Walk:
         return (1.0 - share) * self._task.start_xy_m + share * self._task.goal_xy_m
 
     def torso(self, times_s: Array) -> tuple[Array, Array]:
-        """p_WB, shape (K, 3) [m], and R_WB, (K, 3, 3): upright over the shear of the smoothed terrain."""
+        """p_WB, shape (K, 3) [m], and R_WB, (K, 3, 3): along the smoothed terrain, at stand height from its slope."""
         xy = self.torso_xy(times_s)
-        p = np.column_stack([xy, self._body.height(xy) + self._task.robot.stand_height_m])
+        height, slope = self._body.height_and_gradient(xy)
+        lift = self._task.robot.stand_height_m * np.sqrt(1.0 + np.sum(slope**2, axis=1))
         yaws = _yaws(np.full(len(xy), self._task.start_yaw_rad))
-        return p, np.asarray(_shear_rotations(self._body.gradient(xy)) @ yaws)
+        return np.column_stack([xy, height + lift]), np.asarray(_shear_rotations(slope) @ yaws)
 
     def torso_bar(self, times_s: Array) -> Array:
         """(p̄, θ̄), shape (K, 6)."""
@@ -72,12 +73,13 @@ class Walk:
         return np.column_stack([chart.torso_bar(p), level if chart.flat else euler_angles(rotation)])
 
     def footholds(self, foot: int) -> Array:
-        """Where a foot stands, stance by stance: at its nominal place under the torso half-way, shape (S + 1, 3)."""
+        """Where a foot stands, stance by stance, shape (S + 1, 3): on the ground where its nominal place, in the axes
+        of the torso half-way through the stance, is seen from above; up a slope that is ahead of the torso."""
         phases = self._structure.layout.feet[foot].phases
         middles = np.array([np.mean(phases.stance(index)) for index in range(phases.swings + 1)])
         middles[0], middles[-1] = 0.0, self._task.duration_s
-        turn = _yaws(np.array([self._task.start_yaw_rad]))[0, :2, :2]
-        xy = self.torso_xy(middles) + turn @ self._task.robot.feet[foot].nominal_m[:2]
+        p, rotation = self.torso(middles)
+        xy = (p + rotation @ self._task.robot.feet[foot].nominal_m)[:, :2]
         return np.column_stack([xy, self._task.terrain.height(xy)])
 
     def swings_bar(self, foot: int, footholds: Array, bar: Array) -> Array:

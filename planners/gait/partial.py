@@ -35,24 +35,40 @@ class Partial:
         self.path = None if out is None else out.with_suffix(".partial.npz")
         self._digest = _digest(task, settings, attempts)
         self._points: dict[int, tuple[int, Array]] = {}
+        self._done: set[int] = set()
         if self.path is not None and self.path.exists():
             self._read(self.path)
+
+    @property
+    def begun(self) -> bool:
+        """Whether something is known of any attempt."""
+        return bool(self._points)
 
     def begin(self, index: int) -> tuple[Array | None, int]:
         """Where to begin this attempt: a point, None for its own guess, and the stage; ``FAILED`` for one that did."""
         stage, point = self._points.get(index, (0, np.zeros(0)))
         return (point if point.size else None), stage
 
+    def done(self, index: int) -> bool:
+        """Whether this attempt came to its end with success."""
+        return index in self._done
+
     def keep(self, index: int, found: Attempted) -> None:
-        """Note where an attempt stands, and write all of it."""
-        done = found.stopped or found.solution.success
-        self._points[index] = (found.stage, found.solution.x) if done else (FAILED, np.zeros(0))
+        """Note where an attempt was stopped, or how it ended, and write all of it."""
+        if found.solution.success and not found.stopped:
+            self._done.add(index)
+        keeps = found.stopped or found.solution.success
+        self.note(index, *((found.stage, found.solution.x) if keeps else (FAILED, np.zeros(0))))
+
+    def note(self, index: int, stage: int, point: Array) -> None:
+        """Note a point that an attempt came to on its way, and write all of it."""
+        self._points[index] = stage, point
         if self.path is None:
             return
         packed = io.BytesIO()
         arrays: dict[str, Any] = {f"x_{k}": point for k, (_, point) in self._points.items()}
         arrays |= {f"stage_{k}": np.array(stage) for k, (stage, _) in self._points.items()}
-        np.savez(packed, digest=np.array(self._digest), **arrays)
+        np.savez(packed, digest=np.array(self._digest), done=np.array(sorted(self._done), dtype=np.intp), **arrays)
         write_bytes(self.path, packed.getvalue())
 
     def remove(self) -> None:
@@ -66,6 +82,7 @@ class Partial:
         with suppress(OSError, ValueError, KeyError, EOFError, BadZipFile), np.load(path, allow_pickle=False) as packed:
             if str(packed["digest"]) == self._digest:
                 names = [int(name.removeprefix("x_")) for name in packed.files if name.startswith("x_")]
+                self._done = set(packed["done"].tolist())
                 self._points = {k: (int(packed[f"stage_{k}"]), packed[f"x_{k}"]) for k in names}
 
 

@@ -1,12 +1,14 @@
 """A product's answer: charts tried in turn under caps, then smoothed, then densified until the verifier accepts.
 
 DESIGN of the order: decoupled first, which needs the fewest iterations; then the exact warped chart; then the world's
-own coordinates with the terrain growing. The first that the verifier accepts is the answer.
+own coordinates with the terrain growing. Where walls are steep the world's own coordinates come first, on walls that
+are widened and get steep from solution to solution: a shear sends a foot up a wall as fast as the wall is steep.
+The first that the verifier accepts is the answer.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -17,9 +19,10 @@ from ..outcome import InvalidInput, PlanningFailed
 from .account import Account, Step
 from .attempt import Attempt, Attempted, Progress, Workbench
 from .densify import densified
-from .homotopy import climb, heights_for
+from .formulation import GaitProgram
+from .homotopy import climb, heights_for, steepest
 from .judge import GaitReport, check_trajectory
-from .partial import Partial
+from .partial import FAILED, Partial
 from .smooth import Smoothing, peak_g, smoothed
 from .solution import GaitSolution
 from .task import GaitSettings, GaitTask
@@ -27,6 +30,12 @@ from .trajectory import Trajectory
 
 if TYPE_CHECKING:
     from ..warp.spline_map import SplineMap
+
+
+STEEP = 6.0
+"""Gradient (81°) beyond which walls are widened first, and feet swing in the world's own coordinates."""
+WIDENED = 4.0
+"""Gradient of the first stage then."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,6 +86,11 @@ class GaitPlan:
         return self.report is not None and self.report.accepted
 
     @property
+    def best(self) -> Attempted | None:
+        """The best attempt, accepted or not: verified before feasible before the rest; None where none began."""
+        return min(self.attempts, key=_merit, default=None)
+
+    @property
     def seconds(self) -> float:
         """CPU time of all solves [s]."""
         return sum(step.seconds for step in self.steps)
@@ -86,9 +100,9 @@ class GaitPlan:
         """One line: the verdict, or what the best attempt was refused for."""
         if self.report is not None:
             return self.report.message
-        if not self.attempts:
+        best = self.best
+        if best is None:
             return "no walk: " + ("; ".join(self.failures) or "every attempt had failed before")
-        best = min(self.attempts, key=_merit)
         if best.solution.success:
             return f"no walk that the verifier accepts: {best.report.message}"
         return f"no feasible walk: largest violation {best.solution.violation:.1e}"
@@ -108,27 +122,29 @@ def plan_gait(
 ) -> GaitPlan:
     """Try attempts in their order until the verifier accepts one, smoothed and densified.
 
-    progress: at every iteration; may return True to stop. attempts: ``ways(task)`` if missing. warp: the terrain's
-    map, if it is there. guess: a point to begin the first attempt from in its chart. partial: takes up and keeps where
-    attempts stand. unverified: return the best feasible trajectory even if the verifier refuses it.
+    progress: at every iteration; may return True to stop. attempts: ``ways(task)`` if missing; those in a row that
+    differ in their guess alone are all tried, and the smoothest is the answer. warp: the terrain's map, if it is there.
+    guess: a point to begin the first attempt from in its chart. partial: takes up and keeps where attempts stand.
+    unverified: return the best feasible trajectory even if the verifier refuses it.
     Raises InvalidInput for settings that do not fit the task.
     """
-    pursuit = Pursuit(Workbench(task, settings, warp), caps or Caps(), progress)
+    settings = settings or GaitSettings()
+    todo = ways(task) if attempts is None else list(attempts)
+    partial = partial or Partial(None, task, settings, todo)
+    pursuit = Pursuit(Workbench(task, settings, warp), caps or Caps(), progress, partial)
     found, failures = list[Attempted](), list[str]()
-    for index, attempt in enumerate(ways(task) if attempts is None else attempts):
-        point, stage = partial.begin(index) if partial is not None else (None, 0)
-        if stage < 0:
+    for index, attempt in enumerate(todo):
+        if any(one.verified for one in found) and _guessed(attempt) != _guessed(todo[index - 1]):
+            break
+        if partial.begin(index)[1] == FAILED:
             continue
-        if point is None and index == 0:
-            point = guess
         try:
-            found.append(pursuit.run(attempt, point, stage))
+            found.append(pursuit.run(index, attempt, guess if index == 0 else None))
         except PlanningFailed as error:
             failures.append(f"{attempt.name}: {error}")
             continue
-        if partial is not None:
-            partial.keep(index, found[-1])
-        if found[-1].verified or pursuit.account.over:
+        partial.keep(index, found[-1])
+        if pursuit.account.over:
             break
     best = min(found, key=_merit, default=None)
     shown = best is not None and best.solution.success and (best.report.accepted or unverified)
@@ -145,45 +161,56 @@ def plan_gait(
 
 def ways(task: GaitTask) -> list[Attempt]:
     """The charts in the order in which they are worth trying on a task's terrain."""
-    heights = heights_for(task.terrain)
+    if steepest(task.terrain) > STEEP and task.terrain.even:
+        widened = heights_for(task.terrain, gentle=WIDENED)
+        return [
+            Attempt(chart="ambient", heights=widened, by="smoothing"),
+            Attempt(chart="decoupled", heights=widened, by="smoothing"),
+            Attempt(chart="warped-exact"),
+        ]
     return [
         Attempt(chart="decoupled"),
         Attempt(chart="warped-exact"),
-        Attempt(chart="ambient", heights=heights),
+        Attempt(chart="ambient", heights=heights_for(task.terrain)),
     ]
 
 
 class Pursuit:
     """Attempts at one task on one account. feasible: the verifier's word on the first feasible point of each."""
 
-    def __init__(self, bench: Workbench, caps: Caps, progress: Progress | None = None) -> None:
-        self.bench, self.caps = bench, caps
+    def __init__(self, bench: Workbench, caps: Caps, progress: Progress | None, partial: Partial) -> None:
+        self.bench, self.caps, self._partial = bench, caps, partial
         self.feasible: list[GaitReport | None] = []
         self.account = Account(solve_s=caps.solve_s, total_s=caps.total_s, apart=caps.apart, progress=progress)
 
-    def run(self, attempt: Attempt, guess: Array | None = None, stage: int = 0) -> Attempted:
-        """A feasible point; if there is one, the second phase and densification; the best of what came out."""
+    def run(self, index: int, attempt: Attempt, guess: Array | None = None) -> Attempted:
+        """A feasible point; if there is one, the second phase and densification; the best of what came out.
+
+        index: by which the partial result knows the attempt; one that is done is only judged again.
+        """
         account, began = self.account, len(self.account.steps)
+        point, stage = self._partial.begin(index)
+        guess = point if point is not None else guess
         account.begin(attempt)
         heights = attempt.heights[stage:]
-        if guess is None and attempt.noise:
-            guess = self.bench.program(attempt.chart).perturbed(np.random.default_rng(attempt.seed), attempt.noise)
         limit = min(self.caps.iterations, self.bench.settings.max_iterations)
         climbed = climb(
-            self.bench, attempt.chart, heights, guess, solve=account, max_iterations=limit, stop=lambda: account.over
-        )
+            self.bench, attempt.chart, heights, _guess(attempt) if guess is None else guess, by=attempt.by,
+            solve=account, max_iterations=limit, stop=lambda: account.over,
+        )  # fmt: skip
         solution, reached = climbed.solutions[-1], climbed.reached
         searched = len(account.steps)
         best = _judged(solution)
         self.feasible.append(best[1] if solution.success and reached == 1.0 else None)
-        if self.feasible[-1] is not None:
-            best = self._refined(best)
+        if self.feasible[-1] is not None and not self._partial.done(index):
+            best = self._refined(best, lambda x: self._partial.note(index, len(attempt.heights) - 1, x))
         steps = account.steps[began:]
+        trajectory = replace(best[1].trajectory, provenance=self._provenance(attempt, best[0], steps))
         return Attempted(
             attempt=attempt,
             solution=best[0],
-            trajectory=replace(best[1].trajectory, provenance=self._provenance(attempt, best[0], steps)),
-            report=best[1],
+            trajectory=trajectory,
+            report=replace(best[1], trajectory=trajectory),
             iterations=sum(step.iterations for step in account.steps[began:searched]),
             seconds=sum(step.seconds for step in steps),
             history=np.array([violation for step in account.steps[began:searched] for violation in step.violations]),
@@ -191,13 +218,15 @@ class Pursuit:
             stopped=account.stopped,
         )
 
-    def _refined(self, start: _Judged) -> _Judged:
-        """Dense enough for the verifier, smooth, and dense enough again."""
+    def _refined(self, start: _Judged, note: Callable[[Array], None]) -> _Judged:
+        """Dense enough for the verifier, smooth, and dense enough again; the best so far is noted."""
         best = self._dense(start)
+        note(best[0].x)
         self.account.phase = "smooth"
         for one in smoothed(best[0], self.caps.smoothing, solve=self.account, stop=lambda: self.account.over):
             if one.solution.success:
                 best = _better(best, (one.solution, one.report))
+                note(best[0].x)
         return self._dense(best)
 
     def _dense(self, best: _Judged) -> _Judged:
@@ -222,6 +251,7 @@ class Pursuit:
         return {
             "chart": attempt.chart,
             "heights": " ".join(f"{factor:g}" for factor in attempt.heights),
+            "heights_by": attempt.by,
             "noise": attempt.noise,
             "seed": float(attempt.seed),
             "gait": task.gait,
@@ -235,6 +265,18 @@ class Pursuit:
 
 
 _Judged = tuple[GaitSolution, GaitReport]
+
+
+def _guess(attempt: Attempt) -> Callable[[GaitProgram], Array]:
+    """What makes an attempt's guess of its first program."""
+    if not attempt.noise:
+        return lambda program: program.guess
+    return lambda program: program.perturbed(np.random.default_rng(attempt.seed), attempt.noise)
+
+
+def _guessed(attempt: Attempt) -> Attempt:
+    """The attempt without what is its guess's."""
+    return replace(attempt, noise=0.0, seed=0)
 
 
 def _judged(solution: GaitSolution) -> _Judged:

@@ -84,13 +84,17 @@ class GaitRobot:
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> GaitRobot:
-        """Read a robot's file, as ``configs/robots/anymal.yaml`` is. Raises InvalidInput with all that is wrong."""
+        """Read a robot's file, as ``configs/robots/anymal.yaml`` is, or one that names a URDF to measure.
+
+        Such a file has the keys urdf (a path from the file's folder), feet (names of frames), posture_rad and
+        trunk_half_m, and may have the options of ``urdf.measured``. Raises InvalidInput with all that is wrong.
+        """
         try:
             data = yaml.safe_load(read_text(path))
         except yaml.YAMLError as error:
             raise InvalidInput(f"{path}: expected YAML: {' '.join(str(error).split())}") from None
         try:
-            return _robot_of(data)
+            return _measured(data, Path(path).parent) if isinstance(data, dict) and "urdf" in data else _robot_of(data)
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
 
@@ -137,14 +141,15 @@ def hexapod_walker() -> GaitRobot:
     )
 
 
+MEASURED = ("urdf", "feet", "posture_rad", "trunk_half_m")
+OPTIONS = ("name", "ranges_rad", "ceiling_m", "inner_m", "voxel_m", "steps")
 KEYS = ("name", "mass_kg", "inertia_kgm2", "stand_height_m", "trunk_half_m", "feet")
 
 
 def _robot_of(data: Any) -> GaitRobot:
     if not isinstance(data, dict):
         raise InvalidInput(f"expected keys and values, got {type(data).__name__}")
-    wrong = [f"{key}: expected this key, got nothing" for key in KEYS if key not in data]
-    wrong += [f"{key}: unknown key" for key in data if key not in (*KEYS, "source")]
+    wrong = _wrong_keys(data, KEYS)
     feet = data.get("feet")
     if "feet" in data and not (isinstance(feet, list) and all(isinstance(foot, dict) for foot in feet)):
         wrong.append(f"feet: expected a list of feet, got {type(feet).__name__}")
@@ -159,6 +164,34 @@ def _robot_of(data: Any) -> GaitRobot:
         except InvalidInput as error:
             raise InvalidInput(f"feet[{index}]: {error}") from None
     return GaitRobot(**{key: data[key] for key in KEYS if key != "feet"}, feet=tuple(built))
+
+
+def _measured(data: dict[str, Any], folder: Path) -> GaitRobot:
+    """A robot of a file that names its URDF."""
+    if wrong := _wrong_keys(data, MEASURED, OPTIONS):
+        raise InvalidInput("; ".join(wrong))
+    feet, name, steps = data["feet"], data.get("name", ""), data.get("steps", 70)
+    if not isinstance(feet, list) or not feet or not all(isinstance(foot, str) for foot in feet):
+        raise InvalidInput(f"feet: expected names of frames, got {feet!r:.80}")
+    for key in ("urdf", "name"):
+        if not isinstance(data.get(key, ""), str):
+            raise InvalidInput(f"{key}: expected a text, got {data[key]!r:.80}")
+    if not isinstance(steps, int) or not 2 <= steps <= 200:
+        raise InvalidInput(f"steps: expected a whole number in [2, 200], got {steps!r:.80}")
+    options: dict[str, Any] = {key: checked(data[key], key) for key in ("ceiling_m", "inner_m") if key in data}
+    if "voxel_m" in data:
+        options["voxel_m"] = checked(data["voxel_m"], "voxel_m", above=0.0)
+    if "ranges_rad" in data:
+        options["ranges_rad"] = frozen(data["ranges_rad"], (None, 2), "ranges_rad").tolist()
+    return GaitRobot.from_urdf(
+        folder / data["urdf"], feet, frozen(data["posture_rad"], (None,), "posture_rad").tolist(),
+        trunk_half_m=data["trunk_half_m"], name=name, steps=steps, **options,
+    )  # fmt: skip
+
+
+def _wrong_keys(data: dict[str, Any], needed: Sequence[str], others: Sequence[str] = ()) -> list[str]:
+    wrong = [f"{key}: expected this key, got nothing" for key in needed if key not in data]
+    return wrong + [f"{key}: unknown key" for key in data if key not in (*needed, *others, "source")]
 
 
 def _sides(value: Any, where: str) -> Array:

@@ -15,6 +15,10 @@ from .heightfield import MOST_POINTS, WIDEST_M, HeightField
 MESHES = (".stl", ".obj", ".ply", ".off", ".glb")
 KINDS = (".npy", ".npz", ".csv", ".png", *MESHES)
 MOST_BYTES = 500_000_000
+ROWS_POINTS = 200_000
+"""Points at which a spline is looked at in one go."""
+TOLERANCE_M = 0.025
+"""How far a spline may swing beyond the heights about a cell; beyond, the terrain is too fine for it [m]."""
 
 
 def read_heights(
@@ -23,17 +27,26 @@ def read_heights(
     spacing_m: float = 0.05,
     unit_m: float = 1.0,
     height_m: tuple[float, float] | None = None,
+    smooth_m: float = 0.0,
+    tolerance_m: float = TOLERANCE_M,
     name: str = "",
 ) -> HeightField:
-    """Read a terrain.
+    """Read a terrain, and smooth it by a Gaussian of deviation smooth_m where that is above 0.
 
     .npy and .csv: heights by row (x) and column (y); .png: seen from above, x to the right and y upwards, black at
     height_m[0], white at height_m[1] [m]; all of these on a square grid of ``spacing_m`` with its middle at the origin.
     .npz: what ``HeightField.to_arrays`` gave. Meshes (``pip install 'stancekit[viz]'``): their upper side, sampled
     every ``spacing_m``. unit_m: what one unit of lengths in a grid or mesh means [m]; 0.001 for millimetres.
-    Raises InvalidInput for what is no such file, holes, fewer than four grid lines, and sizes no robot walks on.
+    Raises InvalidInput for what is no such file, holes, fewer than four grid lines, sizes no robot walks on, and for a
+    terrain that is finer than its spline can hold: in a cell it swings by more than tolerance_m beyond its corners.
     """
-    path = Path(path)
+    field = _read(Path(path), spacing_m, unit_m, height_m, name)
+    smoothed = field.smoothed(smooth_m) if checked(smooth_m, "smooth_m", least=0.0, most=WIDEST_M) else field
+    _check_held(smoothed, checked(tolerance_m, "tolerance_m", above=0.0))
+    return smoothed
+
+
+def _read(path: Path, spacing_m: float, unit_m: float, height_m: tuple[float, float] | None, name: str) -> HeightField:
     label = name or path.name
     suffix = path.suffix.lower()
     if suffix not in KINDS:
@@ -61,6 +74,28 @@ def read_heights(
     if heights.ndim != 2:
         raise InvalidInput(f"{path}: expected heights of shape (n, m), got shape {heights.shape}")
     return HeightField.from_array(unit * np.asarray(heights, dtype=np.float64), spacing, name=label)
+
+
+def _check_held(field: HeightField, tolerance_m: float) -> None:
+    """Raise InvalidInput where the spline between grid points is far above or below all that are about."""
+    h = field.heights_m
+    corners = np.stack([h[:-1, :-1], h[1:, :-1], h[:-1, 1:], h[1:, 1:]])
+    x, y = (0.5 * (line[1:] + line[:-1]) for line in (field.x_m, field.y_m))
+    rows = max(1, ROWS_POINTS // len(y))
+    middles = np.concatenate(
+        [
+            field.height(np.stack(np.meshgrid(x[k : k + rows], y, indexing="ij"), axis=-1))
+            for k in range(0, len(x), rows)
+        ]
+    )
+    beyond = np.maximum(middles - corners.max(axis=0), corners.min(axis=0) - middles)
+    i, j = np.unravel_index(int(beyond.argmax()), beyond.shape)
+    if beyond[i, j] > tolerance_m:
+        raise InvalidInput(
+            f"{field.name}: finer than its spline can hold: between grid points it swings {1e3 * beyond[i, j]:.0f} mm "
+            f"beyond the heights about ({x[i]:.2f}, {y[j]:.2f}) m, expected {1e3 * tolerance_m:g} mm or less; "
+            f"take a finer grid, or smooth it, e.g. smooth_m={field.x_m[1] - field.x_m[0]:g}"
+        )
 
 
 def _content(path: Path) -> bytes:

@@ -22,6 +22,7 @@ def measured(monkeypatch):
         return {
             "success": True, "verified": ours, "iterations": 4 if ours else 8,
             "cpu_s": 2.0, "linear_s": 1.0, "outside_cone": 0.0, "peak_acceleration_g": 0.25,
+            "violations": [0.3, 0.01, 2e-5], "before": {"peak_acceleration_g": 0.5},
         }  # fmt: skip
 
     monkeypatch.setattr(gait_bench, "measure", measure)
@@ -38,8 +39,27 @@ def test_the_tables_say_success_iterations_and_ratios(tmp_path, capsys):
     assert "100 / 0 of 2" in shown
     assert "100 / 100 of 2" in shown
     assert "ours: decoupled, centred over baseline: ambient, PCDM: ripple 0.50 × iterations, 1.00 × time" in shown
+    assert "baseline: ambient, PCDM, verified below success: ripple 100 points" in shown
+    assert f"{tmp_path}: cells, table.json, pictures (convergence, directions, times)" in shown
+    assert {path.stem for path in tmp_path.glob("*.png")} == {
+        "convergence-ripple", "directions-ripple", "times-ripple"
+    }  # fmt: skip
     records = json.loads((tmp_path / "table.json").read_text())
     assert [record["method"] for record in records] == ["ambient", "decoupled"]
+
+
+def test_a_portfolios_line_says_what_a_verified_walk_costs_and_how_far_it_is_smoothed(tmp_path, capsys, monkeypatch):
+    row = {
+        "success": True, "verified": True, "iterations": 4, "cpu_s": 3.0, "linear_s": 1.0, "peak_acceleration_g": 0.25,
+        "before": {"peak_acceleration_g": 0.5},
+    }  # fmt: skip
+    monkeypatch.setattr(gait_bench, "measure", lambda cell, settings, folder: row)
+    assert BenchGait(out=tmp_path, terrain="cone", chart="portfolio", tasks=24, seeds=0).run() == 0
+    said = "ours: portfolio, smoothed, medians of a verified walk: cone 3.0 CPU-s, peak 0.50 → 0.25 g"
+    shown = capsys.readouterr().out
+    assert said in shown
+    assert f"{tmp_path}: cells, table.json\n" in shown  # nothing to draw of solves in phases
+    assert list(tmp_path.glob("*.png")) == []
 
 
 def test_json_is_an_object_a_cell(tmp_path, capsys):

@@ -5,15 +5,19 @@ from __future__ import annotations
 import json
 import os
 import signal
+from contextlib import contextmanager
 from itertools import islice
 
 import numpy as np
 import pytest
+from PIL import Image
+from scipy.ndimage import gaussian_filter
 
+from stancekit.cli import gait as gait_command
 from stancekit.envs import gait_video
-from stancekit.planners.gait.attempt import Workbench
 from stancekit.planners.gait.record import check_file, read_trajectory
 
+LIVELY = ("plain.npy", "--goal", "0.6,0.1", "--chart", "decoupled", "--duration-s", "2")
 SHORT = ("plain.npy", "--goal", "0.2,0.1", "--chart", "decoupled", "--duration-s", "2")
 
 
@@ -93,6 +97,32 @@ def test_seeds_are_tried_from_their_own_guesses_and_the_smoothest_walk_is_kept(g
     assert peaks[0] == peaks[1]
 
 
+def test_the_second_phase_lowers_the_peak_and_raw_leaves_it_out(gait):
+    code, out, _ = gait(*LIVELY, "--json")
+    (smooth,) = json.loads(out)["attempts"]
+    assert code == 0
+    assert smooth["phases"]["smooth"]["solves"] > 0
+    assert smooth["peak_g"]["after"] < smooth["peak_g"]["before"]
+    assert smooth["cpu_seconds"] == pytest.approx(sum(one["cpu_seconds"] for one in smooth["phases"].values()))
+    _, out, _ = gait(*LIVELY, "--json", "--raw")
+    (raw,) = json.loads(out)["attempts"]
+    assert (raw["phases"]["smooth"]["solves"], raw["phases"]["densify"]["solves"]) == (0, 0)
+    assert raw["peak_g"] == {"before": smooth["peak_g"]["before"], "after": smooth["peak_g"]["before"]}
+
+
+def test_the_robot_faces_where_it_is_told(gait):
+    gait(*SHORT, "--raw", "--heading", "goal", "--out", "walk.json")
+    turned = read_trajectory("walk.json").trajectory.rotation[0]
+    assert np.arctan2(turned[1, 0], turned[0, 0]) == pytest.approx(np.arctan2(0.1, 0.2), abs=1e-3)
+
+
+def test_a_picture_of_heights_is_a_terrain(gait):
+    Image.fromarray(np.full((81, 81), 128, dtype=np.uint8)).save("flat.png")
+    read = ("flat.png", *SHORT[1:], "--raw", "--heights-m", "0,1", "--spacing-m", "0.05")
+    assert gait(*read, "--out", "walk.json")[0] == 0
+    assert read_trajectory("walk.json").trajectory.terrain.heights_m == pytest.approx(128 / 255)
+
+
 def test_the_portfolio_stops_at_the_first_chart_that_is_accepted(gait):
     _, out, _ = gait(*SHORT[:3], "--duration-s", "2", "--json")
     assert [one["chart"] for one in json.loads(out)["attempts"]] == ["decoupled"]
@@ -113,47 +143,89 @@ def test_pictures_pages_and_films_are_drawn(gait, monkeypatch):
 # ------------------------------------------------------------------------------------------------- interrupted
 
 
-def test_an_interrupted_run_keeps_its_point_and_goes_on_from_there(gait, monkeypatch):
-    whole = Workbench.run
-    begins, heard = [], []
+@pytest.fixture
+def watched(monkeypatch):
+    """``watched(then)``: from now on ``then(number, phase)`` is called at every iteration; what was seen so far."""
+    seen = []
 
-    def interrupted(self, attempt, progress, **rest):
-        begins.append(rest["guess"])
+    def call(then=lambda *at: None):
+        @contextmanager
+        def shown(title):
+            seen.clear()
 
-        def once(*at):
-            heard.append(at[2])
-            if len(begins) == 1 and at[1] == 2:
-                os.kill(os.getpid(), signal.SIGINT)
-            return progress(*at)
+            def show(attempt, iteration, violation, cost, phase):
+                seen.append((attempt.name, phase, violation))
+                then(iteration, phase)
 
-        return whole(self, attempt, once, **rest)
+            yield show
 
-    monkeypatch.setattr(Workbench, "run", interrupted)
+        monkeypatch.setattr(gait_command, "shown", shown)
+        return seen
+
+    return call
+
+
+def test_an_interrupted_run_keeps_its_point_and_goes_on_from_there(gait, watched):
+    seen = watched(lambda iteration, phase: os.kill(os.getpid(), signal.SIGINT) if iteration == 2 else None)
     code, out, err = gait(*SHORT, "--out", "walk.json")
     assert (code, out) == (130, "")
     assert err == "walk.partial.npz: kept; the same command goes on from there\nstancekit: interrupted\n"
     assert sorted(os.listdir()) == ["plain.npy", "walk.partial.npz"]
-    code, out, _ = gait(*SHORT, "--out", "walk.json", "--json")
+    last = seen[-1][2]
+    watched()
+    code, out, err = gait(*SHORT, "--out", "walk.json", "--json")
     assert code == 0
-    assert begins[0] is None
-    assert begins[1] is not None
-    assert json.loads(out)["attempts"][0]["violations"] == heard[3:]
-    assert heard[3] == pytest.approx(heard[2], rel=1e-9)
+    assert err == "walk.partial.npz: goes on from what an interrupted run of this command kept\n"
+    assert json.loads(out)["attempts"][0]["violations"][0] == pytest.approx(last, rel=1e-6)
     assert sorted(os.listdir()) == ["plain.npy", "walk.json", "walk.npz"]
 
 
-def test_another_command_does_not_take_up_what_is_left(gait, monkeypatch):
-    whole = Workbench.run
-    begins = []
+def test_a_run_that_is_killed_while_it_smooths_goes_on_with_what_was_feasible(gait, watched):
+    def die(iteration, phase):
+        if phase == "smooth":
+            raise KeyboardInterrupt  # at once, with nothing put in order
 
-    def stopped(self, attempt, progress, **rest):
-        begins.append(rest["guess"])
-        return whole(self, attempt, lambda *at: len(begins) == 1 or progress(*at), **rest)
+    watched(die)
+    assert gait(*LIVELY, "--out", "walk.json")[0] == 130
+    assert sorted(os.listdir()) == ["plain.npy", "walk.partial.npz"]
+    seen = watched()
+    code, out, _ = gait(*LIVELY, "--out", "walk.json", "--json")
+    (attempt,) = json.loads(out)["attempts"]
+    assert code == 0
+    assert attempt["phases"]["feasible"]["iterations"] == 0
+    assert seen[0][2] < 1e-4
+    assert attempt["phases"]["smooth"]["solves"] > 0
+    assert attempt["peak_g"]["after"] < attempt["peak_g"]["before"]
 
-    monkeypatch.setattr(Workbench, "run", stopped)
+
+def test_attempts_that_were_done_before_are_not_done_again(gait, watched):
+    def stop(iteration, phase):
+        if seen[-1][0] == "decoupled, seed 1":
+            os.kill(os.getpid(), signal.SIGTERM)
+
+    seen = watched(stop)
+    assert gait(*LIVELY, "--seeds", "2", "--out", "walk.json")[0] == 130
+    seen = watched()
+    code, out, _ = gait(*LIVELY, "--seeds", "2", "--out", "walk.json", "--json")
+    first, second = json.loads(out)["attempts"]
+    assert code == 0
+    assert (first["phases"]["feasible"]["iterations"], first["phases"]["smooth"]["solves"]) == (0, 0)
+    assert second["attempt"] == "decoupled, seed 1"
+
+
+def test_another_command_does_not_take_up_what_is_left(gait, watched):
+    watched(lambda iteration, phase: os.kill(os.getpid(), signal.SIGINT))
     assert gait(*SHORT, "--out", "walk.json")[0] == 130
-    assert gait(*SHORT, "--friction", "0.8", "--out", "walk.json")[0] == 0
-    assert begins == [None, None]
+    watched()
+    code, _, err = gait(*SHORT, "--friction", "0.8", "--out", "walk.json")
+    assert (code, err) == (0, "")
+
+
+def test_a_run_whose_time_is_up_answers_with_the_best_so_far(gait):
+    code, out, _ = gait(*LIVELY, "--total-s", "0.01", "--json")
+    record = json.loads(out)
+    assert [one["phases"]["smooth"]["solves"] for one in record["attempts"]] == [0]
+    assert code == (0 if record["verified"] else 1)
 
 
 # --------------------------------------------------------------------------------------------------- bad input
@@ -169,6 +241,13 @@ def test_another_command_does_not_take_up_what_is_left(gait, monkeypatch):
         (("ripple", "--goal", "9,9"), "--goal: expected torso and feet over the terrain, "),
         (("pit", "--goal", "1.3,0"), "--goal: expected ground to stand on, got a wall of 79°"),
         (("pit", "--goal", "2.2,0", "--start", "1.3,0"), "--start: expected ground to stand on, got a wall of 79°"),
+        (
+            ("ripple", "--goal", "1,1", "--heading", "north"),
+            "--heading: expected an angle in rad, or goal, got 'north'",
+        ),
+        (("ripple", "--goal", "1,1", "--heading", "nan"), "--heading: expected finite numbers, got nan"),
+        (("ripple", "--goal", "1,1", "--total-s", "0"), "--total-s: expected a number above 0, got 0"),
+        (("ripple", "--goal", "1,1", "--heights-m", "1"), "--heights-m: expected 2 numbers with commas between them"),
         (("ripple", "--goal", "1,1", "--robot", "table"), "--robot: expected anymal, hexapod or a robot's file, "),
         (("ripple", "--goal", "1,1", "--adhesive", "LF,QQ"), "--adhesive: expected some of LF, RF, LH, RH, got QQ"),
         (("ripple", "--goal", "1,1", "--seeds", "0"), "--seeds: expected 1 to 1000, got 0"),
@@ -192,8 +271,64 @@ def test_bad_input_is_one_line_and_leaves_nothing(gait, arguments, message):
     assert os.listdir() == ["plain.npy"]
 
 
-def test_a_gait_longer_than_the_walk_is_said_so(gait):
-    code, _, err = gait("ripple", "--goal", "0.1,0", "--duration-s", "0.5", "--chart", "decoupled")
-    assert code == 2
-    assert err.startswith("stancekit: error: ")
+URDF = """<robot name="cart"><link name="body"/>{}</robot>""".format(
+    "".join(
+        f'<link name="F{k}"/><joint name="j{k}" type="revolute"><parent link="body"/><child link="F{k}"/>'
+        '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+        for k in range(3)
+    )
+)
+ROBOT = """urdf: cart.urdf
+feet: [F0, F1, F2]
+posture_rad: [0, 0, 0]
+trunk_half_m: [0.1, 0.1, 0.1]
+"""
+
+
+@pytest.fixture
+def files(gait, tmp_path):
+    """Terrains and robots of which every one is wrong."""
+    flat = np.zeros((81, 81))
+    x = 0.05 * (np.arange(81) - 40.0)
+    np.save("hole.npy", np.where(np.arange(81) == 7, np.nan, flat))
+    np.save("row.npy", flat[:1])
+    np.save("step.npy", np.where(x > 0.5, 0.6, 0.0)[:, None] + flat)
+    block = np.where((x[:, None] > 0.15) & (x > 0.05), 1.6, 0.0)
+    np.save("block.npy", gaussian_filter(block, 2.0))
+    (tmp_path / "cart.urdf").write_text(URDF)
+    (tmp_path / "cart.yaml").write_text(ROBOT)
+    (tmp_path / "hole.csv").write_text("0,0,0,0\n0,0,,0\n0,0,0,0\n0,0,0,0\n")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("hole.npy", "--goal", "1,0"), "hole.npy: heights_m: expected finite heights, got nan at [0, 7] and 80 more"),
+        (("hole.csv", "--goal", "1,0"), "hole.csv: heights_m: expected finite heights, got nan at [1, 2] of 16"),
+        (("row.npy", "--goal", "1,0"), "row.npy: x_m: expected 4 or more grid lines, got 1"),
+        (
+            ("step.npy", "--goal", "1,0"),
+            "step.npy: finer than its spline can hold: between grid points it swings 60 mm",
+        ),
+        (("block.npy", "--goal=-1,0"), "--start: expected ground that all feet reach, got heights from 0.00 to 1.4"),
+        (("block.npy", "--start=-1,0", "--goal", "0,0"), "--goal: expected ground that all feet reach, got heights"),
+        (("ripple", "--goal", "1,0", "--robot", "cart.yaml"), "cart.yaml: cart.urdf: expected links with mass"),
+        (("ripple", "--goal", "0.1,0", "--duration-s", "0.5"), "--duration-s: expected 1.3 s or more for one cycle"),
+        (("ripple", "--goal", "1,0", "--gait", "tripod"), "--gait: expected one for 4 feet, got tripod"),
+    ],
+)
+def test_terrains_robots_and_walks_that_cannot_be_are_one_line(gait, files, arguments, message):
+    before = sorted(os.listdir())
+    code, out, err = gait(*arguments, "--out", "walk.json")
+    assert (code, out) == (2, "")
+    assert err.startswith(f"stancekit: error: {message}"), err
     assert err.count("\n") == 1
+    assert sorted(os.listdir()) == before
+
+
+def test_a_wall_too_steep_for_friction_comes_with_advice(gait):
+    code, _, err = gait("pit", "--goal", "2.2,0", "--chart", "ambient", "--raw", "--max-iterations", "1")
+    assert code == 1
+    assert err == (
+        "pit is 79° at its steepest, and friction 0.75 holds on 37°; feet that stick may help: --adhesive LF,RF\n"
+    )

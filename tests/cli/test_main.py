@@ -5,7 +5,7 @@ import os
 import re
 import subprocess
 import sys
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 
 import pytest
 
@@ -30,6 +30,16 @@ def test_help_shows_a_session_and_every_verb(arguments, stancekit):
     assert {"sample", "solve", "verify", "label", "fit", "evaluate", "picture", "demo"} <= set(listed)
 
 
+def options_of(kind):
+    """Names of all options, those of a group of its own among them."""
+    found = []
+    for field in fields(kind):
+        group = field.default_factory if is_dataclass(field.default_factory) else None
+        if "Positional" not in str(field.type):
+            found += [field.name] if group is None else options_of(group)
+    return found
+
+
 @pytest.mark.parametrize("verb", sorted(verbs()))
 def test_every_verb_explains_itself(verb, stancekit, tmp_path):
     ran = stancekit(verb, "--help")
@@ -39,7 +49,7 @@ def test_every_verb_explains_itself(verb, stancekit, tmp_path):
     if verb == "bench":
         assert all(f"• {what}" in ran.out for what in ("envelopes", "planner", "gait"))
         return
-    options = [field.name for field in fields(verbs()[verb]) if "Positional" not in str(field.type)]
+    options = options_of(verbs()[verb])
     assert options
     for option in options:
         assert re.search(f"--(no-)?{option.replace('_', '-')}[ \n]", ran.out), option

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from stancekit.envs.chart import ACCENT, leg_colour, save, to_rgb
 from stancekit.envs.gait_chart import GaitRun, draw_convergence, draw_directions, draw_times
@@ -168,6 +169,15 @@ def runs(directions=8):
     return found
 
 
+def test_the_way_is_shown_between_the_trunks_and_not_through_them():
+    scene = MotionScene(walk())
+    pieces = np.array([0.5 * (a + b) for a, b in scene.way()])
+    shown = scene.trajectory.torso_m[scene.moments]
+    half = scene.trajectory.robot.trunk_half_m
+    assert 0 < len(pieces) < len(scene.trajectory.torso_m) - 1
+    assert np.all(np.any(np.abs(pieces[:, None] - shown) >= half, axis=2))
+
+
 def test_success_is_the_first_iterate_below_the_tolerance():
     run = GaitRun(method="m", violations=[1.0, 1e-3, 9e-5, 1e-2])
     assert (run.iterations, run.success) == (2, True)
@@ -215,9 +225,41 @@ def test_failures_stand_out_in_every_chart():
 
 def test_wedges_point_in_the_walking_direction_and_reach_as_far_as_iterations_go():
     axes = draw_directions(runs(4)[:2]).axes
-    ours, other = axes[0], axes[1]
-    assert len(ours.patches) == 15
-    assert max(bar.get_y() + bar.get_height() for bar in other.patches) > max(
-        bar.get_y() + bar.get_height() for bar in ours.patches
-    )
-    assert all(bar.get_x() + 0.5 * bar.get_width() == pytest.approx(0.0) for bar in ours.patches)
+    (ours,), (other,) = ([part.get_coordinates() for part in one.collections] for one in axes[:2])
+    assert ours.shape[0] == 16  # edges of 15 iterates
+    assert other[..., 1].max() > ours[..., 1].max()
+    assert ours[..., 0].mean() == pytest.approx(0.0, abs=1e-12)
+
+
+def test_many_solves_are_thin_lines_with_their_median():
+    many = [GaitRun(method="m", violations=[1.0, *[0.1] * k, 1e-5]) for k in range(9)]
+    axes = draw_convergence(many).axes[0]
+    bold = max(axes.lines, key=lambda line: line.get_linewidth() * (len(line.get_xdata()) > 2))
+    assert len([line for line in axes.lines if line.get_linewidth() < 1.0]) == 9
+    assert list(bold.get_xdata()) == [0, 1, 2, 3, 4, 5]
+    assert bold.get_ydata()[[0, 1, 4]].tolist() == [1.0, 0.1, 0.1]
+
+
+def test_long_solves_get_an_axis_on_which_the_first_iterations_are_seen():
+    def share(iterations):
+        axes = draw_convergence([GaitRun(method="m", violations=[1.0] * iterations + [1e-5])]).axes[0]
+        (left, _), (right, _) = axes.transData.transform([(0.0, 1.0), (10.0, 1.0)])
+        return (right - left) / axes.bbox.width
+
+    assert share(200) > 0.3
+    assert share(50) == pytest.approx(10 / 51.5, abs=0.01)
+
+
+def test_no_label_leaves_the_sheet():
+    long = [GaitRun(method=f"warped, as published, L-BFGS {k}", violations=[1.0, 1e-5], seconds=3.0) for k in range(6)]
+    for draw in (draw_convergence, draw_directions, draw_times):
+        figure = draw(long)
+        figure.canvas.draw()
+        (left, below), (right, above) = figure.bbox.get_points()
+        for text in figure.findobj(Text):
+            if text.get_visible() and text.get_text() and "warped" in text.get_text():
+                box = text.get_window_extent()
+                assert left <= box.x0
+                assert box.x1 <= right
+                assert below <= box.y0
+                assert box.y1 <= above

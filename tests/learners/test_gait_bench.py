@@ -9,6 +9,7 @@ import pytest
 
 from stancekit.learners import gait_bench
 from stancekit.learners.gait_bench import METHODS, PAPER, Cell, GaitBenchSettings, cells, gait_task, kept, run
+from stancekit.learners.gait_drawings import draw
 from stancekit.learners.gait_figures import quartiles, ratios, table
 from stancekit.planners.gait.task import GaitSettings
 from stancekit.planners.outcome import InvalidInput, PlanningFailed
@@ -139,6 +140,26 @@ def test_shares_and_quartiles_are_of_the_cells_that_are_there():
     assert record["linear_share"] == [0.25, 0.25, 0.25]
     assert record["peak_g"] is None
     assert quartiles([]) is None
+
+
+def test_the_share_of_cells_that_leave_the_cone_is_of_those_that_succeeded():
+    rows = [row("warped", outside_cone=value, cpu_s=1.0, linear_s=0.5) for value in (0.0, 0.1, 0.2)]
+    rows.append({**row("warped", outside_cone=0.5, cpu_s=9.0, linear_s=1.0), "success": False, "verified": False})
+    (record,) = table(rows)
+    assert record["left_cone"] == pytest.approx(2 / 3)
+    assert record["verified_cpu_s"] == [1.0, 1.0, 1.0]
+    (record,) = table([{**row("warped"), "success": False}])
+    assert record["left_cone"] is None
+
+
+def test_pictures_are_of_what_has_iterates_and_of_directions_where_tasks_go_all_around(tmp_path):
+    solved = {"violations": [0.4, 0.2, 3e-5], "cpu_s": 2.0}
+    rows = [row(name, terrain, **solved) for name in ("ambient", "warped") for terrain in ("cone", "hill")]
+    rows.append(row("decoupled", "cone", violations=[None, 0.2], cpu_s=1.0))
+    rows += [row("portfolio", "pit", cpu_s=1.0), {**row("warped", "pit"), "success": False}]
+    names = [path.name for path in draw(rows, tmp_path)]
+    assert names == ["convergence-cone.png", "directions-cone.png", "times-cone.png", "convergence-hill.png"]
+    assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in names)
 
 
 def test_ratios_compare_cells_in_which_both_succeeded():

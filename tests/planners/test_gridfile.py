@@ -11,7 +11,7 @@ from stancekit.planners.scene.terrains import named_terrain
 Image = pytest.importorskip("PIL.Image")
 trimesh = pytest.importorskip("trimesh")
 
-HEIGHTS = np.random.default_rng(0).uniform(0.0, 0.3, (12, 17))
+HEIGHTS = np.random.default_rng(0).uniform(0.0, 0.03, (12, 17))
 
 
 def wave(x, y):
@@ -41,13 +41,13 @@ def test_npy_csv_and_npz_give_their_heights_back(tmp_path):
 
 def test_a_picture_lies_as_it_is_seen_with_black_low_and_white_high(tmp_path):
     grey = np.zeros((6, 8), dtype=np.uint16)
-    grey[0, 7] = 65535  # the upper right corner
+    grey[0, 7] = 6553  # the upper right corner
     Image.fromarray(grey).save(tmp_path / "deep.png")
     Image.fromarray((grey // 257).astype(np.uint8)).save(tmp_path / "flat.png")
     for name in ("deep.png", "flat.png"):
         field = read_heights(tmp_path / name, height_m=(-0.5, 1.5), spacing_m=0.1)
         assert field.heights_m.shape == (8, 6)
-        assert field.height(np.array([0.35, 0.25])) == pytest.approx(1.5)
+        assert field.height(np.array([0.35, 0.25])) == pytest.approx(-0.3, abs=0.01)
         assert field.height(np.array([-0.35, 0.25])) == pytest.approx(-0.5, abs=1e-9)
 
 
@@ -85,6 +85,25 @@ def test_a_hole_in_a_mesh_says_where_it_is(tmp_path):
     with pytest.raises(InvalidInput) as caught:
         read_heights(tmp_path / "holed.stl", spacing_m=0.025)
     assert str(caught.value).endswith("got a hole at (0.025, 0.025) m, 1 of 6561 grid points")
+
+
+def test_a_wall_that_its_spline_cannot_hold_is_refused_by_millimetres_and_may_be_smoothed(tmp_path):
+    x = 0.05 * np.arange(41)
+    np.save(tmp_path / "step.npy", np.where(x < 1.0, 0.0, 0.6)[:, None] + 0.0 * x)
+    with pytest.raises(InvalidInput) as caught:
+        read_heights(tmp_path / "step.npy")
+    field = HeightField.from_array(np.load(tmp_path / "step.npy"))
+    line = field.height(np.column_stack([np.linspace(-1.0, 1.0, 81), np.zeros(81)]))[1::2]
+    beyond = max(line.max() - 0.6, -line.min())  # natural cubic splines swing beyond a step
+    assert beyond > 0.03
+    assert str(caught.value).startswith(
+        f"step.npy: finer than its spline can hold: between grid points it swings {1e3 * beyond:.0f} mm beyond the "
+        "heights about ("
+    )
+    assert str(caught.value).endswith("m, expected 25 mm or less; take a finer grid, or smooth it, e.g. smooth_m=0.05")
+    smooth = read_heights(tmp_path / "step.npy", smooth_m=0.05)
+    assert np.ptp(smooth.heights_m) == pytest.approx(0.6, abs=0.01)
+    assert read_heights(tmp_path / "step.npy", tolerance_m=0.1).heights_m.max() == 0.6
 
 
 def written(path, content):

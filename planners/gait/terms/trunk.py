@@ -22,12 +22,14 @@ SPACING_M = 0.09
 """Points of the lower face are at most this far apart along the trunk, and twice as far across."""
 NEAR_M = 0.15
 """A point that stays higher over the ground than this in the guess, and all about it, gets no row."""
+SINKING = 0.8
+"""Share of the height which the guess gains on slopes, where it stands off along the normal, that walks may give up."""
 AROUND_M = 0.2
 """How far about a point of the guess the ground is looked at: a solution moves about as far."""
 
 
 def trunk(structure: Structure) -> Constraint | None:
-    """One row for each node and point of the lower face near the ground; None where there is none, or no clearance
+    """Rows of points of the lower face near the ground at nodes, by turns; None where there is none, or no clearance
     is asked for."""
     margin = structure.settings.trunk_clearance_m
     if margin is None:
@@ -69,7 +71,8 @@ def lower_face(half_m: Array) -> Array:
 
 def near(structure: Structure, points: Array) -> tuple[Rows, Rows]:
     """Nodes and points, each of shape (K,), at which the guess's lower face, and the plane that it goes on as within
-    AROUND_M, comes nearer than NEAR_M to the ground."""
+    AROUND_M, comes nearer than NEAR_M to the ground, or a little more on slopes; of these every other one, as on a
+    chessboard, since neighbours in time and place know nearly the same."""
     p, rotation = Walk(structure).torso(structure.times_s)
     face = p[:, None] + np.einsum("kij,nj->kni", rotation, points)
     turns = np.arange(8) * np.pi / 4.0
@@ -79,5 +82,8 @@ def near(structure: Structure, points: Array) -> tuple[Rows, Rows]:
     rise = -(normal[:, :2] @ about.T) / normal[:, 2:]
     above = face[:, :, None, 2] + rise[:, None] - structure.task.terrain.height(face[:, :, None, :2] + about)
     gap = above.min(axis=2) * normal[:, None, 2]
-    node, point = np.nonzero(gap < NEAR_M)
+    row, column = np.divmod(np.arange(len(points)), len(np.unique(points[:, 1])))
+    turn = (np.arange(len(p))[:, None] + row + column) % 2 == 0
+    sinking = SINKING * structure.task.robot.stand_height_m * (1.0 / normal[:, 2:] - 1.0)
+    node, point = np.nonzero((gap < NEAR_M + sinking) & turn)
     return node, point

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.attempt import Attempt, Workbench, portfolio
+from stancekit.planners.gait.attempt import Attempt, Workbench
 from stancekit.planners.gait.judge import check_trajectory
 from stancekit.planners.gait.partial import FAILED, Partial
 from stancekit.planners.gait.robot import anymal
@@ -61,24 +61,22 @@ def test_heights_are_solved_one_after_another_each_from_the_last_point():
 def test_progress_hears_of_every_iteration_and_may_end_it(bench, found):
     heard = []
 
-    def listen(attempt, iteration, violation, cost):
-        heard.append((attempt.chart, iteration, violation, cost))
+    def listen(attempt, iteration, violation, cost, phase):
+        heard.append((phase, iteration, violation, cost))
         return iteration == 1
 
     stopped = bench.run(Attempt(), listen)
     assert [iteration for _, iteration, _, _ in heard] == [0, 1]
-    assert [violation for _, _, violation, _ in heard] == found.history[:2].tolist()
+    assert [violation for _, _, violation, *_ in heard] == found.history[:2].tolist()
     assert stopped.stopped
     assert not stopped.verified
     assert bench.run(Attempt(), guess=found.solution.x).iterations == 0
 
 
-def test_the_portfolio_begins_with_the_decoupled_chart_and_ends_at_full_height():
-    ways = portfolio()
-    assert ways[0] == Attempt(chart="decoupled")
-    assert all(way.heights[-1] == 1.0 for way in ways)
-    assert [way.name for way in ways] == ["decoupled", "warped-exact", "ambient, 5 heights"]
-    assert ways[0].perturbed(3).name == "decoupled, seed 3"
+def test_an_attempt_is_called_by_what_it_does():
+    assert Attempt().perturbed(3).name == "decoupled, seed 3"
+    assert Attempt(chart="ambient", heights=(0.5, 1.0)).name == "ambient, 2 heights"
+    assert Attempt(chart="ambient", heights=(0.5, 1.0), by="smoothing").name == "ambient, 2 smoothings"
 
 
 # ----------------------------------------------------------------------------------------- what is interrupted

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.gait.formulation import GaitProgram, formulate
+from stancekit.planners.gait.guess import Walk
 from stancekit.planners.gait.robot import Foot, GaitRobot, anymal, hexapod_walker
 from stancekit.planners.gait.solution import Pushforward
 from stancekit.planners.gait.task import GaitSettings, GaitTask
@@ -70,6 +71,19 @@ def test_what_a_chart_pulls_back_it_pushes_forward(small: Build, chart: str) -> 
     p, rotation = push.torso(np.column_stack([structure.chart.torso_bar(feet), np.zeros((5, 3))]))
     assert p == pytest.approx(feet, abs=1e-12)
     assert np.einsum("kji,kjl->kil", rotation, rotation) == pytest.approx(np.tile(np.eye(3), (5, 1, 1)), abs=1e-12)
+
+
+def test_the_guess_on_a_slope_is_at_stand_height_from_it_with_feet_ahead_and_behind(small: Build) -> None:
+    slope = HeightField.from_function(lambda x, y: 0.3 * x - 0.2 * y, 2.0, 0.25)
+    structure = small(terrain=slope).structure
+    walk = Walk(structure)
+    normal = np.array([-0.3, 0.2, 1.0]) / np.sqrt(1.13)
+    at, _ = walk.torso(structure.times_s)
+    assert at @ normal == pytest.approx(np.full(len(at), structure.task.robot.stand_height_m))
+    for number, foot in enumerate(structure.task.robot.feet):
+        p, rotation = walk.torso(np.array([0.0, structure.task.duration_s]))
+        arms = np.einsum("kji,kj->ki", rotation, walk.footholds(number)[[0, -1]] - p)
+        assert np.all(((foot.reach_min_m < arms) & (arms < foot.reach_max_m))[:, :2])
 
 
 def test_the_guess_stands_on_the_terrain_and_begins_and_ends_where_it_should(small: Build) -> None:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from stancekit.planners.gait.attempt import Workbench
-from stancekit.planners.gait.homotopy import GENTLE, GROWTH, climb, heights_for, stage_program, steepest
+from stancekit.planners.gait.homotopy import GENTLE, GROWTH, climb, heights_for, softened, stage_program, steepest
+from stancekit.planners.gait.judge import check_trajectory
 from stancekit.planners.gait.robot import anymal
 from stancekit.planners.gait.task import GaitTask
 from stancekit.planners.scene.heightfield import HeightField
@@ -78,6 +79,46 @@ def test_without_stages_a_failure_is_final(bench):
     solve, asked = answers(fails=lambda factor, at: True)
     assert climb(bench, "ambient", (1.0,), solve=solve).reached == 0.0
     assert len(asked) == 1
+
+
+@pytest.mark.parametrize("share", [0.8, 0.3])
+def test_a_wall_that_is_widened_keeps_its_height_and_has_the_share_of_its_gradient(share):
+    pit = reference_terrain("pit")
+    wider = softened(pit, share)
+    assert steepest(wider) == pytest.approx(share * steepest(pit), rel=0.02)
+    assert wider.height(np.zeros(2)) == pytest.approx(pit.height(np.zeros(2)), abs=5e-3)
+    assert wider.height(np.array([2.2, 0.0])) == pytest.approx(pit.height(np.array([2.2, 0.0])), abs=5e-3)
+    assert softened(pit, 1.0) is pit
+    assert steepest(softened(slope(0.7), 0.5)) == pytest.approx(0.7)  # a plane has no wall to widen
+
+
+def test_a_step_of_84_degrees_is_climbed_by_widening_it():
+    step = HeightField.from_function(lambda x, y: 0.15 * np.tanh((x - 0.45) / 0.015), 1.2, 0.025, tolerance_m=0.05)
+    task = GaitTask(robot=anymal(), terrain=step, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.3, 0.0]), duration_s=4)
+    asked = []
+
+    def solve(program, guess, /, **options):
+        asked.append(steepest(program.task.terrain))
+        return program.solve(guess, **options)
+
+    found = climb(Workbench(task), "ambient", (0.4, 1.0), by="smoothing", solve=solve)
+    assert found.reached == 1.0
+    assert asked[0] == pytest.approx(0.4 * steepest(step), rel=0.02)
+    assert asked[-1] == steepest(step)
+    report = check_trajectory(found.solutions[-1].trajectory())
+    assert {group.group for group in report.refused} <= {"penetration"}, report.message  # of swings, between the nodes
+
+
+def test_terrain_that_no_gaussian_fits_is_solved_as_it_is(bench):
+    lines = np.array([-1.0, -0.5, 0.0, 0.4, 1.0])
+    heights = np.add.outer(lines**2, 0.0 * lines)
+    bench.task = GaitTask(
+        robot=anymal(), terrain=HeightField(2 * lines, 2 * lines, heights), start_xy_m=np.zeros(2),
+        goal_xy_m=np.array([0.1, 0.0]),
+    )  # fmt: skip
+    solve, asked = answers(fails=lambda factor, at: False)
+    assert climb(bench, "ambient", (0.5, 1.0), by="smoothing", solve=solve).reached == 1.0
+    assert asked == [(1.0, 0.0)]
 
 
 def test_warped_stages_have_a_map_of_their_own_terrain():

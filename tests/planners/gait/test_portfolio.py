@@ -7,6 +7,7 @@ import pytest
 
 from stancekit.planners.gait.account import Account
 from stancekit.planners.gait.attempt import Attempt
+from stancekit.planners.gait.homotopy import steepest
 from stancekit.planners.gait.judge import check_trajectory
 from stancekit.planners.gait.partial import Partial
 from stancekit.planners.gait.portfolio import Caps, plan_gait, ways
@@ -32,8 +33,9 @@ def plan():
 def test_a_plan_is_what_the_verifier_accepts(plan):
     assert plan.verified
     assert plan.trajectory is not None
-    assert check_trajectory(plan.trajectory).digest == check_trajectory(plan.trajectory).digest
-    assert check_trajectory(plan.trajectory).accepted
+    again = check_trajectory(plan.trajectory)
+    assert again.accepted
+    assert again.digest == plan.report.digest
     assert plan.trajectory.provenance["chart"] == "decoupled"
     assert plan.report.trajectory.torso_m.tolist() == plan.trajectory.torso_m.tolist()
 
@@ -80,7 +82,7 @@ def test_a_plan_that_is_stopped_goes_on_from_there(tmp_path):
     out = tmp_path / "walk.json"
     settings = GaitSettings()
     stopped = plan_gait(
-        TASK, settings, lambda attempt, iteration, violation, cost: iteration >= 2,
+        TASK, settings, lambda attempt, iteration, *at: iteration >= 2,
         attempts=FIRST, partial=Partial(out, TASK, settings, FIRST),
     )  # fmt: skip
     assert stopped.stopped
@@ -104,8 +106,8 @@ def test_attempts_that_failed_before_are_not_tried_again(tmp_path):
 def test_progress_sees_every_iteration():
     seen = []
     found = plan_gait(TASK, None, lambda attempt, *at: seen.append((attempt.chart, *at)), caps=PLAIN, attempts=FIRST)
-    assert [violation for _, _, violation, _ in seen] == list(found.steps[0].violations)
-    assert [iteration for _, iteration, _, _ in seen] == list(range(len(seen)))
+    assert [violation for _, _, violation, *_ in seen] == list(found.steps[0].violations)
+    assert [iteration for _, iteration, *_ in seen] == list(range(len(seen)))
 
 
 def test_a_child_process_takes_the_same_steps():
@@ -144,6 +146,15 @@ def test_steep_terrain_gets_stages_in_the_world_chart():
     assert len(heights) > 2
     assert heights[-1] == 1.0
     assert ways(TASK)[-1].heights == (1.0,)
+
+
+def test_walls_beyond_81_degrees_are_widened_first():
+    deep = GaitTask(robot=anymal(), terrain=reference_terrain("pit-87"), start_xy_m=[0.0, 0.0], goal_xy_m=[2.2, 0.0])
+    first = ways(deep)[0]
+    assert first.name == "ambient, 4 smoothings"
+    assert first.heights[0] * steepest(deep.terrain) == pytest.approx(4.0)
+    assert first.heights[-1] == 1.0
+    assert {way.by for way in ways(TASK)} == {"height"}
 
 
 @pytest.mark.parametrize(("name", "value"), [("iterations", 0), ("densifications", -1), ("solve_s", 0.0)])

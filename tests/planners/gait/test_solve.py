@@ -123,10 +123,19 @@ def test_two_processes_take_identical_iterates_whatever_memory_held_before() -> 
 
 
 def test_a_child_process_finds_the_same_and_an_alarm_ends_one_that_hangs(small: Build) -> None:
+    def pause(*at: object) -> None:
+        time.sleep(0.05)
+
     program = small()
     here, apart = program.solve(), solve_apart(program)
     assert apart.x.tobytes() == here.x.tobytes()
     assert apart.history == here.history
+
+    seen: list[tuple[int, float, float]] = []
+    halted = solve_apart(program, shown=lambda *at: bool(seen.append(at)) or len(seen) == 2, callback=pause)
+    assert [(violation, cost) for _, violation, cost in seen] == list(halted.history)
+    assert len(halted.history) in (2, 3)  # it may be one iterate ahead when it is told to stop
+    assert not halted.success
 
     def hang(*at: object) -> None:
         time.sleep(30.0)

@@ -71,6 +71,53 @@ def test_a_urdf_without_inertia_is_refused_in_one_line(tmp_path: Path) -> None:
         GaitRobot.from_urdf(urdf(tmp_path / "robot.urdf", MASS), ["paw"], [0.1] * 9, trunk_half_m=[0.2] * 3)
 
 
+FILE = """
+urdf: robot.urdf
+feet: [F0, F1, F2]
+posture_rad: [0.0, 0.5, -0.9, 0.0, 0.5, -0.9, 0.0, 0.5, -0.9]
+trunk_half_m: [0.2, 0.1, 0.05]
+ranges_rad: [[0.3, 0.3], [0.6, 0.6], [0.6, 0.6]]
+steps: 12
+voxel_m: 0.04
+"""
+
+
+def test_a_robots_file_may_name_its_urdf(tmp_path: Path) -> None:
+    pytest.importorskip("pinocchio")
+    urdf(tmp_path / "robot.urdf", MASS)
+    (tmp_path / "robot.yaml").write_text(FILE)
+    robot = GaitRobot.from_yaml(tmp_path / "robot.yaml")
+    assert robot.name == "tripod"
+    assert robot.mass_kg == pytest.approx(20.0)
+    direct = GaitRobot.from_urdf(
+        tmp_path / "robot.urdf", ["F0", "F1", "F2"], [0.0, 0.5, -0.9] * 3, trunk_half_m=[0.2, 0.1, 0.05],
+        ranges_rad=[(0.3, 0.3), (0.6, 0.6), (0.6, 0.6)], steps=12, voxel_m=0.04,
+    )  # fmt: skip
+    for ours, theirs in zip(robot.feet, direct.feet, strict=True):
+        assert ours.reach_min_m.tolist() == theirs.reach_min_m.tolist()
+        assert ours.reach_max_m.tolist() == theirs.reach_max_m.tolist()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("steps: 12", "wings: 2"), "wings: unknown key"),
+        (("steps: 12", "steps: many"), r"steps: expected a whole number in \[2, 200\], got 'many'"),
+        (("feet: [F0, F1, F2]", "feet: 3"), "feet: expected names of frames, got 3"),
+        (("posture_rad: [0.0,", "posture_rad: [0.0, 0.0,"), "posture: expected 9 joint angles, got 10"),
+        (("robot.urdf", "none.urdf"), r".*none\.urdf: expected a URDF file, found nothing there"),
+    ],
+)
+def test_a_file_that_names_a_urdf_says_what_is_wrong_with_it(
+    tmp_path: Path, change: tuple[str, str], message: str
+) -> None:
+    pytest.importorskip("pinocchio")
+    urdf(tmp_path / "robot.urdf", MASS)
+    (tmp_path / "robot.yaml").write_text(FILE.replace(*change))
+    with pytest.raises(InvalidInput, match=rf"robot\.yaml: {message}"):
+        GaitRobot.from_yaml(tmp_path / "robot.yaml")
+
+
 def test_anymal_is_the_robot_of_the_paper_and_bad_files_say_all_that_is_wrong(tmp_path: Path) -> None:
     robot = anymal()
     assert robot.mass_kg == pytest.approx(30.475)

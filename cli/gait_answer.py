@@ -1,0 +1,178 @@
+"""What ``stancekit gait`` says, writes and draws of the walks that were found."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from stancekit.planners.outcome import InvalidInput
+
+from .console import err, progress
+
+if TYPE_CHECKING:
+    from stancekit.envs.video import Frame
+    from stancekit.planners.arrays import Array
+    from stancekit.planners.gait.attempt import Attempted
+    from stancekit.planners.gait.portfolio import GaitPlan
+    from stancekit.planners.gait.task import GaitTask
+
+PHASES = ("feasible", "smooth", "densify")
+FPS = 25.0
+
+
+def check_pictures(*paths: Path | None) -> None:
+    """Raise InvalidInput for a picture that cannot be written, before any work."""
+    from stancekit.planners.files import check_writable
+
+    for path in paths:
+        if path is not None:
+            check_writable(path)
+            if path.suffix.lower() not in (".png", ".pdf", ".svg"):
+                raise InvalidInput(f"{path}: expected a name that ends in .png, .pdf, .svg")
+
+
+def draw(
+    best: Attempted, plan: GaitPlan, *, picture: Path | None, convergence: Path | None, video: Path | None,
+    html: Path | None,
+) -> None:  # fmt: skip
+    """Write the pictures, the film and the page that were asked for; the map's grid is drawn where there is one."""
+    if picture is not None:
+        from stancekit.envs.chart import save
+        from stancekit.envs.gait_picture import draw_motion
+
+        save(draw_motion(best.trajectory, best.report, warp=_map(best)), picture)
+    if convergence is not None:
+        from stancekit.envs.chart import save
+        from stancekit.envs.gait_chart import GaitRun, draw_convergence
+
+        runs = [
+            GaitRun(method=one.attempt.name, violations=one.history, seconds=one.seconds)
+            for one in plan.attempts
+            if len(one.history)
+        ]
+        save(draw_convergence(runs, caption=f"Convergence on {best.trajectory.terrain.name}"), convergence)
+    if html is not None:
+        from stancekit.envs.gait_page import write_page
+
+        write_page(html, best.trajectory, best.report, warp=_map(best))
+    if video is not None:
+        from stancekit.envs.gait_video import motion_frames
+        from stancekit.envs.video import write_video
+
+        frames = motion_frames(best.trajectory, best.report, warp=_map(best), fps=FPS)
+        write_video(video, _counted(frames, round(FPS * best.trajectory.duration_s)), FPS)
+
+
+def _counted(frames: Iterator[Frame], total: int) -> Iterator[Frame]:
+    """The frames, counted on standard error: a film takes a while."""
+    with progress("film") as bar:
+        for number, frame in enumerate(frames, 1):
+            bar(number, total)
+            yield frame
+
+
+def _map(one: Attempted) -> Callable[[Array], Array] | None:
+    """The map of the chart that a walk was found in, None for charts without."""
+    import numpy as np
+
+    from stancekit.planners.gait.attempt import SCALED
+    from stancekit.planners.gait.solution import Pushforward
+
+    if one.attempt.chart in SCALED:
+        return None
+    pushed = Pushforward(one.solution.program.structure)
+    return lambda points: pushed.foot(points, np.zeros_like(points))[0]
+
+
+def record(plan: GaitPlan, best: Attempted, terrain: str, written: Path | None) -> dict[str, Any]:
+    """All of it as one JSON object."""
+    return {
+        "terrain": terrain,
+        "verified": best.report.accepted,
+        "attempt": best.attempt.name,
+        "message": verdict(best),
+        "digest": best.report.digest if best.report.accepted else None,
+        "out": None if written is None else str(written),
+        "cpu_seconds": plan.seconds,
+        "figures": dict(best.report.figures),
+        "attempts": [_attempt_record(plan, index) for index in range(len(plan.attempts))],
+        "failures": list(plan.failures),
+    }
+
+
+def _attempt_record(plan: GaitPlan, index: int) -> dict[str, Any]:
+    one = plan.attempts[index]
+    return {
+        "attempt": one.attempt.name,
+        "chart": one.attempt.chart,
+        "success": one.solution.success,
+        "verified": one.report.accepted,
+        "iterations": one.iterations,
+        "cpu_seconds": one.seconds,
+        "phases": _phases(plan, one),
+        "peak_g": dict(zip(("before", "after"), _peaks(plan, index), strict=True)),
+        "violation": one.solution.violation,
+        "violations": [float(value) for value in one.history],
+        "message": verdict(one),
+    }
+
+
+def _phases(plan: GaitPlan, one: Attempted) -> dict[str, dict[str, float]]:
+    """By phase: CPU time, iterations and solves of an attempt."""
+    steps = [step for step in plan.steps if step.attempt == one.attempt.name]
+    return {
+        phase: {
+            "cpu_seconds": sum(step.seconds for step in steps if step.phase == phase),
+            "iterations": sum(step.iterations for step in steps if step.phase == phase),
+            "solves": sum(step.phase == phase for step in steps),
+        }
+        for phase in PHASES
+    }
+
+
+def _peaks(plan: GaitPlan, index: int) -> tuple[float | None, float | None]:
+    """Peak acceleration of an attempt's first feasible point, and of what it came to [g]."""
+    before = plan.feasible[index]
+    if before is None:
+        return None, None
+    return tuple(report.figures.get("peak_acceleration_g") for report in (before, plan.attempts[index].report))  # type: ignore[return-value]
+
+
+def words(plan: GaitPlan) -> list[str]:
+    """A line an attempt."""
+    lines = []
+    for index, one in enumerate(plan.attempts):
+        phases, (before, after) = _phases(plan, one), _peaks(plan, index)
+        parts = [f"{one.iterations} iterations, {phases['feasible']['cpu_seconds']:.1f} s"]
+        for phase, name in (("smooth", "smoothed"), ("densify", "densified")):
+            if phases[phase]["solves"]:
+                parts.append(f"{name} in {phases[phase]['cpu_seconds']:.1f} s")
+        if before is not None and after is not None:
+            parts.append(f"peak {before:.2f} g" + (f" → {after:.2f} g" if round(after - before, 2) else ""))
+        lines.append(f"{one.attempt.name}: {'; '.join([*parts, verdict(one)])}")
+    return [*lines, *plan.failures]
+
+
+def verdict(one: Attempted) -> str:
+    """What came of an attempt: the solver's failure, or the verifier's word."""
+    if one.solution.success or one.report.accepted:
+        return one.report.message
+    return f"no success: largest violation {one.solution.violation:.1e} ({one.solution.status})"
+
+
+def advise(task: GaitTask) -> None:
+    """Say what may help a walk that was not found, if its terrain is steeper than friction holds."""
+    import numpy as np
+
+    from stancekit.planners.gait.homotopy import steepest
+
+    slope = steepest(task.terrain)
+    if slope > task.friction and not any(task.adhesive):
+        names = ",".join(task.robot.foot_names[:2])
+        err.print(
+            f"{task.terrain.name} is {np.rad2deg(np.arctan(slope)):.0f}° at its steepest, and friction "
+            f"{task.friction:g} holds on {np.rad2deg(np.arctan(task.friction)):.0f}°; feet that stick may help: "
+            f"--adhesive {names}",
+            markup=False,
+        )
