@@ -5,12 +5,13 @@
 
 The plan's joint angles go through the real SDK over a pseudo-terminal to servos in a process of their own
 (``tests/emulators``), which take as long as the bytes would at 1 Mbaud; they stand on a desk, so that nothing presses
-on a foot and the planned forces are taken for felt. A cycle is from the start of one control period to that of the
-next, with the inverse kinematics of the next target in it. bus: what sending and reading alone took. cpu: of the
-host's process, a period. error: measured angle against the planned one at the same time, root mean square and worst of
-all joints; an emulated servo lags by about 50 ms behind a steady turn. --seconds ends every run early.
---realtime gives host and servos a real-time priority (SCHED_FIFO, as root), as a robot's host would have: on a machine
-that is busy with other things the rest measures those.
+on a foot and the planned forces are taken for felt. The motion is as slow as the servos need it (``pace``), and --pace
+slower still. A cycle is from the start of one control period to that of the next, with the inverse kinematics of the
+next target in it. bus: what sending and reading alone took. cpu: of the host's process, a period. error: measured angle
+against the planned one at the same time, root mean square and worst of all joints; an emulated servo lags by about
+50 ms behind a steady turn. --seconds ends every run early. --realtime gives host and servos a real-time priority
+(SCHED_FIFO, as root), as a robot's host would have: on a machine that is busy with other things the rest measures
+those.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
-from stancekit.envs.motion import Motion, Timing
+from stancekit.envs.motion import Timing
+from stancekit.envs.runner.pace import paced
 from stancekit.envs.tracking import Feel, Tracker
 from stancekit.envs.worlds.calibration import nominal
 from stancekit.envs.worlds.dynamixel import DynamixelWorld
@@ -72,7 +74,9 @@ def forward(plan: Plan, rate_hz: float, pace: float, seconds: float) -> dict[str
     """One plan over the bus."""
     robot = plan.course.robot
     kinematics = Kinematics(robot, gravity_m_s2=plan.course.gravity_m_s2)
-    tracker = Tracker(Motion(plan, Timing().at_pace(pace)), kinematics, rate_hz, Feel(press_hz=0.0, seek_m=0.0))
+    can = DynamixelWorld(robot, nominal(kinematics.joints, port="none"), rate_hz=rate_hz).capabilities
+    timed = paced(plan, kinematics, can, Timing().at_pace(pace), hung=True)
+    tracker = Tracker(timed.motion, kinematics, rate_hz, Feel(press_hz=0.0, seek_m=0.0))
     first = tracker.start()
     with BusProcess(first.angles_rad.tolist()) as bus:
         world = DynamixelWorld(robot, nominal(kinematics.joints, port=bus.path, watchdog_s=0.5), rate_hz=rate_hz)
@@ -93,7 +97,8 @@ def forward(plan: Plan, rate_hz: float, pace: float, seconds: float) -> dict[str
             world.relax()
     cycles, off = 1e3 * np.diff(starts), np.array(errors)
     return {
-        "seconds": took, "periods": len(starts), "rate_hz": (len(starts) - 1) / (starts[-1] - starts[0]),
+        "pace": pace * timed.pace, "seconds": took, "periods": len(starts),
+        "rate_hz": (len(starts) - 1) / (starts[-1] - starts[0]),
         "cycle_p50_ms": float(np.percentile(cycles, 50)), "cycle_p99_ms": float(np.percentile(cycles, 99)),
         "cycle_worst_ms": float(cycles.max()), "bus_p50_ms": float(1e3 * np.percentile(busy, 50)),
         "bus_p99_ms": float(1e3 * np.percentile(busy, 99)), "cpu_ms": 1e3 * cpu / len(starts),
@@ -105,7 +110,8 @@ def forward(plan: Plan, rate_hz: float, pace: float, seconds: float) -> dict[str
 def line(found: dict[str, Any]) -> str:
     """One line."""
     return (
-        f"{found['plan']}: {found['periods']} periods in {found['seconds']:.1f} s, {found['rate_hz']:.2f} Hz; cycle "
+        f"{found['plan']}: pace {found['pace']:.2f}, {found['periods']} periods in {found['seconds']:.1f} s, "
+        f"{found['rate_hz']:.2f} Hz; cycle "
         f"p50 {found['cycle_p50_ms']:.2f} p99 {found['cycle_p99_ms']:.2f} worst {found['cycle_worst_ms']:.1f} ms; bus "
         f"p50 {found['bus_p50_ms']:.2f} p99 {found['bus_p99_ms']:.2f} ms; cpu {found['cpu_ms']:.1f} ms; "
         f"{found['late']} late, {found['asked_again']} "

@@ -1,13 +1,15 @@
 """The closed loop on courses with less friction than was planned with: planning anew against the first plan alone.
 
     python benchmarks/closed_loop.py [--courses walls …] [--shares 1 0.7 0.5] [--count 5] [--seed 0] [--world mujoco]
-        [--amount 1] [--replan-m 0.012] [--no-reserve] [--modes once anew anew-unlearned] [--json]
+        [--amount 1] [--replan-m 0.012] [--no-reserve] [--modes once anew anew-unlearned] [--late] [--json]
 
 The first course is the built-in one, the others have other heights, distances, leans, friction and panels
 (``envs.courses.perturbed``, --amount); they are planned with the friction that they say. The world has only a share of
-that, everywhere. "once" follows the first plan to its end; "anew" plans the rest again where body or feet are farther
-than --replan-m from the plan, with the friction that sliding feet felt; "anew-unlearned" does so, too, but goes on
-believing in the friction that it was told. All three run the same courses and the same first plans. A run is a success
+that, everywhere, from the start, or (--late, in MuJoCo) from a random time of the run on, between 0.5 and 12 s. "once"
+follows the first plan to its end; "anew" stops where feet slide, presses harder, puts down what is in the air, and
+plans the rest again from there, with the friction that those feet felt; it plans again, too, where body or feet are
+farther than --replan-m from the plan. "anew-unlearned" does so, too, but goes on believing in the friction that it was
+told. All three run the same courses and the same first plans. A run is a success
 where all key frames were reached, nothing stopped it, and the centre of mass ended within 3 cm of its last plan's.
 Plans keep a reserve of friction where there is one (``planners.caution``); --no-reserve plans with all of it.
 
@@ -21,8 +23,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
@@ -30,13 +36,17 @@ from stancekit.envs.courses import perturbed
 from stancekit.envs.runner.policy import ClosedLoop, LoopReport, LoopSettings
 from stancekit.envs.runner.runner import Runner
 from stancekit.envs.worlds import WORLDS, make_world
+from stancekit.envs.worlds.world import World
 from stancekit.planners.caution import SHARES, slippery
 from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput, PlanningFailed
+from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course import Course
 from stancekit.planners.scene.course_spec import builtin_courses, read_course
+from tests.emulators.slipping import SlippingWorld
 
 MODES = ("once", "anew", "anew-unlearned")
+LATE_S = (0.5, 12.0)
 
 
 def main() -> None:
@@ -50,9 +60,12 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--amount", type=float, default=1.0)
     parser.add_argument("--replan-m", type=float, default=LoopSettings.replan_m)
+    parser.add_argument("--late", action="store_true")
     parser.add_argument("--no-reserve", action="store_true")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
+    if arguments.late and arguments.world != "mujoco":
+        parser.error("--late: only in mujoco")
     shares = (1.0,) if arguments.no_reserve else SHARES
     for name in arguments.courses:
         refused = dict[int, str]()  # what cannot be begun cannot be begun with any friction under it
@@ -63,10 +76,19 @@ def main() -> None:
                 settings = settings_of(mode, arguments.replan_m, shares)
                 runs = list[LoopReport | str]()
                 for index, course in enumerate(courses):
-                    runs.append(refused.get(index) or walked(course, share, settings, arguments.world))
+                    at_s = float(np.random.default_rng([arguments.seed, index, 1]).uniform(*LATE_S))
+                    world = losing(course, share, at_s) if arguments.late else plain(course, arguments.world)
+                    terrain = course.terrain if arguments.late else slippery(course, share).terrain
+                    runs.append(refused.get(index) or walked(course, terrain, settings, world))
                     if isinstance(runs[-1], str):
                         refused[index] = runs[-1]
-                record = {"course": name, "friction": share, "mode": mode, "world": arguments.world}
+                record = {
+                    "course": name,
+                    "friction": share,
+                    "mode": mode,
+                    "world": arguments.world,
+                    "late": arguments.late,
+                }
                 record |= {"solvable": solvable} | summary(runs)
                 print(json.dumps(record) if arguments.json else line(record), flush=True)
                 for index, run in enumerate(runs):
@@ -93,13 +115,24 @@ def solved(course: Course) -> bool:
     return TwoStageCoursePlanner().solve(course).plan is not None
 
 
-def walked(course: Course, share: float, settings: LoopSettings, world: str) -> LoopReport | str:
+def plain(course: Course, name: str) -> World:
+    """A world by its name."""
+    return make_world(name, course.robot, gravity_m_s2=course.gravity_m_s2)
+
+
+def losing(course: Course, share: float, at_s: float) -> World:
+    """A world that has this share of the friction from a time on."""
+    world = SlippingWorld(course.robot, share=share, gravity_m_s2=course.gravity_m_s2)
+    world.inject("friction differs", at_s)
+    return world
+
+
+def walked(course: Course, terrain: Sequence[Patch], settings: LoopSettings, world: World) -> LoopReport | str:
     """One run; why there was none where nothing could be run at all."""
-    made = make_world(world, course.robot, gravity_m_s2=course.gravity_m_s2)
     try:
-        return ClosedLoop(course, Runner(made), settings=settings).run(slippery(course, share).terrain)
+        return ClosedLoop(course, Runner(world), settings=settings).run(terrain)
     except (PlanningFailed, InvalidInput) as error:
-        made.close()
+        world.close()
         return f"not begun: {error}"
 
 

@@ -82,7 +82,8 @@ def driven(bridge: RosBridge, kind: str, at_s: float, ros: Literal[1, 2], ending
     """Swing until the fault stops it, and then try to go on."""
     latch, message, stop_s = StopLatch(), "nothing stopped it", float("nan")
     setup = same_names(JOINTS, port=bridge.port, ros=ros, estop="/e_stop", controller_manager="/controller_manager")
-    with SafeWorld(RosWorld(ROBOT, setup), latch=latch, dry=False) as world:
+    device = CountedWorld(ROBOT, setup)
+    with SafeWorld(device, latch=latch, dry=False) as world:
         world.reset((), START, np.zeros(3), np.eye(3))
         world.arm()
         begin = time.monotonic()
@@ -93,13 +94,24 @@ def driven(bridge: RosBridge, kind: str, at_s: float, ros: Literal[1, 2], ending
                 world.step(spoiled(kind, passed > at_s, swing(passed), latch))
         except (Stopped, HardwareFault) as error:
             message, stop_s = str(error), time.monotonic()
-        sent = world.sent + 1  # and the one that armed
+        sent = device.streamed + 1  # and the one that armed
         for _ in range(10):
             refused(world)
         ended = end(world, ending, None, 0.4)
     faults = [when for what, when in bridge.log if what == f"fault: {kind}"]
     fault_s = (faults or [begin + at_s])[0]
     return {"message": message, "left": ended.left, "fault_s": fault_s, "stop_s": stop_s, "sent": sent}
+
+
+class CountedWorld(RosWorld):
+    """Counts what it streams; a command that a fault kept it from sending does not count."""
+
+    streamed = 0
+
+    def sendable(self, targets_rad: Array) -> Array:
+        """As the world's; asked once for every command that goes out."""
+        self.streamed += 1
+        return super().sendable(targets_rad)
 
 
 def spoiled(kind: str, now: bool, targets: Array, latch: StopLatch) -> Array:

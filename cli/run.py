@@ -3,36 +3,52 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
-from rich.markup import escape
 from rich.table import Table
 
 from stancekit.planners.outcome import InvalidInput
 
 from .console import as_options, emit, err, out, progress
+from .policy import read_policy
+from .run_table import loop_table, run_table
 
 if TYPE_CHECKING:
-    from stancekit.envs.runner.estop import Source, StopLatch
+    from stancekit.envs.runner.acceptance import Accepted
+    from stancekit.envs.runner.estop import Source
+    from stancekit.envs.runner.gait import AcceptedGait
+    from stancekit.envs.runner.guardian import Guardian
     from stancekit.envs.runner.log import Log
-    from stancekit.envs.runner.report import RunReport
+    from stancekit.envs.runner.runner import Runner, RunSettings
+    from stancekit.envs.worlds.world import World
+    from stancekit.planners.scene import Patch
+    from stancekit.planners.scene.course import Course
+
+Done = tuple[bool, dict[str, Any], Table]
+"""Whether it succeeded, the report, and the report for people."""
 
 
 @dataclass
 class Run:
-    """Run a plan on a world: a simulator, a log, servos on a bus, or a robot behind a rosbridge.
+    """Run a plan, or a policy, on a world: a simulator, a log, servos on a bus, or a robot behind a rosbridge.
 
     Only a plan that the verifier accepted is run, unchanged since, on the robot that it was made for. Joints, limits
     and the way to the first pose are checked before anything moves. Without --arm nothing is sent to anything real: it
-    is a dry run that says what would have been sent. Any key, Ctrl-C, SIGTERM, SIGUSR1 and the stop file stop the
-    robot; after a stop nothing is sent any more.
+    is a dry run that says what would have been sent. Any key, Ctrl-C, SIGTERM, SIGUSR1, the stop file and the stop
+    topic stop the robot; after a stop nothing is sent any more.
+
+    With --policy the loop is closed: the coming key frames are observed, a selector chooses envelopes for them, they
+    are planned, verified and run, and planned anew from the measured pose where body or feet are off the plan. PLAN may
+    then be a course, too; a plan is what it begins with. A gait is dynamic: it runs at its own pace, or is refused.
 
       stancekit run plan.json --world mujoco --log run.mcap
+      stancekit run walls --policy envelope.json --friction-share 0.75
+      stancekit run walk.json --world bullet
       stancekit run plan.json --world dynamixel --setup servos.yaml
       stancekit run plan.json --world dynamixel --setup servos.yaml --arm --ending torque-off
 
@@ -41,11 +57,19 @@ class Run:
     """
 
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
-    """Plan file."""
+    """Plan file, or gait file; with --policy also a course, by name or file."""
     world: Literal["bullet", "mujoco", "replay", "dynamixel", "ros"] = "mujoco"
     """Where to run it."""
     setup: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """replay: the log. dynamixel: the calibration file. ros: the set-up file."""
+    policy: Annotated[str | None, tyro.conf.arg(metavar="lift|FILE")] = None
+    """Who plans on the way: any trained selector's file, or the lift, which needs none."""
+    horizon: int | None = None
+    """Key frames that a policy plans at once, 0 for all that are left, which is usual."""
+    replan_m: float | None = None
+    """A policy plans anew where body or feet are farther than this from the plan; inf for never."""
+    friction_share: float = 1.0
+    """Simulations: the terrain has only this share of the friction that the plan counts on."""
     arm: bool = False
     """Move something real. Simulations and logs need no arming."""
     ending: Literal["hold", "home", "torque-off"] = "hold"
@@ -62,6 +86,9 @@ class Run:
     """Log of everything, for `stancekit replay`; readable up to the last message whatever ends the run."""
     stop_file: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Stop as soon as this file is there."""
+    stop_topic: Annotated[str | None, tyro.conf.arg(metavar="HOST:PORT/TOPIC")] = None
+    """Stop as soon as this topic of std_msgs/Bool, heard through a rosbridge, is true, or is lost. (The `estop` of a
+    set-up file does the same for world ros.)"""
     picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the tracking, .png, .pdf or .svg; with --log."""
     json: bool = False
@@ -69,33 +96,85 @@ class Run:
 
     def run(self) -> int:
         """Check, run, report."""
-        from stancekit.envs.motion import Timing
         from stancekit.envs.runner.acceptance import Accepted
         from stancekit.envs.runner.estop import StopLatch, on_signals
-        from stancekit.envs.runner.runner import Runner, RunSettings
+        from stancekit.envs.runner.runner import Runner
         from stancekit.envs.runner.worlds import make_run_world
 
         self._check()
-        accepted = Accepted.from_file(self.plan)
+        asked = self._asked()
         latch = StopLatch()
         with ExitStack() as stack:
-            with as_options():
-                settings = RunSettings(
-                    timing=Timing().at_pace(self.pace),
-                    speed_rad_s=self.speed_rad_s,
-                    ending=self.ending,
-                    hung=self.hung,
-                )
-                world = make_run_world(self.world, accepted.plan.course, setup=self.setup, rate_hz=self.rate_hz)
+            made_for = asked.plan.course if isinstance(asked, Accepted) else asked
+            with as_options("speed_rad_s", "setup", "rate_hz"):
+                settings = self._settings()
+                world = make_run_world(self.world, made_for, setup=self.setup, rate_hz=self.rate_hz)
             stack.callback(world.close)
             stack.enter_context(on_signals(latch))
-            sources = stack.enter_context(self._sources(latch))
+            sources = stack.enter_context(self._sources(stack))
             log = self._log(stack)
-            bar = stack.enter_context(progress(f"run {accepted.plan.course.name} on {self.world}"))
+            bar = stack.enter_context(progress(f"run {made_for.name} on {self.world}"))
+            guardian = self._guardian(stack, world, settings)
             runner = Runner(
-                world, settings=settings, dry=not self.arm, latch=latch, sources=sources, log=log, progress=bar
-            )
-            report = runner.run(accepted)
+                world, settings=settings, dry=not self.arm, latch=latch, sources=sources, log=log, progress=bar,
+                guardian=guardian,
+            )  # fmt: skip
+            done = self._done(runner, asked)
+        return self._told(*done)
+
+    def _asked(self) -> Accepted | AcceptedGait | Course:
+        """What PLAN is. Raises InvalidInput for what cannot be run, or not with these options."""
+        from stancekit.envs.runner.acceptance import Accepted
+        from stancekit.envs.runner.gait import AcceptedGait
+        from stancekit.planners.files import parse_json, read_text
+        from stancekit.planners.gait.record import is_trajectory
+        from stancekit.planners.scene.course_json import FORMAT
+        from stancekit.planners.scene.course_spec import builtin_courses, read_course
+
+        name = self.plan
+        data = parse_json(read_text(name), str(name)) if name.suffix == ".json" else None
+        if is_trajectory(data):
+            if self.policy is not None or self.pace != 1.0:
+                wrong = "--policy" if self.policy is not None else "--pace"
+                raise InvalidInput(f"{wrong}: expected key frames: a gait runs as planned, or not at all")
+            return AcceptedGait.from_file(name)
+        spec = str(name) in builtin_courses() or name.suffix in (".yaml", ".yml")
+        if not (spec or (isinstance(data, dict) and data.get("format") == FORMAT)):
+            return Accepted.from_file(name)
+        if self.policy is None:
+            raise InvalidInput(f"{name}: expected a plan file; a course is walked with --policy, got none")
+        return read_course(str(name))
+
+    def _done(self, runner: Runner, asked: Accepted | AcceptedGait | Course) -> Done:
+        """Run it."""
+        from stancekit.envs.runner.gait import AcceptedGait
+        from stancekit.planners.scene.course import Course
+
+        if isinstance(asked, Course):
+            return self._walk(runner, asked, None)
+        if isinstance(asked, AcceptedGait):
+            report = runner.run(asked, asked.ground(self.friction_share))
+        elif self.policy is not None:
+            return self._walk(runner, asked.plan.course, asked)
+        else:
+            report = runner.run(asked, self._terrain(asked.plan.course))
+        return report.succeeded, report.to_json(), run_table(report)
+
+    def _walk(self, runner: Runner, course: Course, first: Accepted | None) -> Done:
+        """The closed loop over a course, begun with its plan where there is one."""
+        from stancekit.envs.runner.policy import ClosedLoop, LoopSettings
+
+        assert self.policy is not None
+        policy = read_policy(self.policy, course)
+        given: dict[str, Any] = {"horizon": self.horizon, "replan_m": self.replan_m}
+        settings = LoopSettings(**{name: value for name, value in given.items() if value is not None})
+        report = ClosedLoop(course, runner, policy, settings).run(self._terrain(course), first=first)
+        answers = None if policy is None else policy.answers
+        found = report.to_json() if answers is None else report.to_json() | {"chosen": answers[0], "lifted": answers[1]}
+        return report.succeeded, found, loop_table(report, answers)
+
+    def _told(self, succeeded: bool, record: dict[str, Any], table: Table) -> int:
+        """Draw and print; the exit code."""
         if self.picture is not None and self.log is not None:
             from stancekit.envs.picture import save
             from stancekit.envs.runner.chart import draw_tracking
@@ -103,13 +182,27 @@ class Run:
 
             save(draw_tracking(read_log(self.log)), self.picture)
         if self.json:
-            emit({"plan": str(self.plan), **report.to_json()})
+            emit({"plan": str(self.plan), **record})
         else:
-            out.print(run_table(report))
+            out.print(table)
             for path in (self.log, self.picture):
                 if path is not None:
                     out.print(f"written: {path}", markup=False)
-        return 0 if report.succeeded else 1
+        return 0 if succeeded else 1
+
+    def _settings(self) -> RunSettings:
+        from stancekit.envs.motion import Timing
+        from stancekit.envs.runner.runner import RunSettings
+
+        return RunSettings(
+            timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung
+        )
+
+    def _terrain(self, course: Course) -> Sequence[Patch]:
+        """What the world has."""
+        from stancekit.planners.caution import slippery
+
+        return slippery(course, self.friction_share).terrain
 
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range or a file that cannot be written."""
@@ -119,6 +212,19 @@ class Run:
             raise InvalidInput(f"--pace: expected a number from 0.05 to 4, got {self.pace:g}")
         if self.rate_hz is not None and not 1.0 <= self.rate_hz <= 1000.0:
             raise InvalidInput(f"--rate-hz: expected a number from 1 to 1000, got {self.rate_hz:g}")
+        if not 0.0 < self.friction_share <= 1.0:
+            raise InvalidInput(f"--friction-share: expected a number above 0, up to 1, got {self.friction_share:g}")
+        if self.friction_share != 1.0 and self.world not in ("bullet", "mujoco"):
+            raise InvalidInput(f"--friction-share: expected a simulated world with it, got {self.world}")
+        if self.horizon is not None and self.horizon < 0:
+            raise InvalidInput(f"--horizon: expected 0 or more, got {self.horizon}")
+        if self.replan_m is not None and not self.replan_m > 0.0:
+            raise InvalidInput(f"--replan-m: expected a number above 0, or inf, got {self.replan_m:g}")
+        if self.policy is None and (self.horizon is not None or self.replan_m is not None):
+            name = "--horizon" if self.horizon is not None else "--replan-m"
+            raise InvalidInput(f"{name}: expected --policy with it, got none")
+        if self.policy is not None and self.world == "replay":
+            raise InvalidInput("--policy: expected a world that answers to what is done, got replay")
         if self.log is not None:
             check_writable(self.log)
         if self.picture is not None:
@@ -133,49 +239,31 @@ class Run:
 
         return NoLog() if self.log is None else stack.enter_context(McapLog(self.log))
 
+    def _guardian(self, stack: ExitStack, world: World, settings: RunSettings) -> Guardian | None:
+        """A process that watches this one, where something real is going to move."""
+        from stancekit.envs.runner.guardian import Guardian
+        from stancekit.envs.worlds.ros import RosWorld
+
+        if not self.arm or self.world not in ("dynamixel", "ros"):
+            return None
+        setup = world.setup if isinstance(world, RosWorld) else None
+        return stack.enter_context(Guardian(settings.limits.silent_s, setup))
+
     @contextmanager
-    def _sources(self, latch: StopLatch) -> Iterator[list[Source]]:
-        """Keys and the stop file."""
+    def _sources(self, stack: ExitStack) -> Iterator[list[Source]]:
+        """Keys, the stop file, the stop topic."""
         from stancekit.envs.runner.estop import file_source, key_source, raw_keys
 
-        sources = [] if self.stop_file is None else [file_source(self.stop_file)]
+        sources: list[Source] = [] if self.stop_file is None else [file_source(self.stop_file)]
+        if self.stop_topic is not None:
+            from stancekit.envs.runner.stop_topic import StopTopic
+
+            with as_options():
+                topic = StopTopic(self.stop_topic)
+            sources.append(stack.enter_context(topic))
         if sys.stdin is None or not sys.stdin.isatty():
             yield sources
             return
         err.print("any key stops the robot")
         with raw_keys(sys.stdin.fileno()):
             yield [*sources, key_source(sys.stdin.fileno())]
-
-
-def run_table(report: RunReport) -> Table:
-    """The report, for people."""
-    table = Table(box=None, show_header=False)
-    table.add_column(style="bold")
-    table.add_column(overflow="fold")
-    word = "dry run, nothing was sent" if report.dry else "run as planned"
-    table.add_row("verdict", f"[green]{word}[/]" if report.succeeded else "[red]failed[/]")
-    if report.message:
-        table.add_row("", escape(report.message))
-    ended = f"{report.ended.left}, after {1e3 * report.ended.seconds:.1f} ms"
-    table.add_row("robot left", f"{ended}: {escape(report.ended.message)}" if report.ended.message else ended)
-    slowed = f", slowed down by the {report.bound_by}" if report.bound_by else ""
-    table.add_row("motion", f"{report.seconds:.1f} s on {report.world}, pace {report.pace:.2f}{slowed}")
-    table.add_row("key frames", f"{report.frames_done:.1f} of {report.frames - 1}")
-    table.add_row("commands", f"{report.sent} sent, {report.clipped} clipped, {report.refused} refused")
-    if report.replay_rad is not None:
-        table.add_row("log", f"its commands differ by {report.replay_rad:.2g} rad at most")
-    table.add_row(
-        "joints",
-        f"{1e3 * report.joint_worst_rad:.1f} mrad from the plan at most ({report.joint_worst}), "
-        f"{1e3 * report.joint_rms_rad:.1f} mrad (RMS)",
-    )
-    if report.execution is not None:
-        run = report.execution
-        table.add_row(
-            "body", f"{1e3 * run.com_final_m:.1f} mm from the plan at the end, {1e3 * run.com_worst_m:.1f} mm at most"
-        )
-        table.add_row("feet", f"slid {1e3 * float(run.slip_m.max()):.1f} mm at most")
-        table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
-    median, late = (1e3 * value for value in report.cycle_s)
-    table.add_row("cycle", f"{median:.1f} ms median, {late:.1f} ms 99th percentile")
-    return table

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
@@ -200,10 +201,26 @@ def judged(
     wall: float,
 ) -> Execution:
     """Compare a trace with its plan. fallen: when the robot fell [s], None if it did not; wall: real time taken [s]."""
-    final = float(np.linalg.norm(trace.com_m[-1] - plan.com_m[-1]))
-    slip = slips(trace, len(plan.course.placements))
+    stances = [f"{each.limb}, put down at frame {each.frame}," for each in plan.course.placements]
+    return compared(plan.com_m[-1], stances, world, rows, trace, tolerance, fallen, wall)
+
+
+def compared(
+    goal_m: Array,
+    stances: Sequence[str],
+    world: World,
+    rows: list[tuple[Target, State]],
+    trace: Trace,
+    tolerance: Tolerance,
+    fallen: float | None,
+    wall: float,
+) -> Execution:
+    """As ``judged``, of any motion. goal_m: where the centre of mass should end, shape (3,). stances: what every
+    placement is called in a message."""
+    final = float(np.linalg.norm(trace.com_m[-1] - goal_m))
+    slip = slips(trace, len(stances))
     between = trace.forces_n - trace.planned_forces_n
-    wrong = _wrong(plan, tolerance, trace, fallen, final, slip)
+    wrong = _wrong(stances, tolerance, trace, fallen, final, slip)
     return Execution(
         world=world.name,
         succeeded=not wrong,
@@ -227,7 +244,7 @@ def judged(
 
 
 def _wrong(
-    plan: Plan, tolerance: Tolerance, trace: Trace, fallen: float | None, final: float, slip: Array
+    stances: Sequence[str], tolerance: Tolerance, trace: Trace, fallen: float | None, final: float, slip: Array
 ) -> list[str]:
     """What is against the tolerance, in words."""
     worst, wrong = int(np.argmax(slip)), list[str]()
@@ -236,6 +253,5 @@ def _wrong(
     if final > tolerance.com_m:
         wrong.append(f"the centre of mass ended {1e3 * final:.0f} mm from the plan's")
     if slip[worst] > tolerance.slip_m:
-        placement = plan.course.placements[worst]
-        wrong.append(f"{placement.limb}, put down at frame {placement.frame}, slipped {1e3 * slip[worst]:.0f} mm")
+        wrong.append(f"{stances[worst]} slipped {1e3 * slip[worst]:.0f} mm")
     return wrong

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from stancekit.planners.scene.solid import Solid
 from stancekit.planners.scene.urdf import FOOT_RADIUS_M
 
 from .swing import Swing, clear_swing
+
+KNOTS = 10
+"""Postures are chosen so often in every phase."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +82,27 @@ class _Phase:
     forces: tuple[Array, Array]
     placement: tuple[int, ...]
     swings: dict[int, tuple[Swing, float, float]] = field(default_factory=dict)
+
+
+class Followed(Protocol):
+    """What a tracker can follow. knots_s: times from 0 to its end at which postures of the limbs are chosen, the same
+    moments at every pace; solids: what limbs keep off."""
+
+    solids: tuple[Solid, ...]
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes [s]."""
+        ...
+
+    @property
+    def knots_s(self) -> Array:
+        """shape (T,) [s]."""
+        ...
+
+    def at(self, time_s: float) -> Instant:
+        """What should be at a time; the ends are held."""
+        ...
 
 
 class Motion:
@@ -141,6 +166,14 @@ class Motion:
             placement=phase.placement,
             normals=normals,
         )
+
+    @property
+    def knots_s(self) -> Array:
+        """The same number of times in every phase, and the end, shape (T,) [s]."""
+        starts = self._ends - [phase.seconds for phase in self.phases]
+        parts = np.arange(KNOTS) / KNOTS
+        times = [start + parts * phase.seconds for start, phase in zip(starts, self.phases, strict=True)]
+        return np.concatenate([*times, self._ends[-1:]])
 
     @cached_property
     def _ends(self) -> Array:

@@ -11,6 +11,7 @@ body where it is.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +20,11 @@ from stancekit.planners.arrays import Array, checked, gathered
 from stancekit.planners.kinematics import Kinematics, rotation_of
 from stancekit.planners.scene.urdf import FOOT_RADIUS_M
 
-from .motion import Instant, Motion
+from .motion import Followed, Instant
+from .postures import PosturePath
 
+DRAWN_S = 0.1
+"""Time constant with which joints come back to the posture chosen for them, where feet that feel led them off it."""
 STUCK_M = 1e-3
 """A foot in the air that inverse kinematics leaves farther than this from its way is looked for anew."""
 
@@ -67,13 +71,14 @@ class Target:
 class Tracker:
     """Follows one motion once. ``start`` first, then ``next`` until it says that the motion is over."""
 
-    def __init__(self, motion: Motion, kinematics: Kinematics, rate_hz: float, feel: Feel = Feel()) -> None:
+    def __init__(self, motion: Followed, kinematics: Kinematics, rate_hz: float, feel: Feel = Feel()) -> None:
         self._motion, self._kinematics, self._feel, self._period_s = motion, kinematics, feel, 1.0 / rate_hz
-        self._wished = comfortable_frames(motion, kinematics)
-        limbs = len(motion.plan.course.robot.limbs)
+        self._wished = PosturePath(motion, kinematics, near_of(kinematics))
+        limbs = len(kinematics.robot.limbs)
         self._time_s = 0.0
         self._depth, self._pressed, self._rolled = np.zeros(limbs), np.zeros((limbs, 3)), np.zeros((limbs, 3))
-        self._angles = self._wished[0]
+        self._angles = self._wish = self._wished.at(0.0)
+        self._drawn = min(1.0, self._period_s / DRAWN_S)
         self._shift = kinematics.com_offset(self._angles)
         for _ in range(3):  # the pose and the shift of the centre of mass depend on each other
             self._angles = self._solved(motion.at(0.0), np.zeros(limbs))[0]
@@ -140,11 +145,11 @@ class Tracker:
         """Angles, errors of the feet and the body's origin."""
         rotation = rotation_of(instant.rotation_rad)
         origin = instant.com_m - rotation @ self._shift
-        before = min(int(instant.frame), len(self._wished) - 1)
-        after = min(before + 1, len(self._wished) - 1)
-        wish = self._wished[before] + (instant.frame - before) * (self._wished[after] - self._wished[before])
+        wish = self._wished.at(self._time_s)
         feet = (instant.feet_m + self._rolled - depth[:, None] * instant.normals - origin) @ rotation
-        angles, error = self._kinematics.reach(feet, self._angles, wish)
+        near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
+        self._wish = wish
+        angles, error = self._kinematics.reach(feet, near, near)
         stuck = (error > STUCK_M) & (np.array(instant.placement) < 0)
         if stuck.any():  # at a limit on its way: begin again where it should end
             other, missed = self._kinematics.reach(feet, wish, wish)
@@ -154,16 +159,17 @@ class Tracker:
         return angles, error, origin
 
 
-def comfortable_frames(motion: Motion, kinematics: Kinematics) -> Array:
-    """Comfortable angles at the key frames, each near those before, shape (M, J)."""
-    plan, found = motion.plan, list[Array]()
-    for k in range(plan.course.frames):
-        answer = kinematics.solve(
-            plan.com_m[k], plan.rotation_rad[k], plan.toes_at(k), normals=motion.normals[plan.course.holds[k]],
-            seed=found[-1] if found else None, obstacles=motion.solids,
-        )  # fmt: skip
-        found.append(answer.angles)
-    return np.array(found)
+class Continued(Kinematics):
+    """Kinematics of a robot that is already somewhere: motions begin at the posture ``near_rad``, shape (J,)."""
+
+    def __init__(self, *arguments: Any, near: Array, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.near_rad = np.array(near, dtype=float)
+
+
+def near_of(kinematics: Kinematics) -> Array | None:
+    """The posture that the robot has already, if it is somewhere."""
+    return kinematics.near_rad if isinstance(kinematics, Continued) else None
 
 
 def _skew(v: Array) -> Array:

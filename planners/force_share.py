@@ -6,13 +6,18 @@ the balances are linear, so this is one small second-order cone program.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cvxpy as cp
 import numpy as np
+from numpy.typing import NDArray
 
 from .arrays import Array
 from .conic import ConicModel, ConicStatus
 from .contact.terms import friction_cones
 from .plan import Plan
+from .scene.course import Course
+from .scene.patch import Patch
 
 RESERVES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98)
 """Shares of μ that are tried, the safest first."""
@@ -49,23 +54,30 @@ class ForceShare:
     def solve(self, plan: Plan, stance: int) -> Array | None:
         """Forces of a plan's stance, world frame, shape (N, 3) [N]; None where even the whole cones leave no room."""
         course, of = plan.course, plan.course.stances[stance]
-        toes = plan.toes_at(of.frame) - plan.com_m[of.frame]
         patches = [course.patch(int(index), plan.choice) for index in course.holds[of.frame]]
-        bears = np.isin(np.arange(self._contacts), of.limbs)[:, None]
+        bears = np.isin(np.arange(self._contacts), of.limbs)
+        return self.forces(course, plan.toes_at(of.frame) - plan.com_m[of.frame], patches, bears)
+
+    def forces(self, course: Course, arms_m: Array, patches: Sequence[Patch], bears: NDArray[np.bool_]) -> Array | None:
+        """The same for toes that are so far from the centre of mass, shape (N, 3) [m], on these patches.
+
+        bears: who carries, shape (N,); course: its weight and its bounds of the forces.
+        """
+        carries = bears[:, None]
         frames = np.array([patch.frame for patch in patches])
-        arms = np.einsum("nij,njk->nik", _skew(toes / course.length_scale_m), frames)
+        arms = np.einsum("nij,njk->nik", _skew(arms_m / course.length_scale_m), frames)
         values: dict[str, Array | float] = {
             "arms": np.concatenate([frames.transpose(1, 0, 2).reshape(3, -1), arms.transpose(1, 0, 2).reshape(3, -1)]),
             "wrench": np.eye(6)[2],
-            "low": np.where(bears, np.maximum(course.force_min, [LEAST, -np.inf, -np.inf]), 0.0),
-            "high": np.where(bears, course.force_max, 0.0),
+            "low": np.where(carries, np.maximum(course.force_min, [LEAST, -np.inf, -np.inf]), 0.0),
+            "high": np.where(carries, course.force_max, 0.0),
         }
         friction = np.array([patch.friction for patch in patches])
         for reserve in RESERVES:
             solution = self._model.solve(values | {"friction": reserve * friction})
             if solution.status is ConicStatus.SOLVED:
                 local = self._model.value("forces", solution) * course.weight_n
-                return np.asarray(np.where(bears, np.einsum("nij,nj->ni", frames, local), 0.0))
+                return np.asarray(np.where(carries, np.einsum("nij,nj->ni", frames, local), 0.0))
         return None
 
 

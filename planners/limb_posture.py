@@ -55,13 +55,30 @@ def limb_posture(
     does not matter. near: a posture to stay close to, shape (4,). clearance: how far points of the limb's frame, shape
     (K, 3), are from the terrain, shape (K,) [m].
     """
+    family, cost = discomforts(lengths, target, approach, servo, near=near, clearance=clearance)
+    return np.asarray(family[np.argmin(cost)])
+
+
+def discomforts(
+    lengths: Array,
+    target: Array,
+    approach: Array,
+    servo: Servo,
+    *,
+    near: Array | None = None,
+    clearance: Clearance | None = None,
+) -> tuple[Array, Array]:
+    """The family of postures within the limits, shape (K, 4) [rad], and how uncomfortable each is, shape (K,).
+
+    Arguments as of ``limb_posture``.
+    """
     family = swivels(lengths, target)
     cost = _discomfort(family, approach, servo, near)
     if clearance is not None:
         points = links(lengths, family)
         short = np.maximum(CLEARANCE_M - clearance(points.reshape(-1, 3)).reshape(len(family), -1), 0.0)
         cost = cost + COMFORT["clear"] * np.sum(short**2, axis=1)
-    return np.asarray(np.clip(family[np.argmin(cost)], servo.lower_rad, servo.upper_rad))
+    return np.clip(family, servo.lower_rad, servo.upper_rad), cost
 
 
 def limb_postures(
@@ -87,7 +104,7 @@ def limb_postures(
         posture = limb_posture(
             link_lengths(limb), frame.T @ (feet[i] - limb.shoulder_m), frame.T @ approach[i], servo,
             near=None if near is None else near[i],
-            clearance=_clearance(shoulder, turn @ frame, close) if close else None,
+            clearance=clearance_of(shoulder, turn @ frame, close) if close else None,
         )  # fmt: skip
         found.append(posture)
     return np.concatenate(found)
@@ -146,7 +163,7 @@ def _discomfort(family: Array, approach: Array, servo: Servo, near: Array | None
     return np.asarray(cost)
 
 
-def _clearance(origin: Array, frame: Array, solids: Sequence[Solid]) -> Clearance:
+def clearance_of(origin: Array, frame: Array, solids: Sequence[Solid]) -> Clearance:
     """Distance from the nearest solid of points in a frame."""
 
     def distance(points: Array) -> Array:

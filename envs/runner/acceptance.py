@@ -46,23 +46,28 @@ class Accepted:
 
     def check_fits(self, world: World) -> None:
         """Raise InvalidInput unless the world has the plan's robot, and its joints can take every pose of the plan."""
-        wanted, found = joint_names(self.plan.course.robot), world.joints
-        if tuple(found) != wanted:
-            lack, more = sorted(set(wanted) - set(found)), sorted(set(found) - set(wanted))
-            said = "; ".join(
-                f"{word} {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
-                for word, names in (("it lacks", lack), ("it has besides", more)) if names
-            )  # fmt: skip
-            raise InvalidInput(
-                f"{self.source}: expected world {world.name} to have the plan's {len(wanted)} joints in their order"
-                + (f": {said}" if said else ", it has them in another")
-            )
-        wrong = _differs(self.plan.course.robot, world.robot)
-        if wrong:
-            raise InvalidInput(f"{self.source}: expected the world's robot, the plan is for another: {wrong}")
+        check_joints(self.source, self.plan.course.robot, world)
         report = joint_report(self.plan, world.servo)
         if not report.accepted:
             raise InvalidInput(f"{self.source}: expected joints that can do it, they cannot: {report.message}")
+
+
+def check_joints(source: str, robot: Robot, world: World) -> None:
+    """Raise InvalidInput unless the world has the robot's joints, in their order, and is for such a robot."""
+    wanted, found = joint_names(robot), world.joints
+    if tuple(found) != wanted:
+        lack, more = sorted(set(wanted) - set(found)), sorted(set(found) - set(wanted))
+        said = "; ".join(
+            f"{word} {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
+            for word, names in (("it lacks", lack), ("it has besides", more)) if names
+        )  # fmt: skip
+        raise InvalidInput(
+            f"{source}: expected world {world.name} to have the robot's {len(wanted)} joints in their order"
+            + (f": {said}" if said else ", it has them in another")
+        )
+    wrong = _differs(robot, world.robot)
+    if wrong:
+        raise InvalidInput(f"{source}: expected the world's robot, the plan is for another: {wrong}")
 
 
 def _differs(plan: Robot, world: Robot) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -19,31 +20,50 @@ from stancekit.planners.keyframes.planner import CoursePlanner
 from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.plan import PlanOutcome
+from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course import Course
 
-from ..selection import observe
-from .policy import Observation, Policy
+from ..selection import VERTICES, observe
+from .policy import Observation
 
 Predict = Callable[[Mapping[str, NDArray[Any]]], NDArray[Any]]
 """From an observation of ``EnvelopeSelection-v0`` to its action, bounds of one or more envelopes."""
 
 
-def selector_policy(predict: Predict, learned: EnvelopeSet, models: CourseModels | None = None) -> Policy:
+class SelectorPolicy:
     """The policy that asks a selector about every coming stance of its legs, and plans within what it chooses.
 
-    learned: of the selector's problem class: its legs, normals and scales count, its boxes do not.
+    learned: of the selector's problem class: its legs, normals and scales count, its boxes do not. planners: what it
+    answered so far.
     """
-    shared = models or CourseModels()
-    lift = TwoStageCoursePlanner(models=shared)
 
-    def policy(observation: Observation) -> CoursePlanner:
-        boxes = chosen(predict, learned, observation.window)
+    def __init__(self, predict: Predict, learned: EnvelopeSet, models: CourseModels | None = None) -> None:
+        self.learned, self.planners = learned, list[EnvelopeOrLift]()
+        self._predict, self._models = predict, models or CourseModels()
+        self._lift = TwoStageCoursePlanner(models=self._models)
+
+    def __call__(self, observation: Observation) -> CoursePlanner:
+        """The planner of the coming key frames."""
+        boxes = chosen(self._predict, self.learned, observation.window)
         if not boxes:
-            return lift
-        within = replace(learned, envelopes=boxes)
-        return EnvelopeOrLift(EnvelopeCoursePlanner(within, models=shared), lift)
+            return self._lift
+        within = EnvelopeCoursePlanner(replace(self.learned, envelopes=boxes), models=self._models)
+        self.planners.append(EnvelopeOrLift(within, self._lift))
+        return self.planners[-1]
 
-    return policy
+    def check_fits(self, course: Course) -> None:
+        """Raise InvalidInput for a course of which no stance is by the selector's legs: it would never be asked."""
+        names = course.robot.limb_names
+        if not any({names[limb] for limb in stance.limbs} == set(self.learned.legs) for stance in course.stances):
+            legs = ", ".join(self.learned.legs)
+            raise InvalidInput(f"policy: expected a selector for stances of {course.name}, got one for {legs}")
+
+    @property
+    def answers(self) -> tuple[int, int]:
+        """How many plans were made within what was chosen, and how many without."""
+        planned = [planner for planner in self.planners if planner.within_last is not None]
+        inside = sum(bool(planner.within_last) for planner in planned)
+        return inside, len(planned) - inside
 
 
 def chosen(predict: Predict, learned: EnvelopeSet, course: Course) -> tuple[Envelope, ...]:
@@ -55,29 +75,47 @@ def chosen(predict: Predict, learned: EnvelopeSet, course: Course) -> tuple[Enve
             continue
         problem = course.posture_problem(stance, first)
         by_leg = {contact.leg: contact for contact in problem.contacts}
-        ordered = replace(problem, contacts=tuple(by_leg[leg] for leg in learned.legs))
+        contacts = (by_leg[leg] for leg in learned.legs)
+        ordered = replace(
+            problem, contacts=tuple(replace(contact, patch=triangular(contact.patch)) for contact in contacts)
+        )
         action = np.asarray(predict(observe(ScaledProblem.of(ordered))), dtype=float)
         for row in action.reshape(-1, 12 * len(learned.legs)):
             found.setdefault(row.tobytes(), Envelope.from_vector(row))
     return tuple(found.values())
 
 
+def triangular(patch: Patch) -> Patch:
+    """The largest triangle of a patch's corners: selectors learn from triangles, and observations hold no more."""
+    corners = patch.vertices_m
+
+    threes = np.array(list(combinations(range(len(corners)), VERTICES)))
+    a, b, c = (corners[threes[:, k]] for k in range(VERTICES))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return replace(patch, vertices_m=corners[threes[int(np.argmax(areas))]])
+
+
 class EnvelopeOrLift:
-    """Plans within envelopes, and without where that fails or they are not for the course."""
+    """Plans within envelopes, and without where that fails or they are not for the course.
+
+    within_last: whether the last plan is within them; None before there is one.
+    """
 
     name = "two-stage"
 
     def __init__(self, within: EnvelopeCoursePlanner, lift: TwoStageCoursePlanner) -> None:
         self.within, self.lift = within, lift
-        self.lifted = 0
+        self.within_last: bool | None = None
 
     def solve(self, course: Course) -> PlanOutcome:
-        """Answer one course. lifted: how often the lift had to."""
+        """Answer one course."""
         try:
             outcome = self.within.solve(course)
         except InvalidInput:
             outcome = None
         if outcome is not None and outcome.plan is not None:
+            self.within_last = True
             return outcome
-        self.lifted += 1
-        return self.lift.solve(course)
+        outcome = self.lift.solve(course)
+        self.within_last = None if outcome.plan is None else False
+        return outcome

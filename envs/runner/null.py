@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
@@ -10,9 +9,8 @@ from typing import Self
 import numpy as np
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.scene import Patch
 
-from ..worlds.world import State, World
+from ..worlds.world import State, Terrain, World
 
 
 class NullWorld:
@@ -27,7 +25,7 @@ class NullWorld:
         self._state = replace(first, sent_rad=np.array(first.angles_rad))
         self.steps = 0
 
-    def reset(self, terrain: Sequence[Patch], angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """What was measured; nothing is asked again."""
         return self._state
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any
+from itertools import pairwise
+from math import inf
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.kinematics import JointAnswer, Kinematics
+from stancekit.planners.kinematics import Kinematics
 from stancekit.planners.plan import Plan
 from stancekit.planners.plan_window import Standing
 from stancekit.planners.scene import Patch
@@ -26,27 +25,6 @@ SLIDES_M_S = 0.01
 LOADED_N = 3.0
 BORDER_M = 0.02
 """So far beyond its patch's border a foot may have slid and still be taken for standing on the border."""
-
-
-class Continued(Kinematics):
-    """Kinematics of a robot that is already somewhere: what has no seed begins at ``near``, shape (J,) [rad]."""
-
-    def __init__(self, *arguments: Any, near: Array, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self._near = np.array(near, dtype=float)
-
-    def solve(
-        self,
-        com_m: ArrayLike,
-        rotation_rad: ArrayLike,
-        toes_m: ArrayLike,
-        *,
-        seed: ArrayLike | None = None,
-        **options: Any,
-    ) -> JointAnswer:
-        """As ``Kinematics.solve``; without a seed the angles are those that the robot has."""
-        answer = super().solve(com_m, rotation_rad, toes_m, seed=self._near if seed is None else seed, **options)
-        return replace(answer, angles=self._near.copy()) if seed is None else answer
 
 
 def com_of(kinematics: Kinematics, state: State) -> Array:
@@ -75,7 +53,7 @@ def standing_of(plan: Plan, frame: int, target: Target, state: State, kinematics
     toes = []
     for foot, patch in zip(state.feet_m, patches, strict=True):
         toe = foot - FOOT_RADIUS_M * patch.normal
-        inside = _nearest(patch, toe)
+        inside = nearest_on(patch, toe)
         if np.linalg.norm(inside - toe) > BORDER_M:
             return None
         toes.append(inside)
@@ -87,11 +65,12 @@ def standing_of(plan: Plan, frame: int, target: Target, state: State, kinematics
     )
 
 
-def felt_friction(plan: Plan, rows: Rows, period_s: float) -> float:
+def felt_friction(plan: Plan, rows: Rows, period_s: float, last_s: float = inf) -> float:
     """The share of the plan's friction that sliding feet felt: the median of |tangential| over μ · normal; 1 where none
-    slid."""
+    slid. last_s: look at no more than so much of the end."""
     felt = []
-    for (_, before), (target, state) in zip(rows.pairs, rows.pairs[1:], strict=False):
+    pairs = rows.pairs[-int(min(last_s / period_s, len(rows.pairs))) - 1 :]
+    for (_, before), (target, state) in pairwise(pairs):
         for limb, placement in enumerate(target.instant.placement):
             if placement < 0:
                 continue
@@ -106,7 +85,7 @@ def felt_friction(plan: Plan, rows: Rows, period_s: float) -> float:
     return min(1.0, float(np.median(felt))) if felt else 1.0
 
 
-def _nearest(patch: Patch, point: Array) -> Array:
+def nearest_on(patch: Patch, point: Array) -> Array:
     """The point of a patch's surface nearest to a point, shape (3,) [m]."""
     corners, normal = patch.vertices_m, patch.normal
     flat = point - ((point - patch.centre_m) @ normal) * normal

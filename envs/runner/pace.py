@@ -18,7 +18,7 @@ from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.plan import Plan
 from stancekit.planners.scene.urdf import hexapod_urdf
 
-from ..motion import Instant, Motion, Timing
+from ..motion import Followed, Instant, Motion, Timing
 from ..tracking import Feel, Tracker
 from ..worlds.capabilities import WorldCapabilities
 
@@ -80,8 +80,8 @@ def paced(
     for _ in range(ROUNDS):
         motion = Motion(plan, timing.at_pace(pace), forces_n)
         seen = look(motion, kinematics, hung=hung)
-        _check_still(seen, plan, can, share)
-        uses = _uses(seen, can, acceleration_rad_s2, share)
+        check_still(seen, kinematics, can, share)
+        uses = uses_of(seen, can, acceleration_rad_s2, share)
         slower = min((1.0 / use if name == "velocity" else use**-0.5) for name, (use, _) in uses.items() if use > 0.0)
         if slower >= 1.0 - 1e-6:
             values = {name: use for name, (use, _) in uses.items()}
@@ -94,7 +94,7 @@ def paced(
     raise InvalidInput(f"pace: expected limits that some pace keeps, got none down to {pace:.3g}, bound by {bound_by}")
 
 
-def look(motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ, *, hung: bool = False) -> Look:
+def look(motion: Followed, kinematics: Kinematics, rate_hz: float = RATE_HZ, *, hung: bool = False) -> Look:
     """Inverse kinematics along a whole motion, as the tracker does it when all feet feel what they should."""
     tracker, period_s = Tracker(motion, kinematics, rate_hz, BLIND), 1.0 / rate_hz
     first = tracker.start()
@@ -157,7 +157,7 @@ class _Limbs:
         return np.asarray(own + with_push - without)
 
 
-def _uses(seen: Look, can: WorldCapabilities, acceleration: float, share: float) -> dict[str, tuple[float, int]]:
+def uses_of(seen: Look, can: WorldCapabilities, acceleration: float, share: float) -> dict[str, tuple[float, int]]:
     """The greatest use of every limit, with the joint; that of torque is of what torques at rest leave."""
     room = share * can.torque_nm - np.abs(seen.still_nm)
     tables = {
@@ -171,12 +171,12 @@ def _uses(seen: Look, can: WorldCapabilities, acceleration: float, share: float)
     }
 
 
-def _check_still(seen: Look, plan: Plan, can: WorldCapabilities, share: float) -> None:
+def check_still(seen: Look, kinematics: Kinematics, can: WorldCapabilities, share: float) -> None:
     """Raise InvalidInput for what no pace helps with."""
     row, limb = np.unravel_index(int(np.argmax(seen.error_m)), seen.error_m.shape)
     if seen.error_m[row, limb] > 10.0 * REACHED_M:
         raise InvalidInput(
-            f"motion: {seen.time_s[row]:.2f} s, limb {plan.course.robot.limb_names[int(limb)]}: its foot stays "
+            f"motion: {seen.time_s[row]:.2f} s, limb {kinematics.robot.limb_names[int(limb)]}: its foot stays "
             f"{1e3 * seen.error_m[row, limb]:.2g} mm from where it should be"
         )
     over = np.abs(seen.still_nm) - share * can.torque_nm

@@ -26,16 +26,20 @@ from stancekit.planners.plan_window import Standing, course_window
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course import Course
 
-from ..tracking import Target
+from ..tracking import Continued, Target
 from ..worlds.world import State
 from .acceptance import Accepted
+from .catch import Catcher, SlideWatch
 from .ending import Ended
 from .estop import Stopped, watched
-from .observed import Continued, com_of, deviation_m, felt_friction, standing_of
+from .observed import com_of, deviation_m, felt_friction, standing_of
+from .prepared import Prepared
 from .report import Rows
-from .runner import Prepared, Runner
+from .runner import Runner
 
 Answer = TypeVar("Answer")
+FELT_S = 0.1
+"""So far back feet that slide are asked for the friction that they feel."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -117,15 +121,19 @@ class ClosedLoop:
         self._share = self._planned_share = 1.0
         self._frame = self._plans = self._replans = 0
         self._kinematics = Kinematics(course.robot, runner.world.servo, gravity_m_s2=course.gravity_m_s2)
+        self._catcher = Catcher(runner, self._kinematics)
+        self._watch, self._slid = SlideWatch(runner.world.rate_hz), False
         self._plan_s = self._seconds = self._worst = 0.0
 
-    def run(self, terrain: Sequence[Patch] | None = None) -> LoopReport:
-        """Walk. terrain: what the world really has, where that is not the course's.
+    def run(self, terrain: Sequence[Patch] | None = None, first: Accepted | None = None) -> LoopReport:
+        """Walk. terrain: what the world really has, where that is not the course's. first: a plan of the whole course
+        to begin with, where there is one already.
 
         Raises InvalidInput and PlanningFailed before anything moves; what goes wrong later is in the report.
         """
         begin, runner = time.perf_counter(), self.runner
-        prepared = runner.prepare(self._planned(None))
+        prepared = runner.prepare(self._planned(None) if first is None else first)
+        self._plans = 1
         message = ""
         with runner.world, watched(runner.latch, runner.sources):
             try:
@@ -158,8 +166,9 @@ class ClosedLoop:
         runner = self.runner
         while True:
             rows, begun = Rows(), self._frame
+            self._watch, self._slid = SlideWatch(runner.world.rate_hz), False
             try:
-                whole = runner.follow(prepared, rows, self._deviates)
+                whole = runner.follow(prepared, rows, self._astray)
             finally:
                 self._note(prepared, rows, begun)
             if whole and self._frame == self.course.frames - 1:
@@ -168,12 +177,22 @@ class ClosedLoop:
                 raise PlanningFailed(f"no way found in {self._plans} plans, at frame {self._frame}")
             self._replans += not whole
             target, state = rows.pairs[-1]
-            if not whole and self.settings.learn_friction:
-                self._share *= felt_friction(prepared.plan, rows, 1.0 / runner.world.rate_hz)
+            if not whole:
+                self._believed(prepared, rows)
+            if self._slid:
+                state, seconds = self._catcher.stand(prepared.plan, rows, partial(self._believed, prepared))
+                self._seconds += seconds
             told = f"frame {self._frame}, {self._share:.2f} of the friction believed in"
             runner.decide("go on" if whole else "plan anew", told)
             prepared = self._next(prepared, target, state)
             runner.go([prepared.first.targets_rad if prepared.sees else prepared.first.angles_rad])
+
+    def _believed(self, prepared: Prepared, rows: Rows) -> float:
+        """The share of the plan's friction that is believed in, after a look at what feet that slide feel just now."""
+        if self.settings.learn_friction:
+            felt = felt_friction(prepared.plan, rows, 1.0 / self.runner.world.rate_hz, FELT_S)
+            self._share = min(self._share, self._planned_share * felt)
+        return self._share / self._planned_share
 
     def _next(self, before: Prepared, target: Target, state: State) -> Prepared:
         """The next plan, from where the robot is measured to stand, or else from where it should."""
@@ -183,18 +202,17 @@ class ClosedLoop:
             com_m=plan.com_m[index], rotation_rad=plan.rotation_rad[index], toes_m=plan.toes_at(index),
             patches=tuple(plan.course.patch(int(p), plan.choice) for p in plan.course.holds[index]),
         )  # fmt: skip
+        near = np.array(state.angles_rad if before.sees else target.angles_rad)
+        course, servo = self.course, self.runner.world.servo
         failures = []
         for standing in ([] if measured is None else [measured]) + [ends]:
+            kinematics = Continued(course.robot, servo, gravity_m_s2=course.gravity_m_s2, near=near)
             try:
                 accepted = self._thought(partial(self._planned, standing))
-            except PlanningFailed as error:
+                return self._thought(partial(self.runner.prepare, accepted, kinematics))
+            except (PlanningFailed, InvalidInput) as error:
                 failures.append(str(error))
                 self.runner.decide("no plan", str(error))
-                continue
-            near = np.array(state.angles_rad if before.sees else target.angles_rad)
-            course, servo = self.course, self.runner.world.servo
-            kinematics = Continued(course.robot, servo, gravity_m_s2=course.gravity_m_s2, near=near)
-            return self._thought(partial(self.runner.prepare, accepted, kinematics))
         raise PlanningFailed(f"frame {self._frame}: no plan from here: {failures[0]}")
 
     def _planned(self, standing: Standing | None) -> Accepted:
@@ -233,10 +251,14 @@ class ClosedLoop:
                 self.runner.send(world.last_rad, world.last_rad)
             return future.result()
 
-    def _deviates(self, target: Target, state: State) -> bool:
+    def _astray(self, target: Target, state: State) -> bool:
+        """Feet slide, or all stand and the robot is not where it should be; where anything is done about it."""
         away = deviation_m(target, state, self._kinematics, self.runner.world.capabilities)
         self._worst = max(self._worst, away)
-        return away > self.settings.replan_m
+        if not np.isfinite(self.settings.replan_m):
+            return False
+        self._slid = bool(self._watch.slides(target, state).any())
+        return self._slid or (min(target.instant.placement) >= 0 and away > self.settings.replan_m)
 
     def _note(self, prepared: Prepared, rows: Rows, begun: int) -> None:
         """How far it came."""

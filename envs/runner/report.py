@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..execution import Execution, Tolerance, judged, traced
+from ..execution import Execution
 from ..tracking import Target
 from ..worlds.replay import ReplayWorld
 from ..worlds.world import State
@@ -15,7 +15,7 @@ from .ending import Ended
 from .safety import SafeWorld
 
 if TYPE_CHECKING:
-    from .runner import Prepared
+    from .prepared import Playable
 
 
 @dataclass
@@ -38,8 +38,9 @@ class RunReport:
     """How a run went.
 
     succeeded: to its end, with joints and, where it is measured, the body where they should be. message: why not.
-    dry: nothing was sent. ended: see ``Ended``. frames, frames_done: key frames. seconds: of the motion; pace: of that
-    asked for, bound_by what slowed it down. sent, clipped, refused: commands, see ``SafeWorld``.
+    dry: nothing was sent. ended: see ``Ended``. counted: what frames and frames_done, so many of all, count.
+    seconds: of the motion; pace: of that asked for, bound_by what slowed it down. sent, clipped, refused: commands, see
+    ``SafeWorld``.
     joint_worst_rad, joint_rms_rad: measured against planned angles. cycle_s: median and 99th percentile of the control
     period, from one command to the next. execution: as in a simulation, where body and forces are measured. replay_rad:
     largest difference of a command from that in the log which is replayed.
@@ -51,6 +52,7 @@ class RunReport:
     succeeded: bool
     message: str
     ended: Ended
+    counted: str
     frames: int
     frames_done: float
     seconds: float
@@ -78,13 +80,11 @@ class RunReport:
         }
 
 
-def reported(prepared: Prepared, world: SafeWorld, rows: Rows, ended: Ended, message: str, wall_s: float) -> RunReport:
+def reported(prepared: Playable, world: SafeWorld, rows: Rows, ended: Ended, message: str, wall_s: float) -> RunReport:
     """The report of what was recorded."""
-    plan, measured = prepared.plan, world.capabilities.has_body_pose and not world.dry
     execution = None
-    if measured and rows.pairs:
-        trace = traced(rows.pairs, prepared.kinematics)
-        execution = judged(plan, world, rows.pairs, trace, Tolerance(), None, wall_s)
+    if world.capabilities.has_body_pose and not world.dry and rows.pairs:
+        execution = prepared.execution(world, rows, wall_s)
         message = message or execution.message
     angles = np.array([state.angles_rad for _, state in rows.pairs]).reshape(-1, len(world.joints))
     away = np.abs(angles - np.array([target.angles_rad for target, _ in rows.pairs]).reshape(angles.shape))
@@ -92,16 +92,17 @@ def reported(prepared: Prepared, world: SafeWorld, rows: Rows, ended: Ended, mes
     cycles = np.diff(rows.began_s) if len(rows.began_s) > 1 else np.array([np.nan])
     return RunReport(
         world=world.name,
-        digest=prepared.accepted.digest,
+        digest=prepared.digest,
         dry=world.dry,
         succeeded=not message,
         message=message,
         ended=ended,
-        frames=plan.course.frames,
+        counted=prepared.counted,
+        frames=prepared.total + 1,
         frames_done=float(rows.pairs[-1][0].instant.frame) if rows.pairs else 0.0,
         seconds=float(rows.pairs[-1][1].time_s - rows.pairs[0][1].time_s) if rows.pairs else 0.0,
-        pace=prepared.paced.pace,
-        bound_by=prepared.paced.bound_by,
+        pace=prepared.pace,
+        bound_by=prepared.bound_by,
         sent=world.sent,
         clipped=world.clipped,
         refused=world.refused,

@@ -10,24 +10,24 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from itertools import count
 
 import numpy as np
 
 from stancekit.planners.arrays import Array, checked, gathered
-from stancekit.planners.force_share import shared_forces
 from stancekit.planners.kinematics import Kinematics, rotation_of
 from stancekit.planners.outcome import HardwareFault, InvalidInput
-from stancekit.planners.plan import Plan
-from stancekit.planners.scene import Patch
 
 from ..motion import Timing
-from ..tracking import Feel, Target, Tracker
-from ..worlds.world import State, World
+from ..tracking import Feel, Target
+from ..worlds.world import State, Terrain, World
 from .acceptance import Accepted
 from .ending import Ended, Ending, end
 from .estop import Source, StopLatch, Stopped, watched
+from .gait import AcceptedGait, PreparedGait, prepared_gait
+from .guardian import Guardian
 from .log import FORMAT, Log, NoLog, state_json
-from .pace import BLIND, Paced, expected, paced
+from .prepared import Playable, Prepared, check_hung, prepared_plan
 from .report import Rows, RunReport, reported
 from .safety import Limits, SafeWorld
 from .start import soft_motion, soft_start
@@ -61,28 +61,11 @@ class RunSettings:
         gathered(*(lambda n=n: checked(getattr(self, n), n, above=0.0) for n in names))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Prepared:
-    """A plan that is ready to go. first: the target before the first period."""
-
-    accepted: Accepted
-    paced: Paced
-    kinematics: Kinematics
-    tracker: Tracker
-    first: Target
-    sees: bool
-
-    @property
-    def plan(self) -> Plan:
-        """The plan."""
-        return self.accepted.plan
-
-
 class Runner:
-    """Runs plans on one world. A context manager; it closes the world.
+    """Runs plans and gaits on one world. A context manager; it closes the world.
 
     dry: send nothing to anything real. sources: of stops, beside the latch. log: of everything. progress: called with
-    (key frames done, all).
+    (key frames done, all). guardian: entered already; it acts where this process cannot.
     """
 
     def __init__(
@@ -95,25 +78,31 @@ class Runner:
         sources: Sequence[Source] = (),
         log: Log = NoLog(),
         progress: Progress = lambda done, total: None,
+        guardian: Guardian | None = None,
     ) -> None:
         self.settings, self.log = settings, log
         self.latch = StopLatch() if latch is None else latch
-        self.world = SafeWorld(world, latch=self.latch, limits=settings.limits, dry=dry, sources=sources)
-        self.sources, self._progress = tuple(sources), progress
+        self.sources, self._progress = (*sources, *(() if guardian is None else (guardian.gone,))), progress
+        self.world = SafeWorld(
+            world, latch=self.latch, limits=settings.limits, dry=dry, sources=self.sources, guardian=guardian
+        )
         self._found: Array | None = None
+        self._counted = Playable.counted
         self.state: State | None = None
 
-    def run(self, accepted: Accepted) -> RunReport:
-        """One plan from its beginning to its end. Raises InvalidInput for what cannot be run, before anything moves.
+    def run(self, accepted: Accepted | AcceptedGait, terrain: Terrain | None = None) -> RunReport:
+        """One plan, or gait, from its beginning to its end.
 
-        What stops it on the way is in the report.
+        terrain: what the world has, where that is not what the plan says. Raises InvalidInput for what cannot be run,
+        before anything moves; what stops it on the way is in the report.
         """
         begin = time.perf_counter()
-        prepared = self.prepare(accepted)
+        prepared: Playable
+        prepared = self.prepare(accepted) if isinstance(accepted, Accepted) else self.prepare_gait(accepted)
         rows, message = Rows(), ""
         with self.world, watched(self.latch, self.sources):
             try:
-                self.begin(prepared)
+                self.begin(prepared, terrain)
                 self.follow(prepared, rows)
                 message = self.goal(rows)
             except (Stopped, HardwareFault) as error:
@@ -129,41 +118,34 @@ class Runner:
 
     def prepare(self, accepted: Accepted, kinematics: Kinematics | None = None) -> Prepared:
         """Check that the plan fits the world, and time it. Raises InvalidInput."""
-        world, plan, hung = self.world, accepted.plan, self.settings.hung
-        if hung and not world.real:
-            raise InvalidInput(f"hung: expected a robot that can hang in a stand, world {world.name} has none")
-        accepted.check_fits(world)
-        can, sees = world.capabilities, world.capabilities.has_contact_forces and not world.dry
-        course = plan.course
-        kinematics = kinematics or Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
-        timed = paced(plan, kinematics, can, self.settings.timing, forces_n=shared_forces(plan), hung=hung)
-        tracker = Tracker(timed.motion, kinematics, world.rate_hz, self.settings.feel if sees else BLIND)
-        self.log.write(
-            "plan",
-            {
-                "format": FORMAT, "digest": accepted.digest, "course": course.name, "source": accepted.source,
-                "joints": list(world.joints), "rate_hz": world.rate_hz, "world": world.name, "dry": world.dry,
-                "pace": timed.pace, "bound_by": timed.bound_by, "seconds": timed.motion.seconds, "sees": sees,
-                "frames": course.frames, "com_m": plan.com_m, "toes_m": plan.toes_m, "holds": course.holds,
-            },
-        )  # fmt: skip
-        return Prepared(
-            accepted=accepted, paced=timed, kinematics=kinematics, tracker=tracker, first=tracker.start(), sees=sees
-        )
+        settings = self.settings
+        check_hung(settings.hung, self.world)
+        timing, feel, hung = settings.timing, settings.feel, settings.hung
+        prepared = prepared_plan(accepted, self.world, timing, feel, hung=hung, kinematics=kinematics)
+        self._note(prepared)
+        return prepared
+
+    def prepare_gait(self, accepted: AcceptedGait) -> PreparedGait:
+        """The same of a gait."""
+        settings = self.settings
+        check_hung(settings.hung, self.world)
+        prepared = prepared_gait(accepted, self.world, settings.timing, settings.feel, hung=settings.hung)
+        self._note(prepared)
+        return prepared
 
     @property
     def begun(self) -> bool:
         """Whether the world was reset: from then on something may move."""
         return self._found is not None
 
-    def begin(self, prepared: Prepared, terrain: Sequence[Patch] | None = None) -> None:
+    def begin(self, prepared: Playable, terrain: Terrain | None = None) -> None:
         """Measure, arm, and go softly to the first pose. Raises InvalidInput where there is no clear way to it.
 
         terrain: what the world has, where that is not what the plan's course says.
         """
-        first, motion = prepared.first, prepared.paced.motion
+        first = prepared.first
         rotation = rotation_of(first.instant.rotation_rad)
-        terrain = prepared.plan.course.terrain if terrain is None else terrain
+        terrain = prepared.terrain if terrain is None else terrain
         state = self.world.reset(terrain, first.angles_rad, first.origin_m, rotation)
         self.log.write("measurement", state_json(state))
         self.state, self._found = state, np.array(state.angles_rad)
@@ -174,7 +156,7 @@ class Runner:
         far = float(np.abs(state.angles_rad - first.angles_rad).max())
         self.decide("soft start", f"{far:.3f} rad to the first pose, over {len(way)} pose{'s' * (len(way) > 1)}")
         self.go(way)
-        self.decide("motion", f"{motion.seconds:.1f} s at pace {prepared.paced.pace:.2f} {prepared.paced.bound_by}")
+        self.decide("motion", f"{prepared.motion.seconds:.1f} s at pace {prepared.pace:.2f} {prepared.bound_by}")
 
     def go(self, way: Sequence[Array]) -> None:
         """Along joint poses, softly, one after the other."""
@@ -182,25 +164,23 @@ class Runner:
             for targets in soft_motion(self.world.last_rad, pose, self.settings.speed_rad_s, self.world.rate_hz):
                 self.send(targets, pose)
 
-    def follow(self, prepared: Prepared, rows: Rows, until: Until = lambda target, state: False) -> bool:
-        """The motion to its end, or to where ``until`` says so while all feet stand. Returns whether it ended."""
+    def follow(self, prepared: Playable, rows: Rows, until: Until = lambda target, state: False) -> bool:
+        """The motion to its end, or to where ``until`` says so. Returns whether it ended."""
         assert self.state is not None
-        felt = prepared.first.instant.forces_n
-        motion, period_s, k = prepared.paced.motion, 1.0 / self.world.rate_hz, 0
-        frames = prepared.plan.course.frames - 1
-        while True:
-            k += 1
-            target = prepared.tracker.next(felt if prepared.sees else expected(motion.at(k * period_s)))
+        felt, self._counted = prepared.first.instant.forces_n, prepared.counted
+        for k in count(1):
+            target = prepared.next(felt, k / self.world.rate_hz)
             if target is None:
-                return True
+                break
             began = time.perf_counter()
-            state = self.send(target.targets_rad if prepared.sees else target.angles_rad, target.angles_rad)
+            state = self.send(prepared.sendable(target), target.angles_rad)
             rows.add(target, state, time.perf_counter() - began, began)
             felt = state.forces_n
-            self._check_body(target, state)
-            self._progress(int(target.instant.frame), frames)
-            if min(target.instant.placement) >= 0 and until(target, state):
+            self.check_body(target, state)
+            self._progress(int(target.instant.frame), prepared.total)
+            if until(target, state):
                 return False
+        return True
 
     def send(self, targets: Array, planned: Array) -> State:
         """One command, logged. Raises Stopped, HardwareFault."""
@@ -227,7 +207,7 @@ class Runner:
         """Log a decision."""
         self.log.write("decision", {"what": what, "why": why})
 
-    def finish(self, prepared: Prepared, message: str) -> Ended:
+    def finish(self, prepared: Playable, message: str) -> Ended:
         """Leave the robot as it should be left."""
         home: Sequence[Array] | None = None
         if self._found is None:
@@ -244,20 +224,33 @@ class Runner:
         self.decide("end", f"{ended.left} after {ended.seconds:.3f} s{': ' * bool(ended.message)}{ended.message}")
         return ended
 
-    def _way(self, prepared: Prepared, state: State, goal_rad: Array) -> list[Array]:
+    def _note(self, prepared: Playable) -> None:
+        """Log what is run."""
+        world = self.world
+        self.log.write(
+            "plan",
+            {
+                "format": FORMAT, "digest": prepared.digest, "course": prepared.name, "source": prepared.source,
+                "joints": list(world.joints), "rate_hz": world.rate_hz, "world": world.name, "dry": world.dry,
+                "pace": prepared.pace, "bound_by": prepared.bound_by, "seconds": prepared.motion.seconds,
+                "sees": prepared.sees, "frames": prepared.total + 1, **prepared.logged(),
+            },
+        )  # fmt: skip
+
+    def _way(self, prepared: Playable, state: State, goal_rad: Array) -> list[Array]:
         """A clear way from the measured pose to this one."""
-        motion, instant = prepared.paced.motion, prepared.first.instant
+        instant = prepared.first.instant
         return soft_start(
             prepared.kinematics,
-            () if self.settings.hung else motion.solids,
+            () if self.settings.hung else prepared.surfaces,
             (state.position_m, state.rotation),
             np.array(state.angles_rad),
             goal_rad,
             instant.normals,
-            motion.timing.clearance_m,
+            prepared.clearance_m,
         )
 
-    def _check_body(self, target: Target, state: State) -> None:
+    def check_body(self, target: Target, state: State) -> None:
         """Stop where the body is not where it should be."""
         if not self.world.capabilities.has_body_pose or self.world.dry:
             return
@@ -266,6 +259,6 @@ class Runner:
         turned = float(np.arccos(np.clip((np.trace(between) - 1.0) / 2.0, -1.0, 1.0)))
         if away > self.settings.body_m or turned > self.settings.body_rad:
             self.world.trip(
-                f"body: {1e3 * away:.0f} mm and {turned:.2f} rad from the plan at frame {target.instant.frame:.1f}, "
-                f"limits {1e3 * self.settings.body_m:.0f} mm and {self.settings.body_rad:g} rad"
+                f"body: {1e3 * away:.0f} mm and {turned:.2f} rad from the plan at {target.instant.frame:.1f} "
+                f"{self._counted}, limits {1e3 * self.settings.body_m:.0f} mm and {self.settings.body_rad:g} rad"
             )

@@ -16,11 +16,11 @@ import numpy as np
 
 from stancekit.planners.arrays import Array, checked, gathered
 from stancekit.planners.outcome import HardwareFault, InvalidInput
-from stancekit.planners.scene import Patch
 
 from ..worlds.capabilities import WorldCapabilities
-from ..worlds.world import State, World
+from ..worlds.world import State, Terrain, World
 from .estop import Source, StopLatch, Stopped
+from .guardian import Guardian
 from .null import NullWorld
 from .watchdog import Watchdog
 
@@ -90,7 +90,7 @@ class SafeWorld:
 
     dry: nothing is sent to anything real; a ``NullWorld`` answers what would have been sent. A simulation is nothing
     real. sources: asked before every command. sent, clipped, refused: numbers of commands that went through, that were
-    changed on the way, and that came after the stop.
+    changed on the way, and that came after the stop. guardian: told of every command.
     """
 
     def __init__(
@@ -102,6 +102,7 @@ class SafeWorld:
         dry: bool = True,
         sources: Sequence[Source] = (),
         clock: Callable[[], float] = time.monotonic,
+        guardian: Guardian | None = None,
     ) -> None:
         self.world, self.latch, self.limits = world, latch, limits
         self.name, self.robot, self.servo = world.name, world.robot, world.servo
@@ -110,13 +111,13 @@ class SafeWorld:
         self.real = isinstance(world, Actuator)
         self.dry = dry and self.real
         self.sent = self.clipped = self.refused = 0
-        self.watchdog = Watchdog(latch, limits.silent_s if self.real else float("inf"), clock)
+        self.watchdog = Watchdog(latch, limits.silent_s if self.real else float("inf"), clock, guardian)
         self._sources = tuple(sources)
         self._to: World = world
         self._last: Array | None = None
         self._away = 0
 
-    def reset(self, terrain: Sequence[Patch], angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """As the world's; what is real is measured, and moves not. Raises Stopped, InvalidInput, HardwareFault."""
         self._ask()
         state = self.world.reset(terrain, angles_rad, position_m, rotation)

@@ -10,8 +10,9 @@ import numpy as np
 from stancekit.planners.arrays import Array
 from stancekit.planners.kinematics import Kinematics
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene.solid import Solid
 from stancekit.planners.scene.urdf import FOOT_RADIUS_M
+
+from ..worlds.world import Solids
 
 SLACK_M = 0.006
 """So deep a foot may be in a surface on the way: what it stands on, and what it is off by, is no collision."""
@@ -35,7 +36,7 @@ def soft_motion(start_rad: Array, goal_rad: Array, speed_rad_s: float, rate_hz: 
 
 def soft_start(
     kinematics: Kinematics,
-    solids: Sequence[Solid],
+    solids: Solids,
     pose: tuple[Array, Array],
     measured_rad: Array,
     first_rad: Array,
@@ -63,7 +64,7 @@ def soft_start(
 
 
 def _deepest(
-    kinematics: Kinematics, solids: Sequence[Solid], pose: tuple[Array, Array], way: Sequence[Array]
+    kinematics: Kinematics, solids: Solids, pose: tuple[Array, Array], way: Sequence[Array]
 ) -> tuple[float, str]:
     """How deep feet are in surfaces at most, and whose [m]; negative where all are outside."""
     position, rotation = pose

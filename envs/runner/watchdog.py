@@ -1,7 +1,7 @@
 """The host's own watchdog: a loop that falls silent is stopped, whatever it hangs in.
 
 A thread trips the latch; that is enough for a loop that is late. A process that hangs altogether no thread of its own
-can help: there the device's bus watchdog stops it (``worlds.dynamixel``), or the goal is cancelled (``worlds.ros``).
+can help: there the device's bus watchdog stops it (``worlds.dynamixel``), or another process does (``guardian``).
 """
 
 from __future__ import annotations
@@ -13,16 +13,25 @@ from types import TracebackType
 from typing import Self
 
 from .estop import StopLatch
+from .guardian import Guardian
 
 
 class Watchdog:
     """Trips the latch where ``kick`` was not called for ``limit_s``; begins with the first kick. A context manager.
 
     clock: in seconds, never set back; what the wall clock does is no matter. A limit of infinity watches nothing.
+    guardian: is told the same.
     """
 
-    def __init__(self, latch: StopLatch, limit_s: float, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        latch: StopLatch,
+        limit_s: float,
+        clock: Callable[[], float] = time.monotonic,
+        guardian: Guardian | None = None,
+    ) -> None:
         self.limit_s = limit_s
+        self._guardian = guardian
         self._latch, self._clock = latch, clock
         self._last: float | None = None
         self._over = threading.Event()
@@ -32,10 +41,14 @@ class Watchdog:
         """The loop lives. One that comes too late trips the latch itself."""
         self.look()
         self._last = self._clock()
+        if self._guardian is not None:
+            self._guardian.beat()
 
     def rest(self) -> None:
         """Watch nothing until the next kick."""
         self._last = None
+        if self._guardian is not None:
+            self._guardian.rest()
 
     def look(self) -> None:
         """Trip the latch where the last kick is too long ago."""

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Literal, Protocol, get_args
 
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.scene import Robot
-from stancekit.planners.scene.course import Course
 from stancekit.planners.scene.urdf import Servo, joint_names
 
 from ..worlds import WORLDS, make_world
@@ -20,10 +19,24 @@ RATE_HZ = {"bullet": 200.0, "mujoco": 200.0, "dynamixel": 50.0, "ros": 50.0}
 """Targets a second, where nothing else is asked for."""
 
 
+class MadeFor(Protocol):
+    """What a course and a gait have in common."""
+
+    @property
+    def robot(self) -> Robot:
+        """Who moves."""
+        ...
+
+    @property
+    def gravity_m_s2(self) -> float:
+        """What the world pulls with."""
+        ...
+
+
 def make_run_world(
-    name: str, course: Course, *, setup: Path | None = None, servo: Servo = Servo(), rate_hz: float | None = None
+    name: str, course: MadeFor, *, setup: Path | None = None, servo: Servo = Servo(), rate_hz: float | None = None
 ) -> World:
-    """A world by name for a course's robot.
+    """A world by name for a course's, or a gait's, robot.
 
     setup: the log of ``replay``, the calibration file of ``dynamixel``, the set-up file of ``ros``; others have none.
     Raises InvalidInput for an unknown name, a file that is missing or wrong, and a package that is not installed.
@@ -59,7 +72,9 @@ def _dynamixel(robot: Robot, path: Path, servo: Servo, rate_hz: float | None) ->
     from ..worlds.dynamixel import DynamixelWorld
 
     rate = RATE_HZ["dynamixel"] if rate_hz is None else rate_hz
-    return DynamixelWorld(robot, Calibration.from_yaml(path, joint_names(robot)), servo, rate_hz=rate)
+    calibration = Calibration.from_yaml(path, joint_names(robot))
+    _check_name(path, calibration.robot, robot)
+    return DynamixelWorld(robot, calibration, servo, rate_hz=rate)
 
 
 def _ros(robot: Robot, path: Path, servo: Servo, rate_hz: float | None) -> World:
@@ -67,4 +82,12 @@ def _ros(robot: Robot, path: Path, servo: Servo, rate_hz: float | None) -> World
     from ..worlds.ros_setup import RosSetup
 
     rate = RATE_HZ["ros"] if rate_hz is None else rate_hz
-    return RosWorld(robot, RosSetup.from_yaml(path, joint_names(robot)), servo, rate_hz=rate)
+    setup = RosSetup.from_yaml(path, joint_names(robot))
+    _check_name(path, setup.robot, robot)
+    return RosWorld(robot, setup, servo, rate_hz=rate)
+
+
+def _check_name(path: Path, name: str | None, robot: Robot) -> None:
+    """Raise InvalidInput for a file of another robot."""
+    if name not in (None, robot.name):
+        raise InvalidInput(f"{path}: robot: expected {robot.name}, whom the plan is for, got {name}")

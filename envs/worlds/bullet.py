@@ -10,12 +10,12 @@ import numpy as np
 
 from stancekit.planners.arrays import Array
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene import Patch, Robot
+from stancekit.planners.scene import Robot
 from stancekit.planners.scene.posture import GRAVITY_M_S2
 from stancekit.planners.scene.solid import Solid
 from stancekit.planners.scene.urdf import Servo, foot_names, hexapod_urdf, joint_names
 
-from .world import State, sendable
+from .world import SPACING_M, Ground, State, Terrain, sendable
 
 PHYSICS_S = 1e-3
 
@@ -46,7 +46,7 @@ class BulletWorld:
         self._urdf = hexapod_urdf(robot, servo, rotors_in_links=True)  # PyBullet knows no rotors
         self._client = pybullet.connect(pybullet.DIRECT)
 
-    def reset(self, terrain: Sequence[Patch], angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Put the robot, at rest, into this pose over this terrain."""
         self._begin()
         self._lay(terrain)
@@ -101,9 +101,19 @@ class BulletWorld:
             physicsClientId=client,
         )  # fmt: skip
 
-    def _lay(self, terrain: Sequence[Patch]) -> None:
-        """Every patch as a static convex body whose friction is the patch's."""
+    def _lay(self, terrain: Terrain) -> None:
+        """Every patch as a static convex body, or heights as a field, with their friction."""
         bullet, client = self._bullet, self._client
+        if isinstance(terrain, Ground):
+            x, y, heights = terrain.even(SPACING_M)
+            shape = bullet.createCollisionShape(
+                bullet.GEOM_HEIGHTFIELD, meshScale=[x[1] - x[0], y[1] - y[0], 1.0],
+                heightfieldData=heights.T.ravel().tolist(), numHeightfieldRows=len(x), numHeightfieldColumns=len(y),
+                physicsClientId=client,
+            )  # fmt: skip
+            middle = [x.mean(), y.mean(), 0.5 * (heights.min() + heights.max())]  # where PyBullet has its origin
+            self._still(shape, middle, terrain.friction)
+            return
         for patch in terrain:
             solid = Solid.behind(patch)
             middle = solid.corners.mean(axis=0)
@@ -111,11 +121,16 @@ class BulletWorld:
                 bullet.GEOM_MESH, vertices=(solid.corners - middle).tolist(), indices=solid.triangles.ravel().tolist(),
                 physicsClientId=client,
             )  # fmt: skip
-            body = bullet.createMultiBody(0.0, shape, basePosition=middle.tolist(), physicsClientId=client)
-            bullet.changeDynamics(
-                body, -1, lateralFriction=patch.friction, rollingFriction=0.0, spinningFriction=0.0, restitution=0.0,
-                physicsClientId=client,
-            )  # fmt: skip
+            self._still(shape, middle.tolist(), patch.friction)
+
+    def _still(self, shape: int, middle: Sequence[float], friction: float) -> None:
+        """A body that does not move."""
+        bullet, client = self._bullet, self._client
+        body = bullet.createMultiBody(0.0, shape, basePosition=list(middle), physicsClientId=client)
+        bullet.changeDynamics(
+            body, -1, lateralFriction=friction, rollingFriction=0.0, spinningFriction=0.0, restitution=0.0,
+            physicsClientId=client,
+        )  # fmt: skip
 
     def _loaded(self) -> int:
         """The robot, its links not merged, its joints free of PyBullet's own motors and damping."""

@@ -17,7 +17,7 @@ from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.refusals import refusals
 from stancekit.planners.scene.urdf import JOINTS, Servo
 
-from .control_table import CENTRE_TICK, MODELS, RAD, TICKS, WATCHDOG_S, Model
+from .control_table import CENTRE_TICK, LATENCY_MS, MODELS, RAD, TICKS, WATCHDOG_S, Model
 
 FORMAT: Literal["stancekit/servos/1"] = "stancekit/servos/1"
 Baud = Literal[57600, 115200, 1000000, 2000000, 3000000, 4000000]
@@ -59,18 +59,21 @@ class JointServo:
 class Calibration:
     """All servos of a robot. port, baud: where they are; model: all of one, a name in ``control_table.MODELS``.
 
-    watchdog_s: a servo that hears nothing for so long stops by itself, in steps of 20 ms. desk: the servos lie on a
-    desk or the robot hangs, so that they carry nothing, and plans for all of its torques may be run. joints: by their
-    names.
+    robot: the name of the robot that these servos are in; a plan for another one is refused. None says nothing.
+    watchdog_s: a servo that hears nothing for so long stops by itself, in steps of 20 ms. latency_ms: of the adapter;
+    an answer that takes longer is asked for again. desk: the servos lie on a desk or the robot hangs, so that they
+    carry nothing, and plans for all of its torques may be run. joints: by their names.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     format: Literal["stancekit/servos/1"] = FORMAT
+    robot: Annotated[str | None, Field(min_length=1)] = None
     port: Annotated[str, Field(min_length=1)]
     baud: Baud = 1000000
     model: Literal["XM430-W350", "XM540-W270"] = "XM540-W270"
     watchdog_s: Annotated[float, Field(ge=0.06, le=1.0)] = 0.2
+    latency_ms: Annotated[float, Field(ge=1.0, le=200.0)] = LATENCY_MS
     desk: bool = False
     joints: Annotated[dict[str, JointServo], Field(min_length=1)]
 

@@ -8,7 +8,6 @@ to the host.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
 
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from stancekit.planners.arrays import Array
 from stancekit.planners.kinematics import Kinematics
 from stancekit.planners.outcome import HardwareFault, InvalidInput
-from stancekit.planners.scene import Patch, Robot
+from stancekit.planners.scene import Robot
 from stancekit.planners.scene.urdf import Servo, joint_names
 
 from . import control_table as table
@@ -26,7 +25,7 @@ from .calibration import Calibration, Turning
 from .capabilities import WorldCapabilities
 from .servo_bus import ServoBus, signed
 from .servo_setup import check_servos, configure
-from .world import State
+from .world import State, Terrain
 
 REST_RAD = 0.35
 """A robot at rest, its torque off, has its joints this near to where the calibration says."""
@@ -56,12 +55,13 @@ class DynamixelWorld:
         self._servos = calibration.ordered(self.joints)
         self._turning, self._kind = Turning(self._servos), calibration.kind
         self._current = np.array([round(each.current_a / table.AMPERE) for each in self._servos])
-        self.bus = ServoBus(calibration.port, calibration.baud, [each.id for each in self._servos], self.joints)
+        ids = [each.id for each in self._servos]
+        self.bus = ServoBus(calibration.port, calibration.baud, ids, self.joints, latency_ms=calibration.latency_ms)
         self.capabilities, self._kinematics = self._capable(), Kinematics(robot, servo)
         self.armed, self.late, self.bus_s = False, 0, 0.0
         self._open, self._sent = False, np.zeros(len(self.joints))
 
-    def reset(self, terrain: Sequence[Patch], angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Connect, check every servo, measure; nothing moves, and the torque stays as it was.
 
         angles_rad: not used, the measured ones come back. position_m, rotation: where the body is taken to be. Raises

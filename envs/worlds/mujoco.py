@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from types import TracebackType
 from typing import Any, Self
 
@@ -10,18 +9,20 @@ import numpy as np
 
 from stancekit.planners.arrays import Array
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene import Patch, Robot
+from stancekit.planners.scene import Robot
 from stancekit.planners.scene.posture import GRAVITY_M_S2
 from stancekit.planners.scene.solid import Solid
 from stancekit.planners.scene.urdf import Servo, foot_names, hexapod_urdf, joint_names
 
-from .world import State, sendable
+from .world import SPACING_M, Ground, State, Terrain, sendable
 
 PHYSICS_S = 1e-3
 CONTACT_S, CONTACT_DAMPING = 0.004, 1.0
 """Time constant and damping ratio of a contact (solref)."""
 STIFF = 100.0
 """Friction rows are this much harder than normal ones (impratio): feet under load creep less."""
+UNDER_M = 0.5
+"""How deep a field of heights is below its lowest place."""
 ICE = 1e-6
 """At and below this friction a contact has no friction rows at all."""
 
@@ -46,7 +47,7 @@ class MujocoWorld:
         self._model: Any = None
         self._data: Any = None
 
-    def reset(self, terrain: Sequence[Patch], angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Put the robot, at rest, into this pose over this terrain."""
         self._model = self._compiled(terrain)
         self._data = self._mujoco.MjData(self._model)
@@ -81,7 +82,7 @@ class MujocoWorld:
     ) -> None:
         self.close()
 
-    def _compiled(self, terrain: Sequence[Patch]) -> Any:
+    def _compiled(self, terrain: Terrain) -> Any:
         kinds = self._mujoco
         spec = kinds.MjSpec.from_string(hexapod_urdf(self.robot, self.servo))
         spec.compiler.fusestatic = False  # or the body, and the feet, are merged into their parents
@@ -93,20 +94,38 @@ class MujocoWorld:
         spec.body("body").add_freejoint()
         for geom in spec.geoms:
             geom.contype, geom.conaffinity = 1, 0  # limbs meet the terrain, not each other
-        for index, patch in enumerate(terrain):
-            spec.add_mesh(name=f"patch_{index}", uservert=Solid.behind(patch).corners.ravel())
-            spec.worldbody.add_geom(
-                type=kinds.mjtGeom.mjGEOM_MESH, meshname=f"patch_{index}", contype=0, conaffinity=1,
-                priority=1,  # its friction counts, not the larger of the two
-                condim=3 if patch.friction > ICE else 1, friction=[max(patch.friction, ICE), 0.0, 0.0],
-                solref=[CONTACT_S, CONTACT_DAMPING], solimp=[0.95, 0.99, 0.001, 0.5, 2.0],
-            )  # fmt: skip
+        self._lay(spec, terrain)
         for joint in self.joints:
             spec.joint(joint).armature = self.servo.rotor_kg_m2
             actuator = spec.add_actuator(name=joint, target=joint, trntype=kinds.mjtTrn.mjTRN_JOINT)
             actuator.set_to_position(kp=self.servo.stiffness_nm_rad, kv=self.servo.damping_nms_rad)
             actuator.forcelimited, actuator.forcerange = True, [-self.servo.torque_nm, self.servo.torque_nm]
         return spec.compile()
+
+    def _lay(self, spec: Any, terrain: Terrain) -> None:
+        """Every patch as a static convex body, or heights as a field, whose friction counts, not the larger of two."""
+        kinds = self._mujoco.mjtGeom
+        contact: dict[str, Any] = {
+            "contype": 0, "conaffinity": 1, "priority": 1,
+            "solref": [CONTACT_S, CONTACT_DAMPING], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0],
+        }  # fmt: skip
+        if isinstance(terrain, Ground):
+            x, y, heights = terrain.even(SPACING_M)
+            low, high = float(heights.min()), max(float(heights.max()), float(heights.min()) + 1e-6)
+            spec.add_hfield(
+                name="ground", nrow=len(y), ncol=len(x), size=[np.ptp(x) / 2, np.ptp(y) / 2, high - low, UNDER_M],
+                userdata=((heights.T - low) / (high - low)).ravel().tolist(),
+            )  # fmt: skip
+            middle = [float(x.mean()), float(y.mean()), low]
+            spec.worldbody.add_geom(
+                type=kinds.mjGEOM_HFIELD, hfieldname="ground", pos=middle, **rubbing(terrain.friction), **contact
+            )
+            return
+        for index, patch in enumerate(terrain):
+            spec.add_mesh(name=f"patch_{index}", uservert=Solid.behind(patch).corners.ravel())
+            spec.worldbody.add_geom(
+                type=kinds.mjGEOM_MESH, meshname=f"patch_{index}", **rubbing(patch.friction), **contact
+            )
 
     def _contacts(self, forces: Array) -> float:
         """Add the forces of all contacts to their feet; the force on anything else is returned [N]."""
@@ -139,3 +158,8 @@ class MujocoWorld:
             bump_n=bump,
             sent_rad=self._sent.copy(),
         )
+
+
+def rubbing(friction: float) -> dict[str, Any]:
+    """Friction of a geometry; ice has none."""
+    return {"condim": 3 if friction > ICE else 1, "friction": [max(friction, ICE), 0.0, 0.0]}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -11,11 +10,11 @@ import numpy as np
 
 from stancekit.planners.arrays import Array
 from stancekit.planners.outcome import HardwareFault, InvalidInput
-from stancekit.planners.scene import Patch, Robot
+from stancekit.planners.scene import Robot
 from stancekit.planners.scene.urdf import Servo, joint_names
 
 from .capabilities import WorldCapabilities
-from .world import State
+from .world import State, Terrain
 
 
 class ReplayWorld:
@@ -52,7 +51,7 @@ class ReplayWorld:
             has_contact_forces=self._sees,
         )  # fmt: skip
 
-    def reset(self, terrain: Sequence[Patch], angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """The first measurement of the log."""
         self._row, self.worst_rad = 0, 0.0
         return self._states[0]

@@ -10,7 +10,7 @@ controller itself keeps within tolerances; nobody can stop that when the connect
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -19,14 +19,14 @@ import numpy as np
 from stancekit.planners.arrays import Array, frozen
 from stancekit.planners.kinematics import Kinematics
 from stancekit.planners.outcome import HardwareFault, InvalidInput
-from stancekit.planners.scene import Patch, Robot
+from stancekit.planners.scene import Robot
 from stancekit.planners.scene.urdf import Servo, joint_names
 
 from .capabilities import WorldCapabilities
 from .ros_follow import Follower
 from .ros_robot import RosRobot
 from .ros_setup import RosSetup
-from .world import State
+from .world import State, Terrain
 
 SLACK_RAD = 0.05
 """A joint measured this far beyond its limits is taken for one at its stop, farther for one that is mapped wrong."""
@@ -53,7 +53,7 @@ class RosWorld:
         self.armed, self.late = False, 0
         self._sent = np.zeros(len(self.joints))
 
-    def reset(self, terrain: Sequence[Patch], angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Connect, check the controller's joints, measure; nothing is sent that could move the robot.
 
         angles_rad: not used, the measured ones come back. position_m, rotation: where the body is taken to be. Raises

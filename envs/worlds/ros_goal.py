@@ -123,6 +123,19 @@ class Goals:
         return Ros2Goal(self._link, self._action, goal, heard)
 
 
+def cancel_all(link: RosLink, controller: str, ros: Literal[1, 2]) -> None:
+    """Cancel every goal of a controller, whoever sent it. Raises InvalidInput where nobody answers.
+
+    In ROS 2 by the action's own service, which knows no connections: a rosbridge cancels only goals that came over it.
+    """
+    action = f"{controller}/follow_joint_trajectory"
+    if ros == 1:
+        link.publish(f"{action}/cancel", "actionlib_msgs/GoalID", {"stamp": duration(0.0, 1), "id": ""})
+        return
+    everything = {"goal_info": {"goal_id": {"uuid": [0] * 16}, "stamp": duration(0.0, 2)}}
+    link.call(f"{action}/_action/cancel_goal", "action_msgs/srv/CancelGoal", everything)
+
+
 def trajectory(
     names: tuple[str, ...], times_s: Array, positions: Array, velocities: Array | None, ros: Literal[1, 2]
 ) -> Message:

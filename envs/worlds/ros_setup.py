@@ -35,9 +35,10 @@ class RosJoint:
 class RosSetup:
     """A robot behind a rosbridge.
 
-    host, port: of the rosbridge. ros: 1 (actionlib topics) or 2 (actions of the rosbridge protocol). controller: a
-    joint trajectory controller. joint_states: where angles are published. estop: topic of std_msgs/Bool, true for
-    pressed; None for none. controller_manager: switches the controller off, as near as ROS comes to torque off.
+    robot: its name; a plan for another one is refused. None says nothing. host, port: of the rosbridge. ros: 1
+    (actionlib topics) or 2 (actions of the rosbridge protocol). controller: a joint trajectory controller.
+    joint_states: where angles are published. estop: topic of std_msgs/Bool, true for pressed; None for none.
+    controller_manager: switches the controller off, as near as ROS comes to torque off.
 
     lead_s: a streamed target should be reached so long after it is sent; motion lags by it, and goes on no longer when
     the connection is lost. stale_s: oldest measurement that is good enough. alone_s: longest trajectory that is handed
@@ -49,6 +50,7 @@ class RosSetup:
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
     format: Literal["stancekit/ros/1"] = FORMAT
+    robot: Annotated[str | None, Field(min_length=1)] = None
     host: Annotated[str, Field(min_length=1)] = "127.0.0.1"
     port: Annotated[int, Field(ge=1, le=65535)] = 9090
     ros: Literal[1, 2] = 2

@@ -45,8 +45,9 @@ class RosLink:
             socket.create_connection(self._address, timeout=self._timeout_s).close()
         except OSError as error:
             raise InvalidInput(f"rosbridge {self.url}: expected a rosbridge, nobody is there: {error}") from None
-        for handler in (SILENT, self._ears):
-            logging.getLogger("roslibpy").addHandler(handler)
+        for name in ("roslibpy", "autobahn"):
+            logging.getLogger(name).addHandler(SILENT)
+        logging.getLogger("roslibpy").addHandler(self._ears)
         self.ros = self._module.Ros(*self._address, transport="asyncio")
         self.ros.factory.maxRetries = 0
         self.ros.on("close", lambda _: self._lost.set())

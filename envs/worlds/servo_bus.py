@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.outcome import HardwareFault, InvalidInput
 
-from .control_table import HARDWARE_ERROR, Register, hardware_errors
+from .control_table import HARDWARE_ERROR, LATENCY_MS, Register, hardware_errors
 
 Bytes = NDArray[np.uint8]
 ALERT, CORRUPT = 0x80, -3002
@@ -30,10 +30,20 @@ class ServoBus:
     """One port and the servos on it, in one order; S servos. Not for use by several threads at once.
 
     ids, names: of the servos and of their joints. retries: how often a damaged or late answer is asked for again.
+    latency_ms: how long beyond its bytes' own time an answer may take.
     ``retried`` counts damaged and late answers. Raises InvalidInput where the SDK is not installed.
     """
 
-    def __init__(self, port: str, baud: int, ids: Sequence[int], names: Sequence[str], *, retries: int = 2) -> None:
+    def __init__(
+        self,
+        port: str,
+        baud: int,
+        ids: Sequence[int],
+        names: Sequence[str],
+        *,
+        retries: int = 2,
+        latency_ms: float = LATENCY_MS,
+    ) -> None:
         try:
             from dynamixel_sdk import PacketHandler
         except ImportError:
@@ -42,7 +52,7 @@ class ServoBus:
             ) from None
         self.port, self.baud, self.ids, self.names = port, baud, list(ids), list(names)
         self.fast, self.retried = False, 0
-        self._retries, self._packets = retries, PacketHandler(2.0)
+        self._retries, self._packets, self._latency_ms = retries, PacketHandler(2.0), latency_ms
         self._handler: Any = None
 
     def open(self) -> None:
@@ -50,6 +60,7 @@ class ServoBus:
         from .servo_port import ServoPort
 
         handler = ServoPort(self.port)
+        handler.latency_ms = self._latency_ms
         try:
             handler.setBaudRate(self.baud)
         except (OSError, termios.error) as error:
@@ -190,11 +201,11 @@ class ServoBus:
                     _, result, _ = self._packets.ping(self._handler, self.ids[index])
                     if result != 0:
                         self._handler.settle()
-                if result == CORRUPT:
-                    raise HardwareFault(f"port {self.port}: answers come damaged, e.g. that of {self.label(index)}")
                 if result == 0:
                     break
             else:
+                if result == CORRUPT:
+                    raise HardwareFault(f"port {self.port}: answers come damaged, e.g. that of {self.label(index)}")
                 silent.append(self.label(index))
             if len(silent) == BLAMED:
                 raise HardwareFault(f"{', '.join(silent)}: no answer, maybe more of them; has the bus power?")
@@ -239,4 +250,6 @@ def _why(error: BaseException) -> str:
         return "expected a free port, somebody else has it open"
     if number == errno.ENOTTY:
         return "expected a serial port, got something else"
+    if number == errno.ENOENT:
+        return "expected a serial port, found nothing there"
     return os.strerror(number) if isinstance(number, int) and number else str(error)

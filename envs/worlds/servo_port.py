@@ -8,6 +8,8 @@ import time
 
 from dynamixel_sdk import PortHandler
 
+from .control_table import LATENCY_MS
+
 WAIT_S = 0.002
 """How long a read sleeps for bytes before the SDK looks at its own time limit."""
 
@@ -18,7 +20,7 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
     ``latency_ms``: how long beyond the bytes' own time an answer may take.
     """
 
-    latency_ms = 16.0
+    latency_ms = LATENCY_MS
 
     def setupPort(self, cflag_baud: int) -> bool:
         """Open and lock. Raises OSError, BlockingIOError where somebody else has the port."""

@@ -11,6 +11,8 @@ import numpy as np
 
 from stancekit.planners.arrays import Array
 from stancekit.planners.scene import Patch, Robot
+from stancekit.planners.scene.heightfield import HeightField
+from stancekit.planners.scene.solid import Solid
 from stancekit.planners.scene.urdf import Servo
 
 
@@ -38,6 +40,32 @@ class State:
     sent_rad: Array
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ground:
+    """Terrain as heights, with one friction coefficient."""
+
+    heights: HeightField
+    friction: float
+
+    def distance(self, points: Array) -> Array:
+        """From the ground, along its normal where it is even, shape (…, 3) [m] → (…); negative inside."""
+        xy = points[..., :2]
+        return np.asarray((points[..., 2] - self.heights.height(xy)) * self.heights.normal(xy)[..., 2])
+
+    def even(self, spacing_m: float) -> tuple[Array, Array, Array]:
+        """Its heights on even grid lines at most so far apart: x, y and heights, shape (n,), (m,), (n, m) [m]."""
+        x, y = (np.linspace(a, b, int(np.ceil((b - a) / spacing_m)) + 1) for a, b in self.heights.domain_m)
+        return x, y, self.heights.height(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1))
+
+
+Solids = Sequence[Solid | Ground]
+"""What has a ``distance``."""
+Terrain = Sequence[Patch] | Ground
+"""Flat patches, each a solid body behind its surface; or heights."""
+SPACING_M = 0.025
+"""Of the grid that simulators get of heights."""
+
+
 class World(Protocol):
     """Three verbs, and what it can do. A context manager; ``reset`` may be called again."""
 
@@ -47,7 +75,7 @@ class World(Protocol):
     joints: tuple[str, ...]
     rate_hz: float
 
-    def reset(self, terrain: Sequence[Patch], angles_rad: Array, position_m: Array, rotation: Array) -> State:
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Put the robot, at rest, into this pose over this terrain."""
         ...
 

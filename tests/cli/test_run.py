@@ -3,22 +3,32 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
 pytest.importorskip("mcap")
 
-from stancekit.cli.main import run
+from stancekit.cli.main import main, run
 from stancekit.cli.replay import Replay
 from stancekit.cli.run import Run
+from stancekit.envs.expert import expert_envelopes
+from stancekit.envs.runner.log import read_log
+from stancekit.envs.worlds.calibration import nominal
+from stancekit.envs.worlds.ros_setup import same_names
+from stancekit.planners.files import write_envelopes
 from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan_file import write_plan
+from stancekit.planners.scene import hexapod
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.scene.urdf import joint_names
 from stancekit.planners.verify_plan import check_plan
 
 
@@ -29,6 +39,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert plan is not None
     write_plan(folder / "plan.json", plan, check_plan(plan))
     return folder
+
+
+def main_code(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    return int(str(end.value.code))
 
 
 def ended(verb: Any, capsys: pytest.CaptureFixture[str]) -> tuple[int, str, str]:
@@ -56,6 +72,53 @@ def test_a_plan_is_run_logged_drawn_and_replayed(folder: Path, capsys: pytest.Ca
     assert "none: the process was ended" in out
 
 
+def test_a_selector_file_walks_a_course_with_less_friction_than_it_says(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_envelopes(folder / "wall-3.json", expert_envelopes("wall"))
+    (folder / "short.yaml").write_text(
+        resources.files("stancekit.configs.courses")
+        .joinpath("walls.yaml")
+        .read_text()
+        .replace("frames: 8", "frames: 3")
+    )
+    log = folder / "loop.mcap"
+    verb = Run(
+        plan=folder / "short.yaml", policy=str(folder / "wall-3.json"), horizon=1, friction_share=0.9, pace=2.0,
+        log=log, json=True,
+    )  # fmt: skip
+    code, out, _ = ended(verb, capsys)
+    report = json.loads(out)
+    assert (code, report["succeeded"], report["frames"], report["plans"]) == (0, True, 2, 2)
+    assert (report["chosen"], report["lifted"]) == (2, 0)
+    assert len(read_log(log).of("plan")) == 2
+
+
+def test_a_policy_begins_with_the_plan_that_it_is_given(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = folder / "given.mcap"
+    code, out, _ = ended(Run(plan=folder / "plan.json", policy="lift", pace=2.0, log=log), capsys)
+    assert code == 0
+    assert "1, 0 of them because of a deviation" in out
+    assert read_log(log).of("plan")[0]["source"] == str(folder / "plan.json")
+
+
+def test_a_gait_is_run_and_another_pace_or_a_policy_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = folder / "walk.json"
+    short = ("--goal", "0.1,0", "--duration-s", "2", "--raw")
+    assert main_code("gait", "rough:0:1", "--robot", "hexapod", *short, "--out", str(path)) == 0
+    capsys.readouterr()
+    code, out, _ = ended(Run(plan=path), capsys)
+    assert code == 0
+    assert "seconds" in out
+    assert "run as planned" in out
+    for options, said in (({"pace": 2.0}, "--pace"), ({"policy": "lift"}, "--policy")):
+        code, _, err = ended(Run(plan=path, **options), capsys)
+        assert (code, err) == (
+            2,
+            f"stancekit: error: {said}: expected key frames: a gait runs as planned, or not at all\n",
+        )
+
+
 def test_a_stop_file_that_is_there_lets_nothing_begin(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stop = folder / "stop"
     stop.touch()
@@ -74,6 +137,14 @@ def test_a_stop_file_that_is_there_lets_nothing_begin(folder: Path, capsys: pyte
         ({"world": "ros", "setup": Path("none.yaml")}, "none.yaml: expected a file, found nothing there"),
         ({"setup": Path("x")}, "--setup: expected none with world mujoco, got x"),
         ({"picture": Path("x.png")}, "--picture: expected --log FILE.mcap with it"),
+        ({"policy": "lift", "world": "replay"}, "--policy: expected a world that answers to what is done, got replay"),
+        ({"policy": "none.json"}, "none.json: expected a file, found nothing there"),
+        ({"policy": "lift", "replan_m": -1.0}, "--replan-m: expected a number above 0, or inf, got -1"),
+        ({"horizon": 2}, "--horizon: expected --policy with it, got none"),
+        ({"plan": Path("walls")}, "walls: expected a plan file; a course is walked with --policy, got none"),
+        ({"friction_share": 0.0}, "--friction-share: expected a number above 0, up to 1, got 0"),
+        ({"friction_share": 0.5, "world": "ros"}, "--friction-share: expected a simulated world with it, got ros"),
+        ({"stop_topic": "e_stop"}, "--stop-topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got 'e_stop'"),
         ({"hung": True}, "hung: expected a robot that can hang in a stand, world mujoco has none"),
         ({"plan": Path("none.json")}, "none.json: expected a file, found nothing there"),
     ],
@@ -85,6 +156,47 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert (code, out) == (2, "")
     assert said in err
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("world", "change", "said"),
+    [
+        ("dynamixel", {"robot": "ant"}, "setup.yaml: robot: expected hexapod, whom the plan is for, got ant"),
+        ("dynamixel", {"port": "none"}, "port none: expected a serial port, found nothing there"),
+        ("dynamixel", {"joints": {"LF_yaw": {"id": 2}}}, "LF_hip.id: expected its own id, got 2, which LF_yaw has"),
+        ("dynamixel", {"joints": {"LF_yaw": {"zero_tick": 5000}}}, "LF_yaw.zero_tick: Input should be less than 4096"),
+        ("dynamixel", {"joints": {"LF_yaw": None}}, "setup.yaml: joints: expected joint LF_yaw, got nothing"),
+        ("ros", {"robot": "ant"}, "setup.yaml: robot: expected hexapod, whom the plan is for, got ant"),
+        ("ros", {"port": 9}, "rosbridge ws://127.0.0.1:9: expected a rosbridge, nobody is there"),
+        ("ros", {"joints": {"LF_yaw": None}}, "setup.yaml: joints: expected joint LF_yaw, got nothing"),
+    ],
+)
+def test_a_robot_that_is_not_as_its_set_up_file_says_is_one_line_before_any_motion(
+    folder: Path, capsys: pytest.CaptureFixture[str], world: Any, change: dict[str, Any], said: str
+) -> None:
+    pytest.importorskip({"dynamixel": "dynamixel_sdk", "ros": "roslibpy"}[world])
+    joints = joint_names(hexapod())
+    data = asdict(nominal(joints, port="bus", desk=True) if world == "dynamixel" else same_names(joints))
+    for joint, fields in change.pop("joints", {}).items():
+        data["joints"][joint] = None if fields is None else data["joints"][joint] | fields
+        data["joints"] = {name: value for name, value in data["joints"].items() if value is not None}
+    (folder / "setup.yaml").write_text(yaml.safe_dump(data | change, sort_keys=False))
+    code, out, err = ended(Run(plan=folder / "plan.json", world=world, setup=folder / "setup.yaml"), capsys)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert said in err
+
+
+def test_a_stop_topic_that_is_pressed_lets_nothing_begin(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("roslibpy")
+    pytest.importorskip("websockets")
+    from tests.emulators.rosbridge import RosBridge
+
+    with RosBridge(["a"]) as bridge:
+        bridge.inject("e-stop")
+        verb = Run(plan=folder / "plan.json", stop_topic=f"127.0.0.1:{bridge.port}/e_stop", json=True)
+        code, out, _ = ended(verb, capsys)
+    report = json.loads(out)
+    assert (code, report["sent"], report["message"]) == (1, 0, "e-stop pressed on /e_stop")
 
 
 def test_what_is_no_log_is_bad_input(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -20,7 +20,7 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
-from .rosbridge_protocol import Client, fields_wrong, goal_wrong, operation_wrong, path_wrong
+from .rosbridge_protocol import Client, cancel_wrong, fields_wrong, goal_wrong, operation_wrong, path_wrong
 from .trajectory_controller import INVALID_JOINTS, Controller, Task
 
 FAULTS = (
@@ -172,6 +172,9 @@ class RosBridge:
                 self._cancel(said["id"])
 
     def _call_service(self, client: Client, message: dict[str, Any]) -> None:
+        if self.ros == 2 and message["service"] == f"{self.controller}/follow_joint_trajectory/_action/cancel_goal":
+            self._cancel_goal(client, message)
+            return
         known = message["service"] == "/controller_manager/switch_controller"
         values: Any = "service does not exist"
         if known:
@@ -182,6 +185,20 @@ class RosBridge:
                 self.robot.stop()
             values = {"ok": True}
         answer = {"op": "service_response", "service": message["service"], "values": values, "result": known}
+        self._say(client, answer | ({"id": message["id"]} if "id" in message else {}))
+
+    def _cancel_goal(self, client: Client, message: dict[str, Any]) -> None:
+        """action_msgs/srv/CancelGoal: an id and a stamp of zeros are all goals; others are not known here."""
+        told = message.get("args", {})
+        wrong = cancel_wrong(told)
+        if wrong is not None:
+            self._refuse(client, message.get("id"), wrong)
+            return
+        with self._lock:
+            going = [{"goal_id": {"uuid": [0] * 16}}] if self._running else []
+            self._cancel("")
+        values = {"return_code": 0, "goals_canceling": going}
+        answer = {"op": "service_response", "service": message["service"], "values": values, "result": True}
         self._say(client, answer | ({"id": message["id"]} if "id" in message else {}))
 
     def _send_action_goal(self, client: Client, message: dict[str, Any]) -> None:

@@ -93,6 +93,16 @@ def fields_wrong(said: Any, kind: str) -> str | None:
     return f"{kind}: no field {min(unknown)}" if unknown else None
 
 
+def cancel_wrong(said: Any) -> str | None:
+    """What is wrong with a request of action_msgs/srv/CancelGoal for all goals."""
+    info = said.get("goal_info") if isinstance(said, dict) and set(said) == {"goal_info"} else None
+    if not isinstance(info, dict) or set(info) != {"goal_id", "stamp"}:
+        return f"CancelGoal: fields {said}"
+    if info["goal_id"] != {"uuid": [0] * 16} or info["stamp"] != {"sec": 0, "nanosec": 0}:
+        return f"CancelGoal: goal_info is {info}"
+    return None
+
+
 def path_wrong(said: Any, nanos: str) -> str | None:
     """What is wrong with a JointTrajectory."""
     if (wrong := fields_wrong(said, "JointTrajectory")) is not None:

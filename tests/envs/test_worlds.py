@@ -9,10 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stancekit.envs.worlds import WORLDS, make_world
-from stancekit.envs.worlds.world import State, World, sendable
+from stancekit.envs.worlds.world import Ground, State, World, sendable
 from stancekit.planners.arrays import Array
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.scene import Patch, hexapod
+from stancekit.planners.scene.heightfield import HeightField
 from stancekit.planners.scene.urdf import FOOT_RADIUS_M, Servo, joint_names
 
 pytest.importorskip("pinocchio")
@@ -68,6 +69,41 @@ def test_a_robot_that_stands_feels_its_weight_in_its_feet_and_nowhere_else(world
     np.testing.assert_allclose(last.position_m, [0.0, 0.0, 0.2], atol=5e-4)
     np.testing.assert_allclose(first.feet_m, TOES + np.array([0.0, 0.0, 0.2 + FOOT_RADIUS_M]), atol=1e-5)
     assert last.time_s == pytest.approx(0.5)
+
+
+def hollow(friction: float) -> Ground:
+    """Heights that are neither square nor about the origin, with walls beside a floor at −.1 m."""
+    x, y = np.linspace(-1.0, 1.6, 53), np.linspace(-0.7, 0.9, 33)
+    walls = 0.4 * np.clip(np.abs(y)[None, :] - 0.55, 0.0, 1.0) * np.ones((len(x), 1))
+    lumps = np.where(x > 1.0, 0.3 * (x - 1.0), 0.0)[:, None] * np.ones(len(y))
+    return Ground(heights=HeightField(x_m=x, y_m=y, heights_m=walls + lumps - 0.1), friction=friction)
+
+
+def test_heights_carry_a_robot_where_they_are(world: World) -> None:
+    angles, targets = standing()
+    floor = hollow(0.7)
+    np.testing.assert_allclose(floor.distance(np.array([[0.3, 0.1, 0.2], [0.0, 0.0, -0.15]])), [0.3, -0.05], atol=1e-3)
+    first = world.reset(floor, angles, np.array([0.3, 0.1, 0.1]), np.eye(3))
+    for _ in range(100):
+        last = world.step(targets)
+    np.testing.assert_allclose(last.forces_n.sum(axis=0), [0.0, 0.0, 98.1], atol=0.5)
+    np.testing.assert_allclose(last.position_m, [0.3, 0.1, 0.1], atol=1e-3)
+    np.testing.assert_allclose(last.feet_m, first.feet_m, atol=2e-3)
+    np.testing.assert_allclose(last.feet_m[:, 2], FOOT_RADIUS_M - 0.1, atol=1e-3)
+    assert last.bump_n == 0.0
+
+
+@pytest.mark.parametrize(("friction", "holds"), [(0.44, True), (0.30, False)])
+def test_the_friction_of_heights_is_theirs(world: World, friction: float, holds: bool) -> None:
+    lines, rise = np.linspace(-1.0, 1.0, 41), float(np.tan(np.deg2rad(20.0)))
+    slope = HeightField(x_m=lines, y_m=lines, heights_m=rise * lines[:, None] * np.ones(len(lines)))
+    turn = Rotation.from_rotvec([0.0, -np.deg2rad(20.0), 0.0])
+    angles, targets = standing()
+    first = world.reset(Ground(heights=slope, friction=friction), angles, turn.apply([0.0, 0.0, 0.2]), turn.as_matrix())
+    for _ in range(100):
+        last = world.step(targets)
+    slid = np.linalg.norm(last.feet_m - first.feet_m, axis=1)
+    assert slid.max() < 2e-3 if holds else slid.min() > 5e-3
 
 
 @pytest.mark.parametrize("azimuth_deg", [0.0, 45.0, 200.0])

@@ -111,3 +111,18 @@ def test_slippery_courses_differ_in_friction_alone(walk: Callable[..., Plan]) ->
         assert after.candidates[0].friction == 0.5 * before.candidates[0].friction
         np.testing.assert_array_equal(after.candidates[0].vertices_m, before.candidates[0].vertices_m)
     assert [patch.friction for patch in dulled.terrain] == [0.5 * patch.friction for patch in course.terrain]
+
+
+def test_forces_of_any_limbs_that_bear_balance_within_the_reserve(climb: Plan) -> None:
+    course, frame = climb.course, 1
+    patches = [course.patch(int(p), climb.choice) for p in course.holds[frame]]
+    arms = climb.toes_at(frame) - climb.com_m[frame]
+    bears = np.array([True, True, True, True, True, False])
+    forces = ForceShare(6).forces(course, arms, patches, bears)
+    assert forces is not None
+    assert not forces[5].any()
+    np.testing.assert_allclose(forces.sum(axis=0), [0.0, 0.0, course.weight_n], atol=1e-4)
+    np.testing.assert_allclose(np.cross(arms, forces).sum(axis=0), 0.0, atol=1e-4)
+    for force, patch in zip(forces[:5], patches, strict=False):
+        normal = float(force @ patch.normal)
+        assert np.linalg.norm(force - normal * patch.normal) <= RESERVES[0] * patch.friction * normal + 1e-4

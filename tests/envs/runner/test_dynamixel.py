@@ -26,6 +26,8 @@ from stancekit.planners.scene.urdf import joint_names
 from tests.emulators.bus_faults import spoiled
 from tests.emulators.servo_bus import BusProcess, ServoBus
 
+LATENCY_MS = 40.0
+"""Emulated servos answer late where tests share a machine with others."""
 ROBOT = hexapod()
 JOINTS = joint_names(ROBOT)
 START = np.tile([0.2, 0.5, -0.3, 1.0], 6)
@@ -41,7 +43,7 @@ def mirrored(port: str) -> Calibration:
         lower, upper = sorted(turned.direction * (tick - turned.zero_tick) * table.RAD for tick in (1, 4094))
         limits = {"lower_rad": max(each.lower_rad, lower), "upper_rad": min(each.upper_rad, upper)}
         joints[name] = replace(turned, **limits, rest_rad=float(START[i]))
-    return Calibration(port=port, watchdog_s=0.6, joints=joints)
+    return Calibration(port=port, watchdog_s=0.6, latency_ms=LATENCY_MS, joints=joints)
 
 
 def shafts(calibration: Calibration, angles: np.ndarray) -> np.ndarray:
@@ -50,12 +52,6 @@ def shafts(calibration: Calibration, angles: np.ndarray) -> np.ndarray:
     return np.array(
         [s.direction * angle + (s.zero_tick - 2048) * table.RAD for s, angle in zip(servos, angles, strict=True)]
     )
-
-
-@pytest.fixture(autouse=True)
-def patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Emulated servos answer late where tests share a machine with others."""
-    monkeypatch.setattr("stancekit.envs.worlds.servo_port.ServoPort.latency_ms", 40.0)
 
 
 @pytest.fixture
@@ -210,7 +206,7 @@ for k in range(1000):
 
 def test_a_host_killed_without_a_word_leaves_servos_that_stop_by_themselves(tmp_path: Path) -> None:
     with BusProcess(START.tolist()) as bus:
-        nominal(JOINTS, port=bus.path, watchdog_s=0.6).write(tmp_path / "servos.yaml")
+        nominal(JOINTS, port=bus.path, watchdog_s=0.6, latency_ms=LATENCY_MS).write(tmp_path / "servos.yaml")
         command = [sys.executable, "-c", HOST, str(tmp_path / "servos.yaml")]
         host = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         assert host.stdout is not None
@@ -256,7 +252,7 @@ def test_a_port_has_one_owner_and_must_be_one(bus: ServoBus, world: DynamixelWor
     world.reset(*STILL)
     for port, why in {
         bus.path: "expected a free port, somebody else has it open",
-        str(tmp_path / "absent"): "No such file or directory",
+        str(tmp_path / "absent"): "expected a serial port, found nothing there",
         str(tmp_path): "Is a directory",
     }.items():
         with pytest.raises(InvalidInput) as refused, DynamixelWorld(ROBOT, mirrored(port)) as second:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -12,18 +11,17 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
 
 from stancekit.envs.motion import Timing
-from stancekit.envs.runner.observed import Continued, _nearest
+from stancekit.envs.runner.observed import nearest_on
 from stancekit.envs.runner.policy import ClosedLoop, LoopReport, LoopSettings, Observation
 from stancekit.envs.runner.runner import Runner, RunSettings
 from stancekit.envs.worlds import make_world
 from stancekit.planners.caution import slippery
 from stancekit.planners.keyframes.planner import CoursePlanner
 from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
-from stancekit.planners.kinematics import Kinematics
 from stancekit.planners.outcome import InvalidInput, PlanningFailed
-from stancekit.planners.plan import Plan
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course_spec import read_course
+from tests.emulators.slipping import SlippingWorld
 
 FAST = RunSettings(timing=Timing().at_pace(2.0))
 PLANNER = TwoStageCoursePlanner()
@@ -79,14 +77,23 @@ def test_a_course_that_cannot_be_planned_fails_before_anything_moves() -> None:
     assert not runner.begun
 
 
-def test_kinematics_that_continue_begin_where_the_robot_is(step: Callable[[str], Plan]) -> None:
-    plan = step("walls")
-    near = np.tile([0.1, -0.4, 0.2, 1.2], 6)
-    arguments = (plan.com_m[0], plan.rotation_rad[0], plan.toes_at(0))
-    continued = Continued(plan.course.robot, near=near)
-    np.testing.assert_array_equal(continued.solve(*arguments).angles, near)
-    seeded = continued.solve(*arguments, seed=near).angles
-    np.testing.assert_allclose(seeded, Kinematics(plan.course.robot).solve(*arguments, seed=near).angles)
+def dropping(settings: LoopSettings) -> LoopReport:
+    """All surfaces lose friction while limbs swing."""
+    course = read_course("walls", frames=3)
+    world = SlippingWorld(course.robot, share=0.68)
+    world.inject("friction differs", 0.75)  # simulated time; at this pace limbs swing from 0.6 to 0.9 s
+    return ClosedLoop(course, Runner(world, settings=FAST), lambda observation: PLANNER, settings).run()
+
+
+def test_feet_that_slide_while_others_swing_are_caught_and_the_rest_is_planned_anew() -> None:
+    report = dropping(LoopSettings())
+    assert report.succeeded, report.message
+    assert report.replans >= 1
+    assert report.deviation_m < 0.02
+    assert report.friction_share == pytest.approx(0.68, abs=0.03)
+    alone = dropping(LoopSettings(replan_m=np.inf))
+    assert not alone.succeeded
+    assert alone.deviation_m > 0.05
 
 
 def test_the_nearest_point_of_a_patch_is_that_of_a_dense_search() -> None:
@@ -96,7 +103,7 @@ def test_the_nearest_point_of_a_patch_is_that_of_a_dense_search() -> None:
     weights = rng.dirichlet(0.4 * np.ones(4), 60000)
     dense = weights @ corners
     for point in rng.uniform(-0.2, 0.7, (20, 3)):
-        found = _nearest(patch, point)
+        found = nearest_on(patch, point)
         best = np.linalg.norm(dense - point, axis=1).min()
         assert np.linalg.norm(found - point) <= best + 1e-9
         assert best - np.linalg.norm(found - point) < 5e-3

@@ -26,6 +26,7 @@ from stancekit.planners.outcome import HardwareFault, InvalidInput
 from stancekit.planners.plan import Plan
 from stancekit.planners.plan_file import write_plan
 from stancekit.planners.scene import hexapod
+from stancekit.planners.scene.urdf import joint_names
 from stancekit.planners.verify_plan import check_plan
 from tests.emulators.memory_world import MemoryWorld, silent
 
@@ -277,3 +278,27 @@ def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) 
             make_run_world(name, course)
     with pytest.raises(InvalidInput, match="setup: expected none with world mujoco"):
         make_run_world("mujoco", course, setup=tmp_path)
+
+
+def test_a_set_up_file_that_names_another_robot_is_refused(accepted: Accepted, tmp_path: Path) -> None:
+    pytest.importorskip("dynamixel_sdk")
+    pytest.importorskip("roslibpy")
+    from stancekit.envs.runner.worlds import make_run_world
+    from stancekit.envs.worlds.calibration import nominal
+    from stancekit.envs.worlds.ros_setup import same_names
+
+    course, joints = accepted.plan.course, joint_names(accepted.plan.course.robot)
+    setup = tmp_path / "setup.yaml"
+    for who in (None, "hexapod"):
+        nominal(joints, port="none", robot=who).write(setup)
+        with make_run_world("dynamixel", course, setup=setup) as world:
+            assert world.joints == joints
+        same_names(joints, robot=who).write(setup)
+        with make_run_world("ros", course, setup=setup) as world:
+            assert world.joints == joints
+    same_names(joints, robot="ant").write(setup)
+    with pytest.raises(InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"):
+        make_run_world("ros", course, setup=setup)
+    nominal(joints, port="none", robot="ant").write(setup)
+    with pytest.raises(InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"):
+        make_run_world("dynamixel", course, setup=setup)

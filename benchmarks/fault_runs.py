@@ -1,0 +1,278 @@
+"""Runs with one fault each, of ``faults``: on an emulated bus, behind an emulated rosbridge, in simulation, by file."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+
+import numpy as np
+
+from stancekit.envs.runner.acceptance import Accepted
+from stancekit.envs.runner.estop import StopLatch, Stopped, file_source, on_signals
+from stancekit.envs.runner.runner import Runner, RunSettings
+from stancekit.envs.worlds.calibration import nominal
+from stancekit.envs.worlds.dynamixel import DynamixelWorld
+from stancekit.envs.worlds.world import State
+from stancekit.planners.arrays import Array
+from stancekit.planners.outcome import StancekitError
+from stancekit.planners.scene.urdf import joint_names
+from tests.emulators.bus_faults import BusFaults, spoiled
+from tests.emulators.memory_world import MemoryWorld
+from tests.emulators.servo_bus import BusProcess
+from tests.emulators.slipping import SlippingWorld
+
+OF_BUS = ("silent servo", "corrupted packets", "delay", "overload", "power loss", "cable pulled", "wrong calibration")
+OF_HOST = ("nan command", "limit exceeded", "e-stop signal", "e-stop file", "slow host", "clock jump")
+KINDS = (*OF_BUS, *OF_HOST, "host killed", "plan edited", "friction lost", "rosbridge gone")
+BEGIN_S, LATEST_S = 0.9, 2.0
+"""While limbs lift, swing and are put down."""
+LATE_S = 0.002
+"""A command may be on its way for so long."""
+ASKED_ON = 10
+STILL_RAD_S = STILL_M_S = 0.02
+
+
+class CountedWorld(SlippingWorld):
+    """The slipping simulation, with the time.monotonic of every command that it got."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.commands_s: list[float] = []
+
+    def step(self, targets_rad: Array) -> State:
+        """As the simulation."""
+        self.commands_s.append(time.monotonic())
+        return super().step(targets_rad)
+
+    def close(self) -> None:
+        """Nothing: what it comes to after the run is looked at."""
+
+
+class FaultyRunner(Runner):
+    """A runner with a fault at a time after its first command. happened_s: when it was, time.monotonic."""
+
+    def __init__(self, *arguments: Any, at_s: float, fault: Callable[[Array], Array], **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self._at_s, self._fault = at_s, fault
+        self._began: float | None = None
+        self.happened_s: float | None = None
+
+    def send(self, targets: Array, planned: Array) -> State:
+        """As ``Runner``, but for one command."""
+        self._began = time.monotonic() if self._began is None else self._began
+        if self.happened_s is None and time.monotonic() - self._began > self._at_s:
+            self.happened_s = time.monotonic()
+            targets = self._fault(targets)
+        return super().send(targets, planned)
+
+
+def on_bus(kind: str, path: Path, ending: Any, rng: np.random.Generator) -> dict[str, Any]:
+    """A fault of the bus or of the host, while the runner runs."""
+    accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
+    joints = joint_names(accepted.plan.course.robot)
+    start = first_pose(accepted)
+    with BusProcess(start.tolist(), seed=int(rng.integers(1 << 30))) as bus, tempfile.TemporaryDirectory() as folder:
+        calibration = nominal(joints, port=bus.path)
+        rest = {name: replace(calibration.joints[name], rest_rad=float(start[i])) for i, name in enumerate(joints)}
+        calibration = replace(calibration, joints=rest)
+        if kind == "wrong calibration":
+            calibration, _ = spoiled(calibration, rng)
+        if kind == "host killed":
+            return killed(path, bus, at_s, Path(folder))
+        stop_file, latch = Path(folder) / "stop", StopLatch()
+        runner = FaultyRunner(
+            DynamixelWorld(accepted.plan.course.robot, calibration), latch=latch, dry=False,
+            sources=[file_source(stop_file)], at_s=at_s, fault=host_fault(kind, stop_file, bus),
+            settings=RunSettings(hung=True, ending=ending),
+        )  # fmt: skip
+        jumps = mock.patch("time.time", side_effect=lambda: float(rng.uniform(0.0, 4e9)))
+        with on_signals(latch), jumps if kind == "clock jump" else nullcontext():
+            found = outcome(runner, accepted)
+        over_s = time.monotonic()
+        ask_on(runner)
+        time.sleep(0.6)
+        state = bus.state()
+        happened = state["happened"][0][1] if state["happened"] else runner.happened_s
+        return found | {
+            "stop_s": None if not found["stopped"] or happened is None else max(0.0, found["over_s"] - happened),
+            "after": sum(sent > over_s + LATE_S for sent in state["goal_packets_s"]),
+            "state": servos(state),
+        }
+
+
+def host_fault(kind: str, stop_file: Path, bus: BusProcess) -> Callable[[Array], Array]:
+    """What goes wrong, by kind; whatever is the bus's own is injected there."""
+
+    def act(targets: Array) -> Array:
+        if kind in OF_BUS and kind != "wrong calibration":
+            BusFaults(bus).inject(kind, 0.0)
+        elif kind == "nan command":
+            targets = np.where(np.arange(len(targets)) == 7, np.nan, targets)
+        elif kind == "limit exceeded":
+            targets = targets + 3.0
+        elif kind == "e-stop signal":
+            os.kill(os.getpid(), signal.SIGUSR1)
+        elif kind == "e-stop file":
+            stop_file.touch()
+        elif kind == "slow host":
+            time.sleep(0.6)
+        return targets
+
+    return act
+
+
+def outcome(runner: Runner, accepted: Accepted) -> dict[str, Any]:
+    """Run; what the runner says of it."""
+    try:
+        report = runner.run(accepted)
+    except StancekitError as error:
+        return {"stopped": True, "moved": False, "message": str(error), "left": "as it was", "over_s": time.monotonic()}
+    return {
+        "stopped": not report.succeeded, "moved": report.sent > 0, "message": report.message,
+        "left": report.ended.left, "over_s": time.monotonic(), "clipped": report.clipped,
+    }  # fmt: skip
+
+
+def killed(path: Path, bus: BusProcess, at_s: float, folder: Path) -> dict[str, Any]:
+    """kill -9 to a host that is a process of its own; the bus's watchdogs are all that is left."""
+    (folder / "host.json").write_text(json.dumps({"plan": str(path), "port": bus.path}))
+    command = [sys.executable, str(Path(__file__).with_name("faults.py")), "--host", str(folder / "host.json")]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
+        assert child.stdout is not None
+        child.stdout.readline()
+        time.sleep(at_s)
+        child.kill()
+        child.wait()
+        killed_s = time.monotonic()
+        time.sleep(1.0)
+        state = bus.state()
+    return {
+        "stopped": True, "moved": True, "message": "kill -9", "left": "to its bus watchdogs",
+        "stop_s": max(0.0, state["still_s"] - killed_s), "state": servos(state),
+        "after": sum(sent > killed_s + LATE_S for sent in state["goal_packets_s"]),
+    }  # fmt: skip
+
+
+def edited(path: Path, rng: np.random.Generator) -> dict[str, Any]:
+    """One bit of one file flipped, in a copy, and run."""
+    world = MemoryWorld()
+    with tempfile.TemporaryDirectory() as folder:
+        names = [path, path.with_suffix(".npz")]
+        victim = int(rng.integers(2))
+        for index, name in enumerate(names):
+            content = bytearray(name.read_bytes())
+            if index == victim:
+                content[int(rng.integers(len(content)))] ^= 1 << int(rng.integers(7))
+            (Path(folder) / name.name).write_bytes(bytes(content))
+        stopped, said = True, ""
+        try:
+            found = Accepted.from_file(Path(folder) / path.name)
+            same = found.digest == Accepted.from_file(path).digest
+            stopped, said = False, "the same content" if same else "TAKEN FOR ACCEPTED"
+            Runner(world, dry=False).run(found)
+        except StancekitError as error:
+            said = str(error).replace(folder, "…")
+    sent = len(world.commands)
+    return {
+        "stopped": stopped, "moved": bool(sent), "message": said, "left": "as it was" if stopped else said,
+        "after": sent if stopped else None, "state": "torque on" if world.torque_on else "torque off",
+    }  # fmt: skip
+
+
+def slipped(path: Path, rng: np.random.Generator) -> dict[str, Any]:
+    """All surfaces lose friction, in MuJoCo."""
+    accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
+    world = CountedWorld(accepted.plan.course.robot, share=0.4)
+    world.inject("friction differs", at_s)
+    runner = Runner(world)
+    found = outcome(runner, accepted)
+    stopped_s = runner.latch.time_s if found["stopped"] else float("inf")
+    state = runner.state
+    assert state is not None
+    ask_on(runner)
+    after = sum(at > stopped_s for at in world.commands_s)
+    for _ in range(round(0.5 * world.rate_hz)):
+        last = SlippingWorld.step(world, state.sent_rad)
+    moving = float(np.linalg.norm(last.velocity[:3])) > STILL_M_S
+    return found | {
+        "stop_s": state.time_s - world.happened_s if found["stopped"] else None, "after": after,
+        "state": "the body slides on" if moving else "the body rests",
+    }  # fmt: skip
+
+
+def bridgeless(path: Path, ending: Any, rng: np.random.Generator) -> dict[str, Any]:
+    """The rosbridge goes away."""
+    from stancekit.envs.worlds.ros import RosWorld
+    from stancekit.envs.worlds.ros_setup import same_names
+    from tests.emulators.rosbridge import RosBridge
+
+    accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
+    robot = accepted.plan.course.robot
+    joints = joint_names(robot)
+    with RosBridge(joints, first_pose(accepted)) as bridge:
+        setup = same_names(joints, port=bridge.port)
+
+        def gone(targets: Array) -> Array:
+            threading.Thread(target=bridge.inject, args=("rosbridge gone",)).start()
+            return targets
+
+        runner = FaultyRunner(
+            RosWorld(robot, setup), dry=False, settings=RunSettings(hung=True, ending=ending), at_s=at_s, fault=gone,
+        )  # fmt: skip
+        found = outcome(runner, accepted)
+        stop = found["over_s"] - runner.happened_s if found["stopped"] and runner.happened_s is not None else None
+        ask_on(runner)
+        time.sleep(0.6)
+        got = [when for what, when in bridge.log if what in ("stream", "goal")]
+        return found | {
+            "stop_s": stop, "after": sum(when > found["over_s"] + LATE_S for when in got),
+            "state": controlled(bridge.state()),
+        }  # fmt: skip
+
+
+def ask_on(runner: Runner) -> None:
+    """Ten commands more than a stopped runner should send."""
+    for _ in range(ASKED_ON if runner.latch.tripped and runner.begun else 0):
+        try:
+            runner.world.step(runner.world.last_rad)
+        except Stopped:
+            continue
+        raise AssertionError("a command went through after the stop")
+
+
+def controlled(state: dict[str, Any]) -> str:
+    """The state of an emulated robot behind a trajectory controller in a few words."""
+    off = np.abs(np.subtract(state["position_rad"], state["desired_rad"])).max()
+    what = "controller off" if not state["on"] else "controller holds its last target" if off < 0.01 else "on its way"
+    return what + (", MOVING" if np.abs(state["rate_rad_s"]).max() > STILL_RAD_S else "")
+
+
+def first_pose(accepted: Accepted) -> Array:
+    """Angles at the beginning of the plan's motion."""
+    return Runner(MemoryWorld()).prepare(accepted).first.angles_rad
+
+
+def servos(state: dict[str, Any]) -> str:
+    """The state of the servos in a few words."""
+    kinds = Counter[str]()
+    for torque, watchdog, powered in zip(state["torque"], state["watchdog"], state["powered"], strict=True):
+        kinds[
+            "no power" if not powered else "torque off" if not torque else "watchdog" if watchdog == 255 else "held"
+        ] += 1
+    moving = max(abs(rate) for rate in state["rate_rad_s"]) > STILL_RAD_S
+    return ", ".join(f"{count} {what}" for what, count in sorted(kinds.items())) + (", MOVING" if moving else "")

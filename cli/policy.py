@@ -1,0 +1,51 @@
+"""Policies from the command line: the lift, or any trained selector's file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stancekit.planners.outcome import InvalidInput
+
+if TYPE_CHECKING:
+    from stancekit.envs.runner.choice import SelectorPolicy
+    from stancekit.learners.selectors.selector import Learned
+    from stancekit.planners.contact.envelope import EnvelopeSet
+    from stancekit.planners.scene.course import Course
+
+LIFT = "lift"
+
+
+def read_policy(name: str, course: Course) -> SelectorPolicy | None:
+    """A selector as a policy for a course; None for the lift, which needs none.
+
+    Raises InvalidInput for a file that is missing or wrong, and for a selector that the course would never ask.
+    """
+    if name == LIFT:
+        return None
+    from stancekit.envs.runner.choice import SelectorPolicy
+    from stancekit.learners.selectors.selector import load_selector
+
+    learned = load_selector(Path(name))
+    selector = learned.selector
+    policy = SelectorPolicy(lambda observation: selector.predict(observation)[0], _envelopes(learned, name))
+    try:
+        policy.check_fits(course)
+    except InvalidInput as error:
+        raise InvalidInput(f"{name}: {error}") from None
+    return policy
+
+
+def _envelopes(learned: Learned, name: str) -> EnvelopeSet:
+    """Envelopes of the selector's class of problems: its own, where it has some; else the expert's."""
+    from stancekit.envs.expert import expert_envelopes
+    from stancekit.envs.terrains import distribution
+    from stancekit.learners.selectors.selector import FixedSelector
+
+    if isinstance(learned.selector, FixedSelector):
+        return learned.selector.envelopes
+    try:
+        kind = distribution(learned.problem_class)
+    except InvalidInput as error:
+        raise InvalidInput(f"{name}: problem class: {error}") from None
+    return expert_envelopes(kind.terrain, legs=kind.legs)

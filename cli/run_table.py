@@ -1,0 +1,67 @@
+"""The reports of runs, for people."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.markup import escape
+from rich.table import Table
+
+if TYPE_CHECKING:
+    from stancekit.envs.runner.ending import Ended
+    from stancekit.envs.runner.policy import LoopReport
+    from stancekit.envs.runner.report import RunReport
+
+
+def run_table(report: RunReport) -> Table:
+    """The report, for people."""
+    word = "dry run, nothing was sent" if report.dry else "run as planned"
+    table = _begun(word, report.message, report.ended)
+    slowed = f", slowed down by the {report.bound_by}" if report.bound_by else ""
+    table.add_row("motion", f"{report.seconds:.1f} s on {report.world}, pace {report.pace:.2f}{slowed}")
+    table.add_row(report.counted, f"{report.frames_done:.1f} of {report.frames - 1}")
+    table.add_row("commands", f"{report.sent} sent, {report.clipped} clipped, {report.refused} refused")
+    if report.replay_rad is not None:
+        table.add_row("log", f"its commands differ by {report.replay_rad:.2g} rad at most")
+    table.add_row(
+        "joints",
+        f"{1e3 * report.joint_worst_rad:.1f} mrad from the plan at most ({report.joint_worst}), "
+        f"{1e3 * report.joint_rms_rad:.1f} mrad (RMS)",
+    )
+    if report.execution is not None:
+        run = report.execution
+        table.add_row(
+            "body", f"{1e3 * run.com_final_m:.1f} mm from the plan at the end, {1e3 * run.com_worst_m:.1f} mm at most"
+        )
+        table.add_row("feet", f"slid {1e3 * float(run.slip_m.max()):.1f} mm at most")
+        table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
+    median, late = (1e3 * value for value in report.cycle_s)
+    table.add_row("cycle", f"{median:.1f} ms median, {late:.1f} ms 99th percentile")
+    return table
+
+
+def loop_table(report: LoopReport, answers: tuple[int, int] | None) -> Table:
+    """The report of a closed loop; answers: plans made within what a selector chose, and without."""
+    table = _begun("walked to the end", report.message, report.ended)
+    table.add_row("key frames", f"{report.frames} reached")
+    table.add_row("plans", f"{report.plans}, {report.replans} of them because of a deviation")
+    if answers is not None:
+        table.add_row("selector", f"{answers[0]} plans within the envelopes that it chose, {answers[1]} without")
+    table.add_row("friction", f"{report.friction_share:.2f} of the course's, as feet felt it")
+    table.add_row("deviation", f"{1e3 * report.deviation_m:.1f} mm from the plan at most")
+    table.add_row("body", f"{1e3 * report.com_final_m:.1f} mm from the last plan at the end")
+    table.add_row("time", f"{report.seconds:.1f} s of motion, {report.plan_s:.1f} s of planning")
+    return table
+
+
+def _begun(word: str, message: str, ended: Ended) -> Table:
+    """A table with the verdict, and how the robot was left."""
+    table = Table(box=None, show_header=False)
+    table.add_column(style="bold")
+    table.add_column(overflow="fold")
+    table.add_row("verdict", "[red]failed[/]" if message else f"[green]{word}[/]")
+    if message:
+        table.add_row("", escape(message))
+    left = f"{ended.left}, after {1e3 * ended.seconds:.1f} ms"
+    table.add_row("robot left", f"{left}: {escape(ended.message)}" if ended.message else left)
+    return table

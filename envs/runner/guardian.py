@@ -1,0 +1,170 @@
+"""The guardian: a small process beside the host, which acts where the host falls silent altogether or is gone.
+
+No thread of a process helps it when all of it hangs (SIGSTOP, a call that never returns) or is killed. The guardian
+hears a beat for every command. Without one for too long, or when the pipe ends without a farewell, it cancels all goals
+of a robot behind a rosbridge, over a connection of its own. A servo bus has room for one owner, so there it opens
+nothing: it says that the servos' own bus watchdogs stop them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import subprocess
+import sys
+import time
+from dataclasses import asdict
+from types import TracebackType
+from typing import IO, Self
+
+from pydantic import TypeAdapter
+
+from stancekit.planners.outcome import InvalidInput
+
+from ..worlds.ros_follow import AGAIN_S
+from ..worlds.ros_goal import cancel_all
+from ..worlds.ros_setup import RosSetup
+from ..worlds.rosbridge import RosLink
+
+BEAT, REST, FAREWELL = b".", b"-", b"q"
+ROUNDS = 3
+"""A cancel is sent so often: one that comes before its goal is lost, and one that waits in a queue needs time."""
+READY_S = 20.0
+"""So long the guardian may take to start and to connect."""
+BUS = "the servos are stopped by their own bus watchdogs, and hold"
+
+
+class Guardian:
+    """The host's side. A context manager: entered, the guardian is there, and connected.
+
+    limit_s: the longest silence between two beats; the first begins the watch. setup: of a robot behind a rosbridge,
+    None for anything else. Raises InvalidInput where the guardian could not connect.
+    """
+
+    def __init__(self, limit_s: float, setup: RosSetup | None = None) -> None:
+        self.limit_s, self._setup = limit_s, setup
+        self._child: subprocess.Popen[bytes] | None = None
+
+    @property
+    def pid(self) -> int:
+        """Of the guardian's process."""
+        return -1 if self._child is None else self._child.pid
+
+    def beat(self) -> None:
+        """The host lives."""
+        self._say(BEAT)
+
+    def rest(self) -> None:
+        """Expect no beat until the next one."""
+        self._say(REST)
+
+    def gone(self) -> str | None:
+        """A source of stops: a robot is not moved without its guardian."""
+        return "the guardian process is gone" if self._child is not None and self._child.poll() is not None else None
+
+    def __enter__(self) -> Self:
+        told = {"limit_s": self.limit_s, "ros": None if self._setup is None else asdict(self._setup)}
+        command = [sys.executable, "-m", "stancekit.envs.runner.guardian"]
+        self._child = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True
+        )  # a session of its own: Ctrl-C is for the host
+        stdin, stdout = _pipes(self._child)
+        stdin.write(json.dumps(told).encode() + b"\n")
+        os.set_blocking(stdin.fileno(), False)  # the host never waits for its guardian
+        heard = stdout.readline() if select.select([stdout], [], [], READY_S)[0] else b""
+        if heard != b"ready\n":
+            self._child.kill()
+            self._end()
+            raise InvalidInput(
+                f"guardian: {heard.decode(errors='replace').strip() or 'expected it to start, it did not'}"
+            )
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._say(FAREWELL)
+        self._end()
+
+    def _end(self) -> None:
+        assert self._child is not None
+        for pipe in _pipes(self._child):
+            pipe.close()
+        self._child.wait()
+        self._child = None
+
+    def _say(self, word: bytes) -> None:
+        if self._child is not None:
+            with contextlib.suppress(BrokenPipeError, BlockingIOError):  # ``gone`` says so
+                _pipes(self._child)[0].write(word)
+
+
+def watch(stream: int, limit_s: float) -> str:
+    """Read beats until they stop; why, empty after a farewell. stream: file descriptor of the pipe."""
+    beating = False
+    while True:
+        if not select.select([stream], [], [], limit_s if beating else None)[0]:
+            return f"the host was silent for {limit_s:g} s"
+        words = os.read(stream, 4096)
+        if FAREWELL in words:
+            return ""
+        if not words:
+            return "the host is gone"
+        beating = words[-1:] == BEAT
+
+
+def main() -> int:
+    """The guardian's own process: told by one line what to guard, then beats."""
+    told = json.loads(_line(0))
+    setup = None if told["ros"] is None else TypeAdapter(RosSetup).validate_python(told["ros"])
+    link = None if setup is None else RosLink(setup.host, setup.port, setup.timeout_s)
+    if link is not None:
+        try:
+            link.open()
+        except InvalidInput as error:
+            sys.stdout.write(f"{error}\n")
+            return 1
+    sys.stdout.write("ready\n")
+    sys.stdout.flush()
+    why = watch(0, told["limit_s"])
+    if why:
+        done = BUS if setup is None or link is None else _cancelled(setup, link)
+        sys.stderr.write(f"stancekit: guardian: {why}: {done}\n")
+    if link is not None:
+        link.close()
+    return 0
+
+
+def _cancelled(setup: RosSetup, link: RosLink) -> str:
+    """Cancel all goals of a robot, over a new connection where the first is of no use; what to say of that."""
+    try:
+        if link.trouble() is not None:
+            link.close()
+            link = RosLink(setup.host, setup.port, setup.timeout_s)
+            link.open()
+        for _ in range(ROUNDS):
+            cancel_all(link, setup.controller, setup.ros)
+            time.sleep(AGAIN_S)
+    except InvalidInput as error:
+        return f"goals could not be cancelled: {error}"
+    return f"a cancel was sent for all goals of {setup.controller}"
+
+
+def _line(stream: int) -> bytes:
+    """Up to the end of the line, and no byte more."""
+    found = b""
+    while not found.endswith(b"\n") and (byte := os.read(stream, 1)):
+        found += byte
+    return found
+
+
+def _pipes(child: subprocess.Popen[bytes]) -> tuple[IO[bytes], IO[bytes]]:
+    assert child.stdin is not None
+    assert child.stdout is not None
+    return child.stdin, child.stdout
+
+
+if __name__ == "__main__":
+    sys.exit(main())

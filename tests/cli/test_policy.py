@@ -1,0 +1,73 @@
+"""Selectors of every kind of file as policies of the closed loop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from stancekit.cli.policy import read_policy
+from stancekit.envs.expert import expert_envelopes
+from stancekit.envs.runner.policy import Observation
+from stancekit.learners.policy_file import PolicyShape, TrainedPolicy
+from stancekit.learners.selectors.chooser import Chooser
+from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
+from stancekit.learners.selectors.neural import NeuralSelector
+from stancekit.planners.files import write_envelopes
+from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.scene.course_spec import read_course
+
+COURSE = read_course("walls", frames=3)
+EXPERT = expert_envelopes("wall")
+
+
+def write_selector(kind: str, path: Path, problem: str = "wall-3") -> None:
+    """A selector that was not trained: what it chooses is poor, and a box all the same."""
+    torch.manual_seed(0)
+    small = Architecture(width=8, layers=1)
+    if kind == "envelope":
+        write_envelopes(path, EXPERT)
+    elif kind == "chooser":
+        Chooser(ChoiceNetwork(small, 1), EXPERT).save(path)
+    elif kind == "neural":
+        NeuralSelector(
+            BoxNetwork(small), problem_class=problem, legs=EXPERT.legs, force_scale_n=EXPERT.force_scale_n,
+            length_scale_m=EXPERT.length_scale_m,
+        ).save(path)  # fmt: skip
+    else:
+        shape = PolicyShape(environment="stancekit/EnvelopeSelection-v0", problem=problem, hidden=(8,))
+        TrainedPolicy(shape, shape.build(), EXPERT.envelopes[0].to_vector().astype(np.float32)).save(path)
+
+
+@pytest.mark.parametrize("kind", ["envelope", "chooser", "neural", "reinforced"])
+def test_any_selector_s_file_is_a_policy_whose_plans_are_verified(kind: str, tmp_path: Path) -> None:
+    path = tmp_path / ("selector.json" if kind == "envelope" else "selector.safetensors")
+    write_selector(kind, path)
+    policy = read_policy(str(path), COURSE)
+    assert policy is not None
+    assert policy.learned.legs == EXPERT.legs
+    seen = Observation(window=COURSE, standing=None, state=None, friction_share=1.0, frame=0)
+    outcome = policy(seen).solve(COURSE)
+    assert outcome.plan is not None
+    assert sum(policy.answers) == 1
+    if kind in ("envelope", "chooser"):
+        assert policy.answers == (1, 0)
+
+
+def test_the_lift_needs_no_selector() -> None:
+    assert read_policy("lift", COURSE) is None
+
+
+def test_selectors_that_do_not_fit_are_refused_with_their_file(tmp_path: Path) -> None:
+    path = tmp_path / "five.json"
+    write_envelopes(path, expert_envelopes("wall", legs=("RF", "RM", "RR", "LF", "LR")))
+    with pytest.raises(InvalidInput, match=r"five.json: policy: expected a selector for stances of walls, got one for"):
+        read_policy(str(path), COURSE)
+    with pytest.raises(InvalidInput, match=r"none.json: expected a file, found nothing there"):
+        read_policy(str(tmp_path / "none.json"), COURSE)
+    path = tmp_path / "strange.safetensors"
+    write_selector("neural", path, problem="moon-3")
+    with pytest.raises(InvalidInput, match=r"strange.safetensors: problem class: distribution: expected .*moon-3"):
+        read_policy(str(path), COURSE)

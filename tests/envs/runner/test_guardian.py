@@ -1,0 +1,116 @@
+"""The guardian process: what it does for a host that is killed or stands still altogether, and when it does nothing."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from typing import Literal
+
+import pytest
+
+pytest.importorskip("roslibpy")
+pytest.importorskip("websockets")
+pytest.importorskip("pinocchio")
+
+from stancekit.envs.runner.estop import StopLatch
+from stancekit.envs.runner.guardian import BUS, Guardian
+from stancekit.envs.runner.watchdog import Watchdog
+from stancekit.envs.worlds.ros_setup import same_names
+from stancekit.planners.outcome import InvalidInput
+from tests.emulators.ros_robots import JOINTS, START, commands
+from tests.emulators.rosbridge import RosBridge
+
+LIMIT_S = 1.0
+HOST = """
+import sys
+import numpy as np
+from stancekit.envs.runner.guardian import Guardian
+from stancekit.envs.worlds.ros import RosWorld
+from tests.emulators.ros_robots import JOINTS, ROBOT, START, reset, same_names
+
+setup = same_names(JOINTS, port=int(sys.argv[1]), ros=int(sys.argv[2]))
+with Guardian(float(sys.argv[3]), setup) as guardian, RosWorld(ROBOT, setup) as world:
+    reset(world)
+    world.torque(True)
+    world.run_trajectory(np.array([4.9]), START[None, :] + 1.0, lambda state: guardian.beat())
+"""
+"""Hands a whole trajectory over, which goes on without its host, and beats for every feedback."""
+
+
+def until(true: Callable[[], bool], limit_s: float) -> float:
+    """How long it takes until this is so."""
+    begin = time.monotonic()
+    while not true():
+        assert time.monotonic() < begin + limit_s
+        time.sleep(0.005)
+    return time.monotonic() - begin
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_goal_whose_host_is_killed_or_stands_still_is_cancelled(ros: Literal[1, 2], number: signal.Signals) -> None:
+    with RosBridge(JOINTS, START, ros=ros) as bridge:
+        arguments = [str(bridge.port), str(ros), str(LIMIT_S)]
+        host = subprocess.Popen([sys.executable, "-c", HOST, *arguments], stderr=subprocess.PIPE, text=True)
+        try:
+            until(lambda: bridge.state()["position_rad"][0] > 0.1, 30.0)  # on its way, and beating
+            before = commands(bridge).count("cancel")  # of the probe
+            host.send_signal(number)
+            took_s = until(lambda: commands(bridge).count("cancel") > before, 5.0)
+            assert took_s < (LIMIT_S if number == signal.SIGSTOP else 0.0) + 1.5
+            stopped = bridge.state()["desired_rad"]
+            time.sleep(0.3)
+            assert bridge.state()["desired_rad"] == stopped
+            assert stopped[0] < 0.9
+        finally:
+            host.send_signal(signal.SIGCONT)
+            host.kill()
+            said = host.communicate()[1]
+        why = "the host is gone" if number == signal.SIGKILL else f"the host was silent for {LIMIT_S:g} s"
+        assert f"stancekit: guardian: {why}: a cancel was sent for all goals of /joint_trajectory_controller" in said
+        assert bridge.errors == []
+
+
+def test_it_cancels_nothing_while_the_host_beats_or_rests_or_takes_its_leave() -> None:
+    with RosBridge(JOINTS, START) as bridge:
+        with Guardian(0.3, same_names(JOINTS, port=bridge.port)) as guardian:
+            watchdog = Watchdog(StopLatch(), float("inf"), guardian=guardian)
+            for _ in range(40):
+                watchdog.kick()
+                time.sleep(0.01)
+            watchdog.rest()
+            time.sleep(0.5)
+            assert guardian.gone() is None
+        assert commands(bridge) == []
+        assert guardian.gone() is None
+
+
+def test_for_servos_it_opens_nothing_and_says_who_stops_them(capfd: pytest.CaptureFixture[str]) -> None:
+    with Guardian(0.1) as guardian:
+        guardian.beat()
+        until(lambda: guardian.gone() is not None, 5.0)
+        assert guardian.gone() == "the guardian process is gone"
+        guardian.beat()  # to nobody
+    assert capfd.readouterr().err == f"stancekit: guardian: the host was silent for 0.1 s: {BUS}\n"
+
+
+def test_a_guardian_that_is_killed_is_a_reason_to_stop() -> None:
+    latch = StopLatch()
+    with Guardian(1.0) as guardian:
+        latch.poll([guardian.gone])
+        assert not latch.tripped
+        os.kill(guardian.pid, signal.SIGKILL)
+        until(lambda: guardian.gone() is not None, 5.0)
+        latch.poll([guardian.gone])
+    assert latch.reason == "the guardian process is gone"
+
+
+def test_where_no_rosbridge_is_it_does_not_begin() -> None:
+    with RosBridge(JOINTS, START) as bridge:
+        port = bridge.port
+    with pytest.raises(InvalidInput, match=f"guardian: rosbridge ws://127.0.0.1:{port}: expected a rosbridge"):
+        Guardian(1.0, same_names(JOINTS, port=port)).__enter__()
