@@ -33,8 +33,8 @@ class Gait:
     """Plan a walk over a terrain and verify it between the knots; write it only if the verifier accepts.
 
     TERRAIN is a reference terrain (ripple, cone, hill, pit, pit-84, pit-87), a drawn one as rough:0.5:7
-    (FAMILY:DIFFICULTY:SEED), or a file of heights. A place is written x,y in metres; a negative one needs the sign =,
-    as in --start=-2.6,0.
+    (FAMILY:DIFFICULTY:SEED), or a file of heights. A place is written x,y in metres; before a negative one the sign =
+    is the safe way to write it, as in --start=-2.6,0.
 
     A run that is interrupted keeps what it has beside --out; the same command goes on from there.
 
@@ -106,7 +106,7 @@ class Gait:
         with as_options():
             settings, caps = self._settings(), self._caps()
         attempts = self._attempts(task)
-        partial = Partial(self.out, task, settings, attempts)
+        partial = Partial(self.out, task, settings, attempts, caps.phases)
         plan = self._plan(task, settings, caps, attempts, partial)
         best = plan.best
         if best is None:
@@ -116,14 +116,15 @@ class Gait:
         gait_answer.draw(
             best, plan, picture=self.picture, convergence=self.convergence, video=self.video, html=self.html
         )
-        partial.remove()
+        if written or not best.solution.success:
+            partial.remove()
         if self.json:
             emit(gait_answer.record(plan, best, self.terrain, self.out if written else None))
         else:
             self._say(plan, best, written)
-        if not best.report.accepted:
+        if not best.verified:
             gait_answer.advise(task)
-        return 0 if best.report.accepted else 1
+        return 0 if best.verified else 1
 
     # ------------------------------------------------------------------------------------------------- input
 
@@ -137,6 +138,10 @@ class Gait:
             check_names(self.out)
         if self.unverified and self.out is None:
             raise InvalidInput("--unverified: expected --out with it, got none")
+        files = [path for path in (self.picture, self.convergence, self.video, self.html) if path is not None]
+        twice = [path for path in files if files.count(path) > 1]
+        if twice:
+            raise InvalidInput(f"{twice[0]}: expected a file of its own for each picture, got it twice")
         check_pictures(self.picture, self.convergence)
         if self.html is not None:
             from stancekit.envs.gait_page import check_page
@@ -158,10 +163,10 @@ class Gait:
 
         start, goal = _place(self.start, "--start"), _place(self.goal, "--goal")
         robot = _robot(self.robot)
-        sticky = [name for name in self.adhesive.split(",") if name]
+        sticky = [name.strip() for name in self.adhesive.split(",")] if self.adhesive else []
         unknown = sorted(set(sticky) - set(robot.foot_names))
         if unknown:
-            raise InvalidInput(f"--adhesive: expected some of {', '.join(robot.foot_names)}, got {', '.join(unknown)}")
+            raise InvalidInput(f"--adhesive: expected some of {', '.join(robot.foot_names)}, got {self.adhesive!r:.60}")
         terrain = self.file.read(self.terrain)
         try:
             return GaitTask(
@@ -233,7 +238,7 @@ class Gait:
     def _write(self, best: Attempted) -> bool:
         from stancekit.planners.gait.record import write_trajectory
 
-        if self.out is None or not (best.report.accepted or self.unverified):
+        if self.out is None or not (best.verified or self.unverified):
             return False
         write_trajectory(self.out, best.trajectory, best.report)
         return True
@@ -247,7 +252,8 @@ class Gait:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}", markup=False)
         elif self.out is not None:
-            out.print(f"{self.out}: not written; --unverified writes what the verifier refuses", markup=False)
+            kept = ", from what this run found" if best.solution.success else ""
+            out.print(f"{self.out}: not written; --unverified writes what the verifier refuses{kept}", markup=False)
 
 
 def _place(text: str, option: str) -> Array:

@@ -89,10 +89,10 @@ def record(plan: GaitPlan, best: Attempted, terrain: str, written: Path | None) 
     """All of it as one JSON object."""
     return {
         "terrain": terrain,
-        "verified": best.report.accepted,
+        "verified": best.verified,
         "attempt": best.attempt.name,
         "message": verdict(best),
-        "digest": best.report.digest if best.report.accepted else None,
+        "digest": best.report.digest if best.verified else None,
         "out": None if written is None else str(written),
         "cpu_seconds": plan.seconds,
         "figures": dict(best.report.figures),
@@ -107,7 +107,7 @@ def _attempt_record(plan: GaitPlan, index: int) -> dict[str, Any]:
         "attempt": one.attempt.name,
         "chart": one.attempt.chart,
         "success": one.solution.success,
-        "verified": one.report.accepted,
+        "verified": one.verified,
         "iterations": one.iterations,
         "cpu_seconds": one.seconds,
         "phases": _phases(plan, one),
@@ -156,7 +156,7 @@ def words(plan: GaitPlan) -> list[str]:
 
 def verdict(one: Attempted) -> str:
     """What came of an attempt: the solver's failure, or the verifier's word."""
-    if one.solution.success or one.report.accepted:
+    if one.solution.success:
         return one.report.message
     return f"no success: largest violation {one.solution.violation:.1e} ({one.solution.status})"
 

@@ -64,7 +64,7 @@ class Attempted:
     """What an attempt came to. solution: of its last stage; iterations, seconds: of all stages, CPU time.
 
     history: the largest violation at every iterate. trajectory, report: of the point it ended at, feasible or not;
-    stage: the last height that was solved; stopped: the caller asked it to end there.
+    stage: the last height that was solved; stopped: it was ended before its own end, by the caller or at a cap.
     """
 
     attempt: Attempt
@@ -126,6 +126,7 @@ class Workbench:
             x, seconds, stages = solution.x, seconds + solution.seconds, stages + 1
             if stopped:
                 break
+        solution = solution if solution.height_factor == 1.0 else solution.on(program)
         trajectory = replace(solution.trajectory(STEP_S), provenance=self._provenance(attempt, solution))
         return Attempted(
             attempt=attempt, solution=solution, trajectory=trajectory, report=check_trajectory(trajectory),

@@ -96,19 +96,20 @@ def climb(
     solve: Solve = GaitProgram.solve,
     max_iterations: int | None = None,
     most_stages: int = 12,
+    begun: float = 0.0,
     stop: Callable[[], bool] = lambda: False,
 ) -> Climb:
     """Solve at one factor after another, each from the last solution; half-way first where a stage fails.
 
     heights: increasing factors on the gradients, the last 1; by: what makes the terrain gentler. A gentler terrain on
     which the task is none is left out. guess: of the first stage, or what makes it of that stage's program, whose own
-    it is if missing. solve: in place of the programs' own; max_iterations: of one stage. stop: asked before every
-    stage but the first.
+    it is if missing. solve: in place of the programs' own; max_iterations: of one stage. begun: the factor that the
+    guess is of, where a climb goes on. stop: asked before every stage but the first.
     Ends at the last factor, after most_stages, or where a step is too small to halve.
     """
     ahead, solutions, factors = list(heights), list[GaitSolution](), list[float]()
     begin = (lambda program: program.guess) if guess is None else guess if callable(guess) else (lambda _: guess)
-    x, reached = None, 0.0
+    x, reached = None, begun
     while ahead and len(solutions) < most_stages and not (solutions and stop()):
         factor = ahead[0]
         try:
@@ -122,7 +123,7 @@ def climb(
         solutions, factors = [*solutions, solution], [*factors, factor]
         if solution.success:
             x, reached = solution.x, ahead.pop(0)
-        elif len(heights) == 1 or factor - reached < LEAST:
+        elif (len(heights) == 1 and not begun) or factor - reached < LEAST:
             break
         else:
             ahead.insert(0, 0.5 * (reached + factor))

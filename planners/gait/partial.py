@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -27,13 +27,16 @@ FAILED = -1
 class Partial:
     """Points that attempts reached, in NAME.partial.npz; it belongs to one task, its settings and attempts.
 
-    out: the file of the run, None keeps nothing. What stands there already is taken up if it is of the same task,
-    settings and attempts, and ignored if not.
+    out: the file of the run, None keeps nothing. phases: what else is done with the points (``Caps.phases``). What
+    stands there already is taken up if it is of the same task, settings, attempts and phases, and ignored if not.
     """
 
-    def __init__(self, out: Path | None, task: GaitTask, settings: GaitSettings, attempts: Sequence[Attempt]) -> None:
+    def __init__(
+        self, out: Path | None, task: GaitTask, settings: GaitSettings, attempts: Sequence[Attempt],
+        phases: Mapping[str, Any] | None = None,
+    ) -> None:  # fmt: skip
         self.path = None if out is None else out.with_suffix(".partial.npz")
-        self._digest = _digest(task, settings, attempts)
+        self._digest, self._own = _digest(task, settings, attempts, phases or {}), False
         self._points: dict[int, tuple[int, Array]] = {}
         self._done: set[int] = set()
         if self.path is not None and self.path.exists():
@@ -70,10 +73,11 @@ class Partial:
         arrays |= {f"stage_{k}": np.array(stage) for k, (stage, _) in self._points.items()}
         np.savez(packed, digest=np.array(self._digest), done=np.array(sorted(self._done), dtype=np.intp), **arrays)
         write_bytes(self.path, packed.getvalue())
+        self._own = True
 
     def remove(self) -> None:
-        """The run is done: nothing is left of it here."""
-        if self.path is not None:
+        """The run is done: nothing is left of it here; what others left stays."""
+        if self.path is not None and self._own:
             with suppress(OSError):
                 self.path.unlink(missing_ok=True)
 
@@ -82,11 +86,11 @@ class Partial:
         with suppress(OSError, ValueError, KeyError, EOFError, BadZipFile), np.load(path, allow_pickle=False) as packed:
             if str(packed["digest"]) == self._digest:
                 names = [int(name.removeprefix("x_")) for name in packed.files if name.startswith("x_")]
-                self._done = set(packed["done"].tolist())
+                self._done, self._own = set(packed["done"].tolist()), True
                 self._points = {k: (int(packed[f"stage_{k}"]), packed[f"x_{k}"]) for k in names}
 
 
-def _digest(task: GaitTask, settings: GaitSettings, attempts: Sequence[Attempt]) -> str:
+def _digest(task: GaitTask, settings: GaitSettings, attempts: Sequence[Attempt], phases: Mapping[str, Any]) -> str:
     content = hashlib.sha256()
     for array in task.terrain.to_arrays().values():
         content.update(np.ascontiguousarray(array).tobytes())
@@ -97,6 +101,7 @@ def _digest(task: GaitTask, settings: GaitSettings, attempts: Sequence[Attempt])
         "rest": [task.start_yaw_rad, task.duration_s, task.friction, task.adhesive, task.gait, task.timings],
         "settings": asdict(settings),
         "attempts": [asdict(attempt) for attempt in attempts],
+        "phases": dict(phases),
     }
     content.update(json.dumps(asked, sort_keys=True).encode())
     return content.hexdigest()

@@ -9,8 +9,8 @@ The first that the verifier accepts is the answer.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from dataclasses import asdict, dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -52,6 +52,11 @@ class Caps:
     densifications: int = 4
     smoothing: Smoothing = field(default_factory=Smoothing)
     apart: bool = False
+
+    @property
+    def phases(self) -> dict[str, Any]:
+        """What comes after a feasible point, as JSON-ready values."""
+        return {"smoothing": asdict(self.smoothing), "densifications": self.densifications}
 
     def __post_init__(self) -> None:
         for name, least in (("iterations", 1), ("densifications", 0)):
@@ -130,8 +135,9 @@ def plan_gait(
     """
     settings = settings or GaitSettings()
     todo = ways(task) if attempts is None else list(attempts)
+    caps = caps or Caps()
     partial = partial or Partial(None, task, settings, todo)
-    pursuit = Pursuit(Workbench(task, settings, warp), caps or Caps(), progress, partial)
+    pursuit = Pursuit(Workbench(task, settings, warp), caps, progress, partial)
     found, failures = list[Attempted](), list[str]()
     for index, attempt in enumerate(todo):
         if any(one.verified for one in found) and _guessed(attempt) != _guessed(todo[index - 1]):
@@ -196,12 +202,15 @@ class Pursuit:
         limit = min(self.caps.iterations, self.bench.settings.max_iterations)
         climbed = climb(
             self.bench, attempt.chart, heights, _guess(attempt) if guess is None else guess, by=attempt.by,
-            solve=account, max_iterations=limit, stop=lambda: account.over,
+            solve=account, max_iterations=limit, begun=attempt.heights[stage - 1] if stage else 0.0,
+            stop=lambda: account.over,
         )  # fmt: skip
         solution, reached = climbed.solutions[-1], climbed.reached
+        if climbed.factors[-1] != 1.0:
+            solution = solution.on(self.bench.program(attempt.chart))
         searched = len(account.steps)
         best = _judged(solution)
-        self.feasible.append(best[1] if solution.success and reached == 1.0 else None)
+        self.feasible.append(best[1] if solution.success else None)
         if self.feasible[-1] is not None and not self._partial.done(index):
             best = self._refined(best, lambda x: self._partial.note(index, len(attempt.heights) - 1, x))
         steps = account.steps[began:]
@@ -215,7 +224,7 @@ class Pursuit:
             seconds=sum(step.seconds for step in steps),
             history=np.array([violation for step in account.steps[began:searched] for violation in step.violations]),
             stage=stage + min(sum(height <= reached for height in heights), len(heights) - 1),
-            stopped=account.stopped,
+            stopped=account.over,
         )
 
     def _refined(self, start: _Judged, note: Callable[[Array], None]) -> _Judged:

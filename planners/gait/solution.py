@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -47,6 +47,16 @@ class GaitSolution:
     def violation(self) -> float:
         """The largest violation of any constraint at x."""
         return max(self.violations.values(), default=0.0)
+
+    def on(self, program: GaitProgram) -> GaitSolution:
+        """The point of a gentler terrain as one of the task's own program: a success only if it is one there, too.
+
+        Nothing that a gentler terrain accepts is an answer to the task.
+        """
+        violations = program.violations(self.x)
+        success = max(violations.values(), default=0.0) < program.settings.tolerance
+        status = self.status if success else f"{self.status}, on a gentler terrain"
+        return replace(self, program=program, success=success, violations=violations, status=status, height_factor=1.0)
 
     def samples(self, times_s: Array) -> Samples:
         """The motion at times in [0, T], shape (K,) [s]."""

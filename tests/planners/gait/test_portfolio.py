@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -161,3 +163,38 @@ def test_walls_beyond_81_degrees_are_widened_first():
 def test_caps_out_of_range_are_refused(name, value):
     with pytest.raises(InvalidInput, match=f"^{name}: expected"):
         Caps(**{name: value})
+
+
+def test_a_gentler_terrain_that_is_walked_is_no_answer():
+    asked = replace(TASK, terrain=reference_terrain("hill"), start_xy_m=np.array([-1.95, 0.0]),
+                    goal_xy_m=np.array([-1.7, 0.0]), adhesive=(True, True, False, False))  # fmt: skip
+    growing = [Attempt(chart="ambient", heights=(0.05, 1.0))]
+    plan = plan_gait(asked, caps=Caps(total_s=0.01), attempts=growing, unverified=True)
+    assert plan.steps[0].success
+    assert [step.factor for step in plan.steps] == [0.05]
+    (one,) = plan.attempts
+    assert one.stopped
+    assert not one.solution.success
+    assert not one.report.accepted
+    assert plan.trajectory is None
+    assert one.trajectory.terrain is asked.terrain
+    assert one.solution.violation > 0.1
+
+
+def test_a_climb_that_was_cut_off_goes_on_from_its_height(tmp_path):
+    growing, settings = [Attempt(chart="ambient", heights=(0.3, 1.0))], GaitSettings()
+    out = tmp_path / "walk.json"
+    plan_gait(TASK, settings, caps=Caps(total_s=0.01), attempts=growing, partial=Partial(out, TASK, settings, growing))
+    again = plan_gait(TASK, settings, caps=PLAIN, attempts=growing, partial=Partial(out, TASK, settings, growing))
+    assert [step.factor for step in again.steps] == [1.0]
+    assert again.verified
+
+
+def test_a_partial_result_of_other_phases_is_ignored_and_left(tmp_path):
+    settings, out = GaitSettings(), tmp_path / "walk.json"
+    kept = Partial(out, TASK, settings, FIRST, Caps().phases)
+    kept.note(0, 0, np.zeros(3))
+    other = Partial(out, TASK, settings, FIRST, PLAIN.phases)
+    assert not other.begun
+    other.remove()
+    assert Partial(out, TASK, settings, FIRST, Caps().phases).begun
