@@ -67,7 +67,10 @@ class BenchGait:
         if self.workers < 1:
             raise InvalidInput(f"--workers: expected 1 or more, got {self.workers}")
         folder = self.out or Path("out/bench-gait-quick" if self.quick else "out/bench-gait")
-        make_folder(folder)
+        if not self.kept:
+            make_folder(folder)
+        elif not folder.is_dir():
+            raise InvalidInput(f"{folder}: expected an existing folder with --kept, found none there")
         rows: list[dict[str, Any]] = []
         with stages("bench gait") as told:
             known = gait_bench.kept(settings, folder) if self.kept else None
@@ -118,7 +121,8 @@ def success_table(records: list[dict[str, Any]]) -> Table:
     terrains = list(dict.fromkeys(record["terrain"] for record in records))
     found = Table(
         title="Table I",
-        caption="success % / verified %, of as many cells; (paper W's success %); ! n: n cells were cut off by --cap",
+        caption="success % / verified %, of as many cells; (paper W's success %); ! n: n cells were cut off by --cap; "
+        "–: not measured",
     )
     found.add_column("method", no_wrap=True)
     for terrain in terrains:
@@ -131,7 +135,7 @@ def success_table(records: list[dict[str, Any]]) -> Table:
 
 def _rates(record: dict[str, Any] | None) -> str:
     if record is None:
-        return ""
+        return "–"
     text = f"{100 * record['success']:.0f} / {100 * record['verified']:.0f} of {record['cells']}"
     text += "" if record["paper"] is None else f" ({100 * record['paper']:.0f})"
     return text + (f" ! {record['capped']}" if record["capped"] else "")

@@ -146,13 +146,14 @@ class PlanCourse:
             raise InvalidInput("--relaxation: expected --envelope FILE with envelope, got none")
         if self.relaxation == "lift" and self.envelope is not None:
             raise InvalidInput("--envelope: expected --relaxation envelope with it, got lift")
+        targets: list[tuple[str, Path | None]] = [("--proof", self.proof)]
         if self.out is not None:
             from stancekit.planners.plan_file import plan_paths
 
-            for target in plan_paths(self.out):
+            targets += [("--out", target) for target in plan_paths(self.out)]
+        for _, target in targets:
+            if target is not None:
                 check_writable(target)
-        if self.proof is not None:
-            check_writable(self.proof)
         if self.picture is not None:
             from stancekit.envs.plan_picture import check_picture
 
@@ -165,6 +166,12 @@ class PlanCourse:
             from stancekit.envs.plan_page import check_page
 
             check_page(self.html)
+        targets += [("--picture", self.picture), ("--video", self.video), ("--html", self.html)]
+        taken: dict[Path, str] = {}
+        for option, target in targets:
+            first = option if target is None else taken.setdefault(target.resolve(), option)
+            if first != option:
+                raise InvalidInput(f"{option}: expected another file than {first}, got {target} for both")
 
     def _planner(self) -> CoursePlanner:
         from stancekit.planners.keyframes.methods import make_course_planner

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -64,9 +65,9 @@ class Run:
     """replay: the log. dynamixel: the calibration file. ros: the set-up file."""
     policy: Annotated[str | None, tyro.conf.arg(metavar="lift|FILE")] = None
     """Who plans on the way: any trained selector's file, or the lift, which needs none."""
-    horizon: int | None = None
+    horizon: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(default: 0)")] = None
     """Key frames that a policy plans at once, 0 for all that are left, which is usual."""
-    replan_m: float | None = None
+    replan_m: Annotated[float | None, tyro.conf.arg(metavar="M", help_behavior_hint="(default: 0.012 m)")] = None
     """A policy plans anew where body or feet are farther than this from the plan; inf for never."""
     friction_share: float = 1.0
     """Simulations: the terrain has only this share of the friction that the plan counts on."""
@@ -226,6 +227,7 @@ class Run:
         if self.policy is not None and self.world == "replay":
             raise InvalidInput("--policy: expected a world that answers to what is done, got replay")
         if self.log is not None:
+            self._check_log(self.log)
             check_writable(self.log)
         if self.picture is not None:
             from stancekit.envs.plan_picture import check_picture
@@ -233,6 +235,16 @@ class Run:
             if self.log is None:
                 raise InvalidInput("--picture: expected --log FILE.mcap with it, from which it is drawn, got none")
             check_picture(self.picture)
+
+    def _check_log(self, log: Path) -> None:
+        """Raise InvalidInput for a log that is none by its name, or that would be written over another file here."""
+        if log.suffix != ".mcap":
+            raise InvalidInput(f"--log: expected a name that ends in .mcap, got {log}")
+        policy = None if self.policy is None else Path(self.policy)
+        others = {"PLAN": self.plan, "--setup": self.setup, "--policy": policy, "--picture": self.picture}
+        for name, other in others.items():
+            if other is not None and os.path.realpath(other) == os.path.realpath(log):
+                raise InvalidInput(f"--log: expected a file of its own, got that of {name}: {log}")
 
     def _log(self, stack: ExitStack) -> Log:
         from stancekit.envs.runner.log import McapLog, NoLog

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
 from rich.markup import escape
 from rich.table import Table
 
@@ -19,15 +20,13 @@ def run_table(report: RunReport) -> Table:
     table = _begun(word, report.message, report.ended)
     slowed = f", slowed down by the {report.bound_by}" if report.bound_by else ""
     table.add_row("motion", f"{report.seconds:.1f} s on {report.world}, pace {report.pace:.2f}{slowed}")
-    table.add_row(report.counted, f"{report.frames_done:.1f} of {report.frames - 1}")
+    table.add_row(report.counted, f"{report.frames_done:.1f} of {round(report.frames - 1, 1):g}")
     table.add_row("commands", f"{report.sent} sent, {report.clipped} clipped, {report.refused} refused")
     if report.replay_rad is not None:
         table.add_row("log", f"its commands differ by {report.replay_rad:.2g} rad at most")
-    table.add_row(
-        "joints",
-        f"{1e3 * report.joint_worst_rad:.1f} mrad from the plan at most ({report.joint_worst}), "
-        f"{1e3 * report.joint_rms_rad:.1f} mrad (RMS)",
-    )
+    if report.joint_worst:
+        worst, rms = 1e3 * report.joint_worst_rad, 1e3 * report.joint_rms_rad
+        table.add_row("joints", f"{worst:.1f} mrad from the plan at most ({report.joint_worst}), {rms:.1f} mrad (RMS)")
     if report.execution is not None:
         run = report.execution
         table.add_row(
@@ -36,7 +35,8 @@ def run_table(report: RunReport) -> Table:
         table.add_row("feet", f"slid {1e3 * float(run.slip_m.max()):.1f} mm at most")
         table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
     median, late = (1e3 * value for value in report.cycle_s)
-    table.add_row("cycle", f"{median:.1f} ms median, {late:.1f} ms 99th percentile")
+    if np.isfinite(median):
+        table.add_row("cycle", f"{median:.1f} ms median, {late:.1f} ms 99th percentile")
     return table
 
 

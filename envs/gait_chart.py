@@ -26,6 +26,8 @@ LEAST = 1e-9
 """Violations below this are drawn as this."""
 TICKS = (1, 3, 10, 30, 100, 300, 1000)
 SECONDS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
+COMPASS = "0° = +y, clockwise"
+"""How walking directions are counted."""
 COLOURS = ("#27407f", "#e08a2b", "#2c8173", "#b8407a", "#9a86c4", "#c9a227")
 """Of methods in their order; they repeat after the sixth."""
 MANY = 8
@@ -68,19 +70,21 @@ class GaitRun:
 
 
 @DEFAULT_STYLE
-def draw_convergence(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size = CHART_PX) -> Figure:
+def draw_convergence(
+    runs: Sequence[GaitRun], *, caption: str = "", methods: Sequence[str] = (), size_px: Size = CHART_PX
+) -> Figure:
     """Violation at every iteration, a line a solve, a colour a method; a dot where it succeeds, a cross where it ends.
 
-    Many solves of a method are thin lines with their median, which ends where half of them have. Raises InvalidInput
-    without runs.
+    Many solves of a method are thin lines with their median, which ends where half of them have. methods: in the order
+    of their colours, the order of the runs where there are none. Raises InvalidInput without runs.
     """
-    methods = _methods(runs)
+    colours = _colours(runs, methods)
     figure = chart.sheet(size_px, CHART_PX)
     chart.headline(figure, caption or "Convergence", f"largest constraint violation; success is below {TOLERANCE:g}")
-    labels = [_label(name, [run for run in runs if run.method == name]) for name in methods]
+    labels = [_label(name, [run for run in runs if run.method == name]) for name in colours]
     high = figure.get_figheight()
-    columns = min(len(methods), max(1, int(95.0 * figure.get_figwidth() / 12.0 / (7 + max(map(len, labels)) * 0.74))))
-    top = 0.92 + 0.26 * -(-len(methods) // columns)
+    columns = min(len(colours), max(1, int(95.0 * figure.get_figwidth() / 12.0 / (7 + max(map(len, labels)) * 0.74))))
+    top = 0.92 + 0.26 * -(-len(colours) // columns)
     axes = figure.add_axes((0.075, 0.72 / high, 0.9, 1.0 - (0.72 + top) / high))
     most = max(run.iterations for run in runs)
     axes.set(yscale="log", ylim=(0.1 * TOLERANCE, max(3.0 * max(float(run.violations.max()) for run in runs), 1.0)))
@@ -89,8 +93,7 @@ def draw_convergence(runs: Sequence[GaitRun], *, caption: str = "", size_px: Siz
     axes.axhspan(0.1 * TOLERANCE, TOLERANCE, color="#e6f0ec", lw=0, zorder=0)
     axes.axhline(TOLERANCE, color="#58a695", lw=1.2, zorder=1)
     _quiet(axes)
-    for index, (method, label) in enumerate(zip(methods, labels, strict=True)):
-        colour = COLOURS[index % len(COLOURS)]
+    for (method, colour), label in zip(colours.items(), labels, strict=True):
         _draw_lines(axes, [run for run in runs if run.method == method], colour)
         axes.plot([], [], color=colour, lw=2.5, label=label)
     axes.legend(
@@ -145,16 +148,19 @@ def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size
     """
     methods = _methods(runs)
     figure = chart.sheet(size_px or (CHART_PX if len(methods) < 4 else TALL_PX), CHART_PX)
-    words = "iterations from the centre outward, coloured by the largest violation; red: no success"
+    words = "iterations from the centre outward, coloured by the largest violation; red: no success; " + COMPASS
     chart.headline(figure, caption or "Violation by walking direction", words)
     most = max(run.iterations for run in runs)
     rim = float(_radius(max(most, 3)))
     colours = ScalarMappable(LogNorm(TOLERANCE, 10.0), "magma_r")
-    for axes, method in zip(_panels(figure, len(methods)), methods, strict=True):
+    titles = [_label(method, [run for run in runs if run.method == method]) for method in methods]
+    size = min(12.0, 12.0 * ROOM / max(map(len, titles)))
+    for axes, method, title in zip(_panels(figure, len(methods)), methods, titles, strict=True):
         own = [run for run in runs if run.method == method]
         width = _wedge(own)
         turns = 0.96 * width * np.linspace(-0.5, 0.5, 2 + int(np.rad2deg(width) / 3.0))
-        _polar(axes, _label(method, own), 1.12 * rim, [tick for tick in TICKS if _radius(tick) <= rim], _radius)
+        axes.set_title(title, size=size, weight="bold", color=INK, pad=12, parse_math=False)
+        _polar(axes, 1.12 * rim, [tick for tick in TICKS if _radius(tick) <= rim], _radius)
         for run in own:
             shown = np.clip(run.violations[: run.iterations + 1], LEAST, 1e6)
             edges = _radius(np.arange(len(shown) + 1))
@@ -171,24 +177,25 @@ def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size
 
 
 @DEFAULT_STYLE
-def draw_times(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size = CHART_PX) -> Figure:
+def draw_times(
+    runs: Sequence[GaitRun], *, caption: str = "", methods: Sequence[str] = (), size_px: Size = CHART_PX
+) -> Figure:
     """CPU time by walking direction (paper W Fig. 9), a line a method; solves that fail are crosses.
 
     Several runs of a method in one direction are shown by their median. Rings are closer together for longer times.
-    Raises InvalidInput without runs.
+    methods: in the order of their colours, the order of the runs where there are none. Raises InvalidInput without
+    runs.
     """
-    methods = _methods(runs)
+    colours = _colours(runs, methods)
     figure = chart.sheet(size_px, CHART_PX)
-    chart.headline(figure, caption or "CPU time by walking direction", "seconds a solve; crosses: no success")
+    words = f"median seconds a solve; crosses: no success; {COMPASS}"
+    chart.headline(figure, caption or "CPU time by walking direction", words)
     high, wide = figure.get_figheight(), figure.get_figwidth()
     side = high - 1.45
     axes = figure.add_axes((0.47 - 0.85 * side / wide, 0.42 / high, side / wide, side / high), projection="polar")
-    longest = max(run.seconds for run in runs)
-    ticks = [tick for tick in SECONDS if tick < longest]
-    ticks.append(next((tick for tick in SECONDS if tick >= longest), longest))
-    for index, method in enumerate(methods):
+    longest = 0.0
+    for method, colour in colours.items():
         own = [run for run in runs if run.method == method]
-        colour = COLOURS[index % len(COLOURS)]
         turns = sorted({run.direction_rad for run in own})
         medians = [float(np.median([run.seconds for run in own if run.direction_rad == turn])) for turn in turns]
         shown = _radius_of_time([*medians, medians[0]])
@@ -196,7 +203,10 @@ def draw_times(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size = CH
         failed = [run for run in own if not run.success]
         at = _radius_of_time([run.seconds for run in failed])
         axes.plot([run.direction_rad for run in failed], at, "x", color=colour, ms=7, mew=2.0)
-    _polar(axes, "", 1.02 * float(_radius_of_time(ticks[-1])), ticks, _radius_of_time, unit=" s")
+        longest = max(longest, *medians, *(run.seconds for run in failed))
+    ticks = [tick for tick in SECONDS if tick < longest]
+    ticks.append(next((tick for tick in SECONDS if tick >= longest), longest))
+    _polar(axes, 1.02 * float(_radius_of_time(ticks[-1])), ticks, _radius_of_time, unit=" s")
     axes.legend(
         loc="center left", bbox_to_anchor=(1.12, 0.5), frameon=False, fontsize=11, labelcolor=INK, labelspacing=0.9
     )
@@ -207,6 +217,13 @@ def _methods(runs: Sequence[GaitRun]) -> list[str]:
     if not runs:
         raise InvalidInput("runs: expected one or more, got none")
     return list(dict.fromkeys(run.method for run in runs))
+
+
+def _colours(runs: Sequence[GaitRun], known: Sequence[str]) -> dict[str, str]:
+    """The colour of every method that was run."""
+    methods = _methods(runs)
+    order = list(dict.fromkeys([*known, *methods]))
+    return {method: COLOURS[order.index(method) % len(COLOURS)] for method in methods}
 
 
 def _label(method: str, runs: Sequence[GaitRun]) -> str:
@@ -247,7 +264,7 @@ def _panels(figure: Figure, count: int) -> list[Any]:
     return found
 
 
-def _polar(axes: Any, title: str, rim: float, ticks: Sequence[float], radius: Any, unit: str = "") -> None:
+def _polar(axes: Any, rim: float, ticks: Sequence[float], radius: Any, unit: str = "") -> None:
     """The look of polar axes: north up, clockwise, quiet rings."""
     axes.set_theta_zero_location("N")
     axes.set_theta_direction(-1)
@@ -263,8 +280,6 @@ def _polar(axes: Any, title: str, rim: float, ticks: Sequence[float], radius: An
     axes.grid(color=RULE, lw=0.8)
     axes.set_axisbelow(True)
     axes.spines["polar"].set_color(RULE)
-    size = min(12.0, 12.0 * ROOM / max(len(title), 1))
-    axes.set_title(title, size=size, weight="bold", color=INK, pad=12, parse_math=False)
 
 
 def _quiet(axes: Axes) -> None:

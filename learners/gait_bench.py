@@ -32,6 +32,7 @@ from stancekit.planners.scene.terrains import reference_tasks, reference_terrain
 from stancekit.planners.warp.spline_map import SplineMap
 
 from .executor import processes
+from .gait_row import checked_row
 
 TERRAINS = ("ripple", "cone", "hill", "pit")
 STEEPER = ("pit-84", "pit-87")
@@ -172,16 +173,20 @@ def run(
 
 
 def kept(settings: GaitBenchSettings, folder: Path) -> list[dict[str, Any]]:
-    """The rows that the folder has by this protocol."""
+    """The rows that the folder has by this protocol. Raises InvalidInput for a file that is no cell."""
     rows = (_kept(cell, settings, folder) for cell in cells(settings))
     return [row for row in rows if row is not None]
 
 
 def _kept(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any] | None:
     path = folder / cell.file
-    content = parse_json(read_text(path), str(path)) if path.exists() else {}
-    row: dict[str, Any] | None = content.get("row") if content.get("protocol") == settings.protocol() else None
-    return row
+    if not path.exists():
+        return None
+    content = parse_json(read_text(path), str(path))
+    if not isinstance(content, dict):
+        raise InvalidInput(f"{path}: expected an object with protocol and row, got {type(content).__name__}")
+    same = content.get("protocol") == settings.protocol()
+    return checked_row(content.get("row"), asdict(cell), str(path)) if same else None
 
 
 def measured(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, Any]:

@@ -21,6 +21,8 @@ from .gait_bench import METHODS
 from .gait_figures import Row
 
 DRAWN = ("ambient-lbfgs", "warped-lbfgs", "decoupled-lbfgs", "ambient", "warped", "decoupled")
+COLOURED = tuple(METHODS[method].label for method in DRAWN)
+"""A method has the same colour in every picture, whatever was measured."""
 AROUND = ("ripple", "cone", "pit", "pit-84", "pit-87")
 """Terrains whose tasks go all around."""
 
@@ -45,13 +47,15 @@ def draw(rows: Iterable[Row], folder: Path) -> list[Path]:
 
 def _figures(terrain: str, rows: Sequence[Row]) -> Iterator[tuple[str, Any]]:
     seeds = sorted({row["seed"] for row in rows})
-    yield "convergence", draw_convergence([_run(row) for row in rows], caption=f"Convergence on {terrain}")
+    runs = [_run(row) for row in rows]
+    yield "convergence", draw_convergence(runs, caption=f"Convergence on {terrain}", methods=COLOURED)
     if terrain in AROUND:
         wedge = 2.0 * math.pi / len(reference_tasks(terrain)) / len(seeds)
         beside = [_run(row, wedge * (seeds.index(row["seed"]) - 0.5 * (len(seeds) - 1))) for row in rows]
-        guesses = f"{len(seeds)} guesses a direction" if len(seeds) > 1 else "one guess a direction"
+        guesses = f"up to {len(seeds)} guesses a direction" if len(seeds) > 1 else "one guess a direction"
         yield "directions", draw_directions(beside, caption=f"Violation by walking direction on {terrain}, {guesses}")
-        yield "times", draw_times([_run(row) for row in rows], caption=f"CPU time by walking direction on {terrain}")
+        caption = f"CPU time by walking direction on {terrain}, {guesses}"
+        yield "times", draw_times(runs, caption=caption, methods=COLOURED)
 
 
 def _run(row: Row, beside_rad: float = 0.0) -> GaitRun:

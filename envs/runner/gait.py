@@ -126,7 +126,7 @@ def prepared_gait(accepted: AcceptedGait, world: SafeWorld, timing: Timing, feel
     return PreparedGait(
         digest=accepted.digest, source=accepted.source, name=accepted.name, motion=motion, kinematics=kinematics,
         tracker=tracker, first=tracker.start(), sees=sees, pace=1.0, bound_by="", clearance_m=timing.clearance_m,
-        total=int(motion.seconds), trajectory=accepted.trajectory, ground=accepted.ground(), walked=motion,
+        total=motion.seconds, trajectory=accepted.trajectory, ground=accepted.ground(), walked=motion,
     )  # fmt: skip
 
 

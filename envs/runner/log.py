@@ -13,9 +13,10 @@ import struct
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, fields
+from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Protocol, Self
+from typing import IO, Any, Protocol, Self
 
 import numpy as np
 
@@ -53,22 +54,25 @@ class NoLog:
 class McapLog:
     """An MCAP file. A context manager. Raises InvalidInput where it cannot be written, or without the package mcap.
 
+    A file that is there already is kept until the first message.
     clock: of the messages, in nanoseconds since 1970; a clock that is set back is no matter, order is the file's.
     """
 
     def __init__(self, path: str | Path, clock: Callable[[], int] = time.time_ns) -> None:
-        try:
-            from mcap.writer import CompressionType, IndexType, Writer
-        except ImportError:
-            raise InvalidInput("--log: expected mcap, it is not installed: pip install 'stancekit[log]'") from None
-        check_writable(path)
-        self._stream = open(path, "wb")  # noqa: SIM115
-        self._writer: Any = Writer(
-            self._stream, use_chunking=False, compression=CompressionType.NONE, index_types=IndexType.NONE
-        )
+        if find_spec("mcap") is None:
+            raise InvalidInput("--log: expected mcap, it is not installed: pip install 'stancekit[log]'")
+        self._path, self._clock = check_writable(path), clock
+        self._counts, self._channels = dict.fromkeys(TOPICS, 0), dict[str, int]()
+        self._stream: IO[bytes] | None = None
+        self._writer: Any = None
+
+    def _begin(self) -> IO[bytes]:
+        """The file, with its head."""
+        from mcap.writer import CompressionType, IndexType, Writer
+
+        stream = open(self._path, "wb")  # noqa: SIM115
+        self._writer = Writer(stream, use_chunking=False, compression=CompressionType.NONE, index_types=IndexType.NONE)
         self._writer.start(profile="", library="stancekit")
-        self._clock, self._counts, self._open = clock, dict.fromkeys(TOPICS, 0), True
-        self._channels = {}
         for topic, keys in TOPICS.items():
             schema = {
                 "title": f"stancekit.{topic}", "type": "object", "required": list(keys),
@@ -76,10 +80,13 @@ class McapLog:
             }  # fmt: skip
             number = self._writer.register_schema(f"stancekit.{topic}", "jsonschema", json.dumps(schema).encode())
             self._channels[topic] = self._writer.register_channel(topic, "json", number)
+        return stream
 
     def write(self, topic: str, content: Mapping[str, Any]) -> None:
         """Write one message, and hand it to the operating system. Numbers that are not finite become null."""
         data = json.dumps(_plain(content), allow_nan=False, separators=(",", ":")).encode()
+        if self._stream is None:
+            self._stream = self._begin()
         now = self._clock()
         self._counts[topic] += 1
         self._writer.add_message(self._channels[topic], now, data, now, self._counts[topic])
@@ -87,8 +94,7 @@ class McapLog:
 
     def close(self) -> None:
         """End the file properly; once is enough."""
-        if self._open:
-            self._open = False
+        if self._stream is not None and not self._stream.closed:
             self._writer.finish()
             self._stream.close()
 

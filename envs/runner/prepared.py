@@ -41,7 +41,7 @@ class Playable(ABC):
     pace: float
     bound_by: str
     clearance_m: float
-    total: int
+    total: float
     counted: ClassVar[Literal["key frames", "seconds"]] = "key frames"
 
     @property

@@ -41,9 +41,10 @@ class RunReport:
     dry: nothing was sent. ended: see ``Ended``. counted: what frames and frames_done, so many of all, count.
     seconds: of the motion; pace: of that asked for, bound_by what slowed it down. sent, clipped, refused: commands, see
     ``SafeWorld``.
-    joint_worst_rad, joint_rms_rad: measured against planned angles. cycle_s: median and 99th percentile of the control
-    period, from one command to the next. execution: as in a simulation, where body and forces are measured. replay_rad:
-    largest difference of a command from that in the log which is replayed.
+    joint_worst_rad, joint_rms_rad: measured against planned angles, NaN, and joint_worst empty, where the motion never
+    began. cycle_s: median and 99th percentile of the control period, from one command to the next. execution: as in a
+    simulation, where body and forces are measured. replay_rad: largest difference of a command from that in the log
+    which is replayed.
     """
 
     world: str
@@ -53,7 +54,7 @@ class RunReport:
     message: str
     ended: Ended
     counted: str
-    frames: int
+    frames: float
     frames_done: float
     seconds: float
     pace: float
@@ -88,7 +89,6 @@ def reported(prepared: Playable, world: SafeWorld, rows: Rows, ended: Ended, mes
         message = message or execution.message
     angles = np.array([state.angles_rad for _, state in rows.pairs]).reshape(-1, len(world.joints))
     away = np.abs(angles - np.array([target.angles_rad for target, _ in rows.pairs]).reshape(angles.shape))
-    worst = int(np.argmax(away.max(axis=0))) if len(away) else 0
     cycles = np.diff(rows.began_s) if len(rows.began_s) > 1 else np.array([np.nan])
     return RunReport(
         world=world.name,
@@ -107,7 +107,7 @@ def reported(prepared: Playable, world: SafeWorld, rows: Rows, ended: Ended, mes
         clipped=world.clipped,
         refused=world.refused,
         joint_worst_rad=float(away.max()) if away.size else float("nan"),
-        joint_worst=world.joints[worst],
+        joint_worst=world.joints[int(np.argmax(away.max(axis=0)))] if away.size else "",
         joint_rms_rad=float(np.sqrt(np.mean(away**2))) if away.size else float("nan"),
         cycle_s=(float(np.median(cycles)), float(np.percentile(cycles, 99.0))),
         wall_s=wall_s,

@@ -177,7 +177,7 @@ class Runner:
             rows.add(target, state, time.perf_counter() - began, began)
             felt = state.forces_n
             self.check_body(target, state)
-            self._progress(int(target.instant.frame), prepared.total)
+            self._progress(int(target.instant.frame), int(prepared.total))
             if until(target, state):
                 return False
         return True

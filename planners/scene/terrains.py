@@ -181,7 +181,7 @@ def random_terrain(family: str, difficulty: float, rng: np.random.Generator) -> 
     """A terrain drawn from a family; difficulty in [0, 1], 0 is level ground. Raises InvalidInput."""
     if family not in FAMILIES:
         raise InvalidInput(f"terrain: expected a family out of {', '.join(FAMILIES)}, got {family!r}")
-    hard = checked(difficulty, "difficulty", least=0.0, most=1.0)
+    hard = checked(difficulty, "terrain: difficulty", least=0.0, most=1.0)
     shape = FAMILIES[family](hard, rng)
 
     def levelled(x: Array, y: Array) -> Array:

@@ -6,7 +6,7 @@ import json
 
 import pytest
 
-from stancekit.cli.bench_gait import BenchGait
+from stancekit.cli.bench_gait import BenchGait, success_table
 from stancekit.learners import gait_bench
 from stancekit.planners.outcome import InvalidInput
 
@@ -77,6 +77,22 @@ def test_kept_cells_alone_are_shown_without_measuring(tmp_path, capsys, measured
     count = len(measured)
     assert bench(tmp_path, kept=True).run() == 0
     assert len(measured) == count
+
+
+def test_kept_cells_are_looked_for_in_a_folder_that_there_is(tmp_path):
+    with pytest.raises(InvalidInput, match=r"typo: expected an existing folder with --kept, found none there$"):
+        bench(tmp_path / "typo", kept=True).run()
+    assert not (tmp_path / "typo").exists()
+    assert bench(tmp_path / "new" / "one").run() == 0
+
+
+def test_what_was_not_measured_is_a_dash():
+    record = {"label": "ours", "terrain": "ripple", "success": 1.0, "verified": 0.5, "cells": 2, "paper": None}
+    table = success_table([record | {"capped": 0}, record | {"label": "other", "terrain": "cone", "capped": 1}])
+    assert [list(column.cells) for column in table.columns] == [
+        ["ours", "other"], ["100 / 50 of 2", "–"], ["–", "100 / 50 of 2 ! 1"]
+    ]  # fmt: skip
+    assert "–: not measured" in table.caption
 
 
 def test_quick_is_one_task_a_terrain(tmp_path, measured):

@@ -122,6 +122,14 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
         (("walls", "--picture", "a.gif"), "a.gif: expected a name that ends in .png, .pdf, .svg, got .gif"),
         (("walls", "--video", "a.avi"), "a.avi: expected a name that ends in .mp4, got .avi"),
         (("walls", "--html", "a.txt"), "a.txt: expected a name that ends in .html, got .txt"),
+        (
+            ("walls", "--out", "a.json", "--proof", "a.json"),
+            "--out: expected another file than --proof, got a.json for both",
+        ),
+        (
+            ("walls", "--out", "a.json", "--proof", "../{here}/a.npz"),
+            "--out: expected another file than --proof, got a.npz for both",
+        ),
         (("walls", "--envelope", "none"), "none: expected a file, found nothing there"),
         (("walls", "--relaxation", "envelope"), "--relaxation: expected --envelope FILE with envelope, got none"),
         (("walls", "--planner", "nlp", "--solver", "scip"), "--solver: expected --planner micp with it, got nlp"),
@@ -132,8 +140,14 @@ def test_the_decoupled_planner_has_no_plan_on_ice_and_says_so(plan):
         (("walls", "--planner", "micp", "--intervals", 128), "--intervals: expected 64 or less, got 128"),
     ],
 )
-def test_bad_input_is_one_line_before_any_work(arguments, message, refusal):
-    assert refusal(*arguments) == message
+def test_bad_input_is_one_line_before_any_work(arguments, message, refusal, tmp_path):
+    assert refusal(*(str(one).format(here=tmp_path.name) for one in arguments)) == message
+
+
+def test_a_proof_is_not_written_where_a_picture_or_a_page_goes(refusal):
+    for option, name in (("--picture", "a.png"), ("--html", "a.html")):
+        said = refusal("walls", "--proof", name, option, name)
+        assert said == f"{option}: expected another file than --proof, got {name} for both"
 
 
 def test_a_course_that_there_is_not_names_those_that_there_are(refusal):

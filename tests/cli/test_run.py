@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import asdict
 from importlib import resources
 from pathlib import Path
@@ -21,6 +22,7 @@ from stancekit.cli.replay import Replay
 from stancekit.cli.run import Run
 from stancekit.envs.expert import expert_envelopes
 from stancekit.envs.runner.log import read_log
+from stancekit.envs.runner.policy import LoopSettings
 from stancekit.envs.worlds.calibration import nominal
 from stancekit.envs.worlds.ros_setup import same_names
 from stancekit.planners.files import write_envelopes
@@ -104,12 +106,12 @@ def test_a_policy_begins_with_the_plan_that_it_is_given(folder: Path, capsys: py
 
 def test_a_gait_is_run_and_another_pace_or_a_policy_refused(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = folder / "walk.json"
-    short = ("--goal", "0.1,0", "--duration-s", "2", "--raw")
+    short = ("--goal", "0.1,0", "--duration-s", "2.5", "--raw")
     assert main_code("gait", "rough:0:1", "--robot", "hexapod", *short, "--out", str(path)) == 0
     capsys.readouterr()
     code, out, _ = ended(Run(plan=path), capsys)
     assert code == 0
-    assert "seconds" in out
+    assert re.search(r"seconds +3\.5 of 3\.5", out)
     assert "run as planned" in out
     for options, said in (({"pace": 2.0}, "--pace"), ({"policy": "lift"}, "--policy")):
         code, _, err = ended(Run(plan=path, **options), capsys)
@@ -125,6 +127,44 @@ def test_a_stop_file_that_is_there_lets_nothing_begin(folder: Path, capsys: pyte
     code, out, _ = ended(Run(plan=folder / "plan.json", stop_file=stop, json=True), capsys)
     report = json.loads(out)
     assert (code, report["sent"], report["message"]) == (1, 0, "stop file stop is there")
+    assert (report["joint_worst"], report["joint_worst_rad"], report["cycle_s"]) == ("", None, [None, None])
+    code, out, _ = ended(Run(plan=folder / "plan.json", stop_file=stop), capsys)
+    assert code == 1
+    assert "stop file stop is there" in out
+    assert "nan" not in out
+
+
+def test_a_log_is_written_over_no_file_of_the_run_and_kept_where_the_run_is_refused(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, linked = folder / "kept.mcap", folder / "linked.mcap"
+    log.write_bytes(b"an earlier log")
+    linked.symlink_to(folder / "plan.json")
+    plan, gait = folder / "plan.json", folder / "gait.mcap"
+    before = plan.read_bytes()
+    for options, said in (
+        ({"log": plan}, f"--log: expected a name that ends in .mcap, got {plan}"),
+        ({"log": linked}, f"--log: expected a file of its own, got that of PLAN: {linked}"),
+        ({"plan": gait, "log": gait}, f"--log: expected a file of its own, got that of PLAN: {gait}"),
+        (
+            {"world": "replay", "setup": log, "log": log},
+            f"--log: expected a file of its own, got that of --setup: {log}",
+        ),
+        ({"policy": str(log), "log": log}, f"--log: expected a file of its own, got that of --policy: {log}"),
+        ({"picture": log, "log": log}, f"--log: expected a file of its own, got that of --picture: {log}"),
+        ({"hung": True, "log": log}, "hung: expected a robot that can hang in a stand, world mujoco has none"),
+    ):
+        given: dict[str, Any] = {"plan": plan} | options
+        assert ended(Run(**given), capsys) == (2, "", f"stancekit: error: {said}\n")
+    assert (plan.read_bytes(), log.read_bytes()) == (before, b"an earlier log")
+
+
+def test_the_help_says_what_a_policy_does_where_nothing_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main_code("run", "--help") == 0
+    said = " ".join(capsys.readouterr().out.replace("│", " ").split())
+    usual = LoopSettings()
+    assert re.search(rf"--horizon INT [^(]*\(default: {usual.horizon}\)", said)
+    assert re.search(rf"--replan-m M [^(]*\(default: {usual.replan_m} m\)", said)
 
 
 @pytest.mark.parametrize(

@@ -231,6 +231,33 @@ def test_wedges_point_in_the_walking_direction_and_reach_as_far_as_iterations_go
     assert ours[..., 0].mean() == pytest.approx(0.0, abs=1e-12)
 
 
+def test_a_colour_is_a_methods_own_whichever_others_are_there():
+    def colours(shown, draw):
+        lines = draw(shown, methods=("third", "other", "ours")).axes[0].lines
+        return {str(line.get_label()).partition(":")[0]: line.get_color() for line in lines}
+
+    for draw in (draw_convergence, draw_times):
+        both = colours(runs(), draw)
+        assert both["ours"] != both["other"]
+        assert colours([run for run in runs() if run.method == "ours"], draw)["ours"] == both["ours"]
+
+
+def test_times_reach_as_far_as_what_is_drawn():
+    # one slow success among three guesses in a direction is not drawn; as a failure it is, by its cross
+    def rim(last):
+        solves = [GaitRun(method="m", violations=[1.0, 1e-5], seconds=1.0) for _ in range(2)]
+        return draw_times([*solves, GaitRun(method="m", violations=[1.0, last], seconds=90.0)]).axes[0].get_ylim()[1]
+
+    assert rim(1e-5) == pytest.approx(1.02 * np.log1p(1.0 / 0.5))
+    assert rim(1.0) == pytest.approx(1.02 * np.log1p(100.0 / 0.5))
+
+
+def test_panels_have_titles_of_one_size():
+    long = [*runs(), GaitRun(method="with a name that is much longer than others have", violations=[1.0, 1e-5])]
+    sizes = {axes.title.get_fontsize() for axes in draw_directions(long).axes if axes.get_title()}
+    assert len(sizes) == 1
+
+
 def test_many_solves_are_thin_lines_with_their_median():
     many = [GaitRun(method="m", violations=[1.0, *[0.1] * k, 1e-5]) for k in range(9)]
     axes = draw_convergence(many).axes[0]

@@ -35,7 +35,7 @@ def measured(monkeypatch):
 
     def measure(cell, settings, folder):
         asked.append(cell)
-        return {"success": True, "verified": False, "iterations": 3, "cpu_s": 1.5}
+        return {"success": True, "verified": False, "iterations": 3, "cpu_s": 1.5, "linear_s": 1.0}
 
     monkeypatch.setattr(gait_bench, "measure", measure)
     return asked
@@ -94,6 +94,44 @@ def test_another_protocol_measures_anew(tmp_path, measured):
     assert kept(replace(FAST, noise=0.05), tmp_path) == []
     list(run(replace(FAST, noise=0.05), tmp_path))
     assert len(measured) == 2 * count
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda cell: [], "expected an object with protocol and row, got list"),
+        (lambda cell: {**cell, "row": None}, "row: expected an object, got NoneType"),
+        (lambda cell: without(cell, "cpu_s"), "row: cpu_s: expected this key, got nothing"),
+        (lambda cell: without(cell, "success"), "row: success: expected this key, got nothing"),
+        (lambda cell: {**cell, "row": {**cell["row"], "task": 8}}, "row: task: expected 0 by the file's name, got 8"),
+        (
+            lambda cell: {**cell, "row": {**cell["row"], "before": {}}},
+            "row: before.peak_acceleration_g: expected this key, got nothing",
+        ),
+        (
+            lambda cell: {**cell, "row": {**cell["row"], "force_rms": "much"}},
+            "row: force_rms: Input should be a valid number, got 'much'",
+        ),
+    ],
+)
+def test_a_file_that_is_no_cell_is_refused_by_its_path(spoil, message, tmp_path, measured):
+    list(run(FAST, tmp_path))
+    path = tmp_path / cells(FAST)[0].file
+    path.write_text(json.dumps(spoil(json.loads(path.read_text()))))
+    for read in (kept, lambda *where: list(run(*where))):
+        with pytest.raises(InvalidInput) as caught:
+            read(FAST, tmp_path)
+        assert str(caught.value) == f"{path}: {message}"
+
+
+def without(cell, name):
+    return {**cell, "row": {key: value for key, value in cell["row"].items() if key != name}}
+
+
+def test_a_cell_without_a_solve_is_a_row(tmp_path, monkeypatch):
+    monkeypatch.setattr(gait_bench, "measure", lambda *_: {"success": False, "verified": False, "status": "folds"})
+    assert kept(FAST, tmp_path) == []
+    assert kept(FAST, tmp_path) == [] != list(run(FAST, tmp_path)) == kept(FAST, tmp_path)
 
 
 def test_a_run_that_was_stopped_goes_on(tmp_path, measured):
@@ -160,6 +198,28 @@ def test_pictures_are_of_what_has_iterates_and_of_directions_where_tasks_go_all_
     names = [path.name for path in draw(rows, tmp_path)]
     assert names == ["convergence-cone.png", "directions-cone.png", "times-cone.png", "convergence-hill.png"]
     assert all((tmp_path / name).read_bytes().startswith(b"\x89PNG") for name in names)
+
+
+def test_a_picture_says_how_many_guesses_there_may_be_and_a_method_has_one_colour_in_all(tmp_path, monkeypatch):
+    drawn = {}
+    monkeypatch.setattr("stancekit.envs.chart.save", lambda figure, path: drawn.update({path.stem: figure}))
+    solved = {"violations": [0.4, 0.2, 3e-5], "cpu_s": 2.0}
+    names = ("ambient-lbfgs", "warped", "decoupled")
+    rows = [row(name, "cone", **solved) for name in names] + [row("decoupled", "cone", seed=1, **solved)]
+    draw([*rows, row("decoupled", "pit", **solved)], tmp_path)
+    for name in ("directions-cone", "times-cone"):
+        assert drawn[name].texts[0].get_text().endswith("on cone, up to 2 guesses a direction")
+        assert "0° = +y, clockwise" in drawn[name].texts[1].get_text()
+    assert drawn["directions-pit"].texts[0].get_text().endswith("on pit, one guess a direction")
+    label = METHODS["decoupled"].label
+    keys = [
+        line.get_color()
+        for name in ("convergence-cone", "times-cone", "convergence-pit", "times-pit")
+        for line in drawn[name].axes[0].lines
+        if str(line.get_label()).startswith(label)
+    ]
+    assert len(keys) == 4
+    assert len(set(keys)) == 1
 
 
 def test_ratios_compare_cells_in_which_both_succeeded():

@@ -183,7 +183,7 @@ HOLED = np.where(np.eye(5) > 0, np.nan, 0.0)
             lambda: named_terrain("rough:0.5"),
             "terrain: expected rough:DIFFICULTY:SEED as in rough:0.5:7, got 'rough:0.5'",
         ),
-        (lambda: named_terrain("rough:2:1"), "difficulty: expected a number in [0, 1], got 2"),
+        (lambda: named_terrain("rough:2:1"), "terrain: difficulty: expected a number in [0, 1], got 2"),
     ],
 )
 def test_what_is_no_terrain_is_refused_by_one_line(make, message):

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 
@@ -17,9 +17,10 @@ pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
 from stancekit.envs.runner.estop import StopLatch
-from stancekit.envs.runner.guardian import BUS, Guardian
+from stancekit.envs.runner.guardian import ANSWER_S, BUS, ROUNDS, Guardian, _cancelled
 from stancekit.envs.runner.watchdog import Watchdog
 from stancekit.envs.worlds.ros_setup import same_names
+from stancekit.envs.worlds.rosbridge import RosLink
 from stancekit.planners.outcome import InvalidInput
 from tests.emulators.ros_robots import JOINTS, START, commands
 from tests.emulators.rosbridge import RosBridge
@@ -107,6 +108,71 @@ def test_a_guardian_that_is_killed_is_a_reason_to_stop() -> None:
         until(lambda: guardian.gone() is not None, 5.0)
         latch.poll([guardian.gone])
     assert latch.reason == "the guardian process is gone"
+
+
+def test_a_guardian_that_stands_still_is_a_reason_to_stop_and_keeps_nobody_waiting() -> None:
+    def beaten() -> bool:
+        guardian.beat()
+        return guardian.gone() is not None
+
+    with Guardian(0.3) as guardian:
+        lives = time.monotonic() + 1.2 * max(4.0 * guardian.limit_s, ANSWER_S)
+        while time.monotonic() < lives:
+            assert not beaten()
+            time.sleep(0.01)
+        pid = guardian.pid
+        os.kill(pid, signal.SIGSTOP)
+        until(beaten, 5.0)
+        assert guardian.gone() == "the guardian process does not answer"
+        left = time.monotonic()
+    assert time.monotonic() < left + 1.0
+    with pytest.raises(ProcessLookupError):
+        os.kill(pid, 0)
+
+
+def test_a_farewell_that_finds_no_room_or_no_reader_ends_the_guardian_all_the_same(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("stancekit.envs.runner.guardian.END_S", 0.2)
+    for beats in (1, 100000):  # more than a pipe has room for
+        with Guardian(60.0) as guardian:
+            os.kill(guardian.pid, signal.SIGSTOP)
+            for _ in range(beats):
+                guardian.beat()
+            left = time.monotonic()
+        assert time.monotonic() < left + 2.0
+    assert capfd.readouterr().err == ""
+
+
+def test_a_guardian_that_ends_before_it_was_told_anything_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "executable", "/bin/false")
+    began = subprocess.Popen
+
+    def ended(*arguments: Any, **options: Any) -> subprocess.Popen[bytes]:
+        child = began(*arguments, **options)
+        child.wait(5.0)
+        return child
+
+    monkeypatch.setattr(subprocess, "Popen", ended)
+    with pytest.raises(InvalidInput, match="guardian: expected it to start, it did not"):
+        Guardian(1.0).__enter__()
+
+
+def test_a_cancel_over_a_new_connection_leaves_none_open(monkeypatch: pytest.MonkeyPatch) -> None:
+    links: list[RosLink] = []
+
+    class Noted(RosLink):
+        def __init__(self, *arguments: Any) -> None:
+            super().__init__(*arguments)
+            links.append(self)
+
+    monkeypatch.setattr("stancekit.envs.runner.guardian.RosLink", Noted)
+    with RosBridge(JOINTS, START) as bridge:
+        setup = same_names(JOINTS, port=bridge.port)
+        lost = RosLink(setup.host, setup.port, setup.timeout_s)  # never opened, so of no use
+        assert _cancelled(setup, lost) == "a cancel was sent for all goals of /joint_trajectory_controller"
+        assert commands(bridge).count("cancel") == ROUNDS
+    assert [link.ros for link in links] == [None]
 
 
 def test_where_no_rosbridge_is_it_does_not_begin() -> None:

@@ -65,7 +65,8 @@ def test_every_topic_has_a_schema_that_names_its_keys(tmp_path: Path) -> None:
     from mcap.stream_reader import StreamReader
 
     path = tmp_path / "run.mcap"
-    McapLog(path).close()
+    with McapLog(path) as log:
+        log.write("plan", PLAN)
     with open(path, "rb") as stream:
         schemas = {r.name: json.loads(r.data) for r in StreamReader(stream).records if isinstance(r, Schema)}
     assert {name: set(schema["required"]) for name, schema in schemas.items()} == {

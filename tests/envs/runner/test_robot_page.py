@@ -32,11 +32,10 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
     assert plan is not None
     write_plan("desk.json", plan, check_plan(plan))
     accepted = Accepted.from_file("desk.json")
-    names: dict[str, object] = {}
     snippets = [text for language, text in BLOCKS if language == "python"]
     assert len(snippets) == 2
     for snippet in snippets:
-        exec(compile(snippet, "running-on-a-robot.md", "exec"), names)
+        exec(compile(snippet, "running-on-a-robot.md", "exec"), {})
     assert len(capsys.readouterr().out.split(",")) == 24
     for world, setup in (("ros", "ros.yaml"), ("dynamixel", "servos.yaml")):
         made = make_run_world(world, plan.course, setup=Path(setup))
