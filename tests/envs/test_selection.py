@@ -158,7 +158,9 @@ def test_every_way_to_render_works_without_a_screen(name, mode):
         env.unwrapped.render()
     env.reset(seed=0)
     before = env.render()
-    env.step(env.action_space.sample())
+    env.action_space.seed(0)
+    # The first planner of Traverse-v0 is one that finds a plan; an action that fails leaves the picture as it was.
+    env.step(np.int64(0) if isinstance(env.action_space, gymnasium.spaces.Discrete) else env.action_space.sample())
     after = env.render()
     if mode == "human":
         assert (before, after) == (None, None)
