@@ -12,8 +12,6 @@ from scipy.sparse import csr_array, vstack
 from ..arrays import Array
 from .blocks import Block, Compiled, Constraint, JetBank, blocks_of, matrix, scattered
 
-WEIGHTS = ("proximal", "acceleration", "force_rate")
-
 
 class Program:
     """lower ≤ g(x) ≤ upper, and an objective, from constraints and cost blocks.

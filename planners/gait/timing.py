@@ -13,7 +13,6 @@ import casadi as cs
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from ..arrays import Array
 from .blocks import Constraint, Family
 from .layout import NOTHING, FootEntries, Index
 from .splines import clamped_symbolic, hermite
@@ -125,10 +124,3 @@ def _swinging(own: cs.SX, time: cs.SX, begin: cs.SX, end: cs.SX) -> cs.SX:
     up = rising[0] * lift + rising[2] * middle + half * rising[3] * speed
     down = falling[0] * middle + half * falling[1] * speed + falling[2] * touch
     return cs.vertcat(cs.if_else(share < 1.0, up, down), cs.SX.zeros(3))
-
-
-def durations_s(entries: FootEntries, x: Array) -> Array:
-    """How long each phase of a foot lasts at a decision vector, shape (2 S + 1,); they sum up to T."""
-    phases = entries.phases
-    switches = x[entries.switches] if len(entries.switches) else phases.switches_s
-    return np.diff(np.concatenate([[0.0], switches, [phases.duration_s]]))

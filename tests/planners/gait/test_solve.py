@@ -71,15 +71,12 @@ def test_swinging_feet_of_a_flat_chart_never_dip_between_the_nodes(small: Build)
     assert above.max() > 0.02
 
 
-def test_optimised_durations_sum_up_to_the_whole_and_move(small: Build) -> None:
-    from stancekit.planners.gait.timing import durations_s
-
+def test_optimised_phases_stay_in_order_and_move(small: Build) -> None:
     program = small(timings="optimised")
     found = program.solve()
     assert found.success
     for foot in program.structure.layout.feet:
-        lasting = durations_s(foot, found.x)
-        assert lasting.sum() == pytest.approx(2.0)
+        lasting = np.diff([0.0, *found.x[foot.switches], program.task.duration_s])
         assert lasting.min() > 0.05
     moved = np.concatenate([found.x[foot.switches] - foot.phases.switches_s for foot in program.structure.layout.feet])
     assert 1e-6 < np.abs(moved).max() <= program.settings.switch_slack_s + 1e-4
