@@ -1,0 +1,110 @@
+"""The structure of a posture or a plan: who stands where, who carries, on how many candidates.
+
+Rows, in the order in which arrays have them:
+
+* foothold: a toe put down by a limb; it stays until the limb's next one. P of them, M key frames, N limbs;
+* candidate: a patch that a foothold may be on, K in all, by foothold;
+* vertex: of a candidate, V in all, by candidate;
+* stance: a set of limbs that must carry the robot alone at a frame, S of them;
+* stance contact: a limb that carries in a stance, B in all, by stance.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Index = NDArray[np.int_]
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What decides the rows and columns of a program; programs of equal layouts differ in their numbers only.
+
+    holds: the foothold under each limb at each frame, (M, N); stances: (frame, limbs) of each;
+    corners: how many vertices each open candidate has, by foothold.
+    """
+
+    holds: tuple[tuple[int, ...], ...]
+    stances: tuple[tuple[int, tuple[int, ...]], ...]
+    corners: tuple[tuple[int, ...], ...]
+
+    @property
+    def frames(self) -> int:
+        """M."""
+        return len(self.holds)
+
+    @property
+    def limbs(self) -> int:
+        """N."""
+        return len(self.holds[0])
+
+    @property
+    def footholds(self) -> int:
+        """P."""
+        return len(self.corners)
+
+    @cached_property
+    def contacts(self) -> tuple[Index, Index, Index]:
+        """(stance, limb, foothold) of every stance contact, each of shape (B,)."""
+        found = [
+            (index, limb, self.holds[frame][limb])
+            for index, (frame, limbs) in enumerate(self.stances)
+            for limb in limbs
+        ]
+        stance, limb, foothold = np.array(found, dtype=np.int_).T
+        return stance, limb, foothold
+
+    @cached_property
+    def stance_frames(self) -> Index:
+        """The frame of every stance, shape (S,)."""
+        return np.array([frame for frame, _ in self.stances], dtype=np.int_)
+
+    @cached_property
+    def moves(self) -> Index:
+        """(foothold before, foothold after) of every toe that moves, by frame, then limb; shape (moves, 2)."""
+        table = np.array(self.holds, dtype=np.int_)
+        changed = np.argwhere(table[1:] != table[:-1])
+        return np.array([(table[k, i], table[k + 1, i]) for k, i in changed], dtype=np.int_).reshape(-1, 2)
+
+    @cached_property
+    def candidate_footholds(self) -> Index:
+        """The foothold of every candidate, shape (K,)."""
+        return np.repeat(np.arange(self.footholds), [len(counts) for counts in self.corners])
+
+    @cached_property
+    def vertex_candidates(self) -> Index:
+        """The candidate of every vertex, shape (V,)."""
+        counts = [count for counts in self.corners for count in counts]
+        return np.repeat(np.arange(len(counts)), counts)
+
+    @cached_property
+    def vertex_footholds(self) -> Index:
+        """The foothold of every vertex, shape (V,)."""
+        return np.asarray(self.candidate_footholds[self.vertex_candidates])
+
+    @cached_property
+    def contact_vertices(self) -> tuple[Index, Index]:
+        """(stance contact, vertex) for every vertex of every candidate under a contact, each of shape (F,)."""
+        return self.under(self.contacts[2])
+
+    @cached_property
+    def contact_candidates(self) -> tuple[Index, Index]:
+        """(stance contact, candidate) for every candidate under a contact, each of shape (Q,)."""
+        return _expanded(self.contacts[2], np.array([len(counts) for counts in self.corners], dtype=np.int_))
+
+    def under(self, footholds: Index) -> tuple[Index, Index]:
+        """(which of these footholds, vertex) for every vertex of their candidates; ``footholds`` may repeat."""
+        return _expanded(footholds, np.array([sum(counts) for counts in self.corners], dtype=np.int_))
+
+
+def _expanded(groups: Index, sizes: Index) -> tuple[Index, Index]:
+    """Every member of every group asked for: members are numbered group by group. sizes: of each group."""
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    counts = sizes[groups]
+    which = np.repeat(np.arange(len(groups)), counts)
+    within = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return which, np.asarray(starts[groups[which]] + within)

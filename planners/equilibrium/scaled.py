@@ -1,0 +1,286 @@
+"""A posture problem or a course in non-dimensional numbers (E3, E4), by the rows of its layout: what programs are fed.
+
+A posture is a plan of one frame: each contact a foothold with one candidate, all of them one stance. Lengths are in
+units of the length scale, forces of the force scale (a course's is the robot's weight), moments of their product.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array
+from ..outcome import Posture
+from ..scene import PostureProblem
+from ..scene.course import Course, Weights
+from .layout import Layout
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Point:
+    """A point in the space of plans, non-dimensional; on the bilinear surface m = p f where ``residual`` is about zero.
+
+    com, rotation: shape (M, 3); toes: one a foothold, (P, 3); forces: contact frames, a row a stance contact, (B, 3);
+    residual: largest component of a net moment, inf where there is no answer. objective: of a course, where it was
+    minimised; solves, seconds: what it took to get here.
+    """
+
+    com: Array
+    rotation: Array
+    toes: Array
+    forces: Array
+    residual: float
+    objective: float = float("nan")
+    solves: int = 1
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Scaled:
+    """The numbers of a problem; see ``Layout`` for the counts.
+
+    which: the number, in the problem, of every open candidate, by foothold. vertices: v_u, shape (V, 3); a toe that
+    already stands is a candidate of one vertex. frames: R_WC, columns n, y, z, shape (K, 3, 3); friction: (K,).
+    shoulders: (N, 3); reach: (N,). force_min, force_max: on (f_n, f_y, f_z) of every stance contact, (B, 3).
+    weight: m·g. com: nominal, (M, 3); com_radius: (M,). tilt: limit [rad]. steps: largest step of the COM, of a toe and
+    of the rotation; direction: of the nominal steps, (M − 1, 3); progress: least along them, (M − 1,). goal: (3,).
+    weights: of the objective, None for a posture, which has none.
+    """
+
+    layout: Layout
+    which: tuple[tuple[int, ...], ...]
+    vertices: Array
+    frames: Array
+    friction: Array
+    shoulders: Array
+    reach: Array
+    force_min: Array
+    force_max: Array
+    weight: float
+    com: Array
+    com_radius: Array
+    tilt: float
+    steps: tuple[float, float, float]
+    direction: Array
+    progress: Array
+    goal: Array
+    weights: Weights | None
+    length_m: float
+    force_n: float
+
+    @classmethod
+    def of(cls, problem: PostureProblem | Course) -> Scaled:
+        """Scale a problem."""
+        return _of_course(problem) if isinstance(problem, Course) else _of_posture(problem)
+
+    @property
+    def aim(self) -> Weights:
+        """The weights of the objective, which there is."""
+        assert self.weights is not None
+        return self.weights
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(contacts, most vertices of a patch)."""
+        return len(self.force_min), max(count for counts in self.layout.corners for count in counts)
+
+    @cached_property
+    def patches(self) -> Array:
+        """Vertices by candidate, shape (K, U, 3); a shorter border repeats its last vertex."""
+        counts = np.array([count for counts in self.layout.corners for count in counts])
+        starts = np.cumsum(counts) - counts
+        return np.asarray(self.vertices[starts[:, None] + np.minimum(np.arange(counts.max()), counts[:, None] - 1)])
+
+    @cached_property
+    def pieces(self) -> tuple[Array, ...]:
+        """The border of every candidate, shapes (·, 3)."""
+        ends = np.cumsum([count for counts in self.layout.corners for count in counts])
+        return tuple(np.split(self.vertices, ends[:-1]))
+
+    @cached_property
+    def box_implied(self) -> bool:
+        """Whether cones and normal-force limits imply the rest of the force boxes, so that its rows can be left out.
+
+        Then f_n ≥ 0 comes from the cone and λ ≥ 0 from f_n ≤ λ f_max, too.
+        """
+        contact, candidate = self.layout.contact_candidates
+        friction, normal = self.friction[candidate], self.force_max[contact, 0]
+        room = np.minimum(self.force_max[:, 1:], -self.force_min[:, 1:]).min(axis=1)[contact]
+        return bool(
+            (friction > 1e-3).all()  # on ice the cone says nothing of f_n
+            and (self.force_min[:, 0] <= 0.0).all()
+            and (normal > 0.0).all()
+            and (friction * normal <= room).all()
+        )
+
+    @cached_property
+    def arms(self) -> Array:
+        """[v_u]× R_WC of every vertex under a stance contact: maps a force at it to its moment, shape (F, 3, 3)."""
+        vertex = self.layout.contact_vertices[1]
+        return np.asarray(np.matmul(skew(self.vertices[vertex]), self.frames[self.layout.vertex_candidates[vertex]]))
+
+    @property
+    def options(self) -> int:
+        """Most candidates of a foothold, open or not, as far as they are here."""
+        return 1 + max(max(numbers) for numbers in self.which)
+
+    def opened(self) -> Array:
+        """1 where a candidate of a foothold is open, shape (P, options)."""
+        table = np.zeros((self.layout.footholds, self.options))
+        table[self.layout.candidate_footholds, np.concatenate(self.which)] = 1.0
+        return table
+
+    def by_candidate(self, values: Array, missing: float) -> Array:
+        """Values of all candidates, (K,), as a table by foothold and number, shape (P, options)."""
+        table = np.full((self.layout.footholds, self.options), missing)
+        table[self.layout.candidate_footholds, np.concatenate(self.which)] = values
+        return table
+
+    def only(self, opened: Array) -> Scaled:
+        """The problem with only these candidates, of those that there are; shape (P, options)."""
+        kept = opened[self.layout.candidate_footholds, np.concatenate(self.which)] > 0.0
+        if kept.all():
+            return self
+        rows = zip(self.which, self.layout.corners, opened.tolist(), strict=True)
+        left = [[(r, n) for r, n in zip(numbers, counts, strict=True) if row[r] > 0.0] for numbers, counts, row in rows]
+        corners = tuple(tuple(count for _, count in some) for some in left)
+        return replace(
+            self,
+            layout=replace(self.layout, corners=corners),
+            which=tuple(tuple(number for number, _ in some) for some in left),
+            vertices=self.vertices[kept[self.layout.vertex_candidates]],
+            frames=self.frames[kept],
+            friction=self.friction[kept],
+        )
+
+    def chosen(self, choice: NDArray[np.int_]) -> Scaled:
+        """The problem with one candidate a foothold, by its number, shape (P,)."""
+        opened = np.zeros((self.layout.footholds, self.options))
+        opened[np.arange(len(choice)), choice] = 1.0
+        return self.only(opened)
+
+    def with_piece(self, candidate: int, border: Array) -> Scaled:
+        """The problem with one candidate, 0 ≤ candidate < K, confined to a piece of its patch, shape (·, 3)."""
+        pieces = (*self.pieces[:candidate], border, *self.pieces[candidate + 1 :])
+        sizes = iter(len(piece) for piece in pieces)
+        corners = tuple(tuple(next(sizes) for _ in counts) for counts in self.layout.corners)
+        layout = self.layout if corners == self.layout.corners else replace(self.layout, corners=corners)
+        return replace(self, layout=layout, vertices=np.concatenate(pieces))
+
+    def with_force_box(self, low: Array, high: Array) -> Scaled:
+        """The problem with these bounds on the forces of its stance contacts, shape (B, 3) each."""
+        return replace(self, force_min=low, force_max=high)
+
+    def in_world(self, forces: Array) -> Array:
+        """Forces of the stance contacts turned from contact frames to the world; one candidate a foothold; (B, 3)."""
+        return np.asarray(np.matmul(self.contact_frames, forces[..., None])[..., 0])
+
+    @property
+    def contact_frames(self) -> Array:
+        """R_WC of every stance contact; one candidate a foothold; shape (B, 3, 3)."""
+        return np.asarray(self.frames[self.layout.contacts[2]])
+
+    def posture(self, point: Point) -> Posture:
+        """Give a point of one frame its units back."""
+        return Posture(
+            com_m=point.com.reshape(3) * self.length_m,
+            rotation_rad=point.rotation.reshape(3),
+            toes_m=point.toes * self.length_m,
+            forces_n=self.in_world(point.forces) * self.force_n,
+        )
+
+    def point(self, posture: Posture) -> Array:
+        """[p, f] of a posture, the columns p_x p_y p_z f_n f_y f_z: p in world axes, f in the frames; shape (N, 6)."""
+        position = (posture.toes_m - posture.com_m) / self.length_m
+        forces = np.matmul(self.frames.transpose(0, 2, 1), posture.forces_n[..., None])[..., 0] / self.force_n
+        return np.concatenate([position, forces], axis=1)
+
+
+def skew(vectors: Array) -> Array:
+    """[v]×, so that [v]× w = v × w; shape (..., 3) to (..., 3, 3)."""
+    out = np.zeros((*vectors.shape, 3))
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
+    return out
+
+
+def _of_posture(problem: PostureProblem) -> Scaled:
+    length_m, force_n = problem.length_scale_m, float(problem.force_scale_n or 1.0)
+    contacts, nothing = problem.contacts, np.zeros((0, 3))
+    feet = tuple(range(len(contacts)))
+    corners = tuple((len(contact.patch.vertices_m),) for contact in contacts)
+    return Scaled(
+        layout=Layout(holds=(feet,), stances=((0, feet),), corners=corners),
+        which=((0,),) * len(contacts),
+        vertices=np.concatenate([contact.patch.vertices_m for contact in contacts]) / length_m,
+        frames=np.array([contact.patch.frame for contact in contacts]),
+        friction=np.array([contact.patch.friction for contact in contacts]),
+        shoulders=np.array([contact.shoulder_m for contact in contacts]) / length_m,
+        reach=np.array([contact.reach_m for contact in contacts]) / length_m,
+        force_min=np.array([contact.force_min for contact in contacts]),
+        force_max=np.array([contact.force_max for contact in contacts]),
+        weight=problem.weight_n / force_n,
+        com=problem.com_nominal_m[None] / length_m,
+        com_radius=np.array([problem.com_radius_m / length_m]),
+        tilt=problem.tilt_limit_rad,
+        steps=(0.0, 0.0, 0.0), direction=nothing, progress=np.zeros(0),
+        goal=problem.com_nominal_m / length_m, weights=None,
+        length_m=length_m,
+        force_n=force_n,
+    )  # fmt: skip
+
+
+def _of_course(course: Course) -> Scaled:
+    scale, limbs, limits = course.length_scale_m, course.robot.limbs, course.steps
+    patches = [patch for placement in course.placements for patch in placement.candidates]
+    borders = [
+        patch.vertices_m if placement.toe_m is None else placement.toe_m[None]
+        for placement in course.placements
+        for patch in placement.candidates
+    ]
+    sizes = iter(len(border) for border in borders)
+    layout = Layout(
+        holds=tuple(tuple(row) for row in course.holds.tolist()),
+        stances=tuple((stance.frame, stance.limbs) for stance in course.stances),
+        corners=tuple(tuple(next(sizes) for _ in placement.candidates) for placement in course.placements),
+    )
+    direction = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
+    carrying = sum(len(limbs) for _, limbs in layout.stances)
+    return Scaled(
+        layout=layout,
+        which=tuple(tuple(range(len(placement.candidates))) for placement in course.placements),
+        vertices=np.concatenate(borders) / scale,
+        frames=np.array([patch.frame for patch in patches]),
+        friction=np.array([patch.friction for patch in patches]),
+        shoulders=np.array([limb.shoulder_m for limb in limbs]) / scale,
+        reach=np.array([limb.reach_m for limb in limbs]) / scale,
+        force_min=np.tile(course.force_min, (carrying, 1)),
+        force_max=np.tile(course.force_max, (carrying, 1)),
+        weight=1.0,
+        com=course.com_nominal_m / scale,
+        com_radius=course.com_radius_m / scale,
+        tilt=course.tilt_limit_rad,
+        steps=(limits.com_m / scale, limits.toe_m / scale, limits.rotation_rad),
+        direction=direction,
+        progress=np.where(np.linalg.norm(direction, axis=1) > 0.0, limits.progress_m / scale, 0.0),
+        goal=course.goal_m / scale,
+        weights=course.weights,
+        length_m=scale,
+        force_n=course.weight_n,
+    )
+
+
+def cones_met(low: Array, high: Array, friction: Sequence[float] | Array) -> tuple[Array, Array]:
+    """Force boxes met with the box around their friction cones, shape (B, 3) each; friction: shape (B,)."""
+    shear = (np.asarray(friction) * np.maximum(high[:, 0], 0.0))[:, None]
+    low, high = low.copy(), high.copy()
+    low[:, 0] = np.maximum(low[:, 0], 0.0)
+    low[:, 1:], high[:, 1:] = np.maximum(low[:, 1:], -shear), np.minimum(high[:, 1:], shear)
+    return low, high
+
+

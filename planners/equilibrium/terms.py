@@ -1,0 +1,307 @@
+"""The terms of paper E as rows: each equation once, for one posture and for many key frames alike.
+
+A term adds its variables and rows to ``Rows``; a program is a short list of terms (``relaxation``, ``projection``). All
+quantities are non-dimensional. Programs are loaded with a ``Given``. The same terms in cvxpy: ``reference``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..arrays import Array
+from .layout import Index, Layout
+from .rows import Fill, Rows
+from .scaled import Point, Scaled
+
+
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What a program is loaded with: a problem, and the point that is held or linearised about, where there is one."""
+
+    scaled: Scaled
+    about: Point | None = None
+
+    @property
+    def held(self) -> Point:
+        """``about``, which is there."""
+        assert self.about is not None
+        return self.about
+
+
+class Toes(Protocol):
+    """Where the toes are: variables on their patches, or held."""
+
+    def put(self, at: Index, footholds: Index, sign: float) -> None:
+        """Add sign · p_w of these footholds to rows of A x − b; at: shape (n, 3)."""
+        ...
+
+
+class FreeToes:
+    """Toes as convex combinations of their candidates' vertices, p_w = Σ λ_u v_u (E1).
+
+    explicit: give p_w columns of their own, so that an objective in it does not depend on the data.
+    implied: λ ≥ 0 follows from the forces of the stance contacts (``Scaled.box_implied``).
+    """
+
+    def __init__(self, rows: Rows[Given], layout: Layout, *, explicit: bool, implied: bool = False) -> None:
+        self._rows, self._layout = rows, layout
+        self.weights = rows.variable("weights", len(layout.vertex_footholds))
+        one = rows.equal("one", layout.footholds)
+        rows.put(one[layout.vertex_footholds], self.weights, 1.0)  # Σ λ_u = 1
+        rows.right(one, 1.0)
+        loose = self.weights
+        if implied:
+            loose = self.weights[~np.isin(layout.vertex_footholds, layout.contacts[2])]
+        rows.put(rows.at_most("positive", len(loose)), loose, -1.0)  # λ ≥ 0
+        self.points: Index | None = None
+        if explicit:
+            points, toe = rows.variable("toes", layout.footholds, 3), rows.equal("toe", layout.footholds, 3)
+            rows.put(toe, points, 1.0)
+            rows.put(toe[layout.vertex_footholds], self.weights[:, None], lambda d: -d.scaled.vertices)
+            self.points = points
+
+    def put(self, at: Index, footholds: Index, sign: float) -> None:
+        """Add sign · p_w of these footholds to rows of A x; at: shape (n, 3)."""
+        if self.points is not None:
+            self._rows.put(at, self.points[footholds], sign)
+            return
+        which, vertex = self._layout.under(footholds)
+        self._rows.put(at[which], self.weights[vertex][:, None], lambda d: sign * d.scaled.vertices[vertex])
+
+
+class HeldToes:
+    """Toes that stay where the point has them."""
+
+    def __init__(self, rows: Rows[Given]) -> None:
+        self._rows = rows
+
+    def put(self, at: Index, footholds: Index, sign: float) -> None:
+        """Add −sign · p_w of these footholds to b; at: shape (n, 3)."""
+        self._rows.right(at, lambda d: -sign * d.held.toes[footholds])
+
+
+class Body:
+    """Centre of mass c and small rotation Θ of every frame, and what limits them (E2, E11)."""
+
+    def __init__(self, rows: Rows[Given], layout: Layout) -> None:
+        self._rows, self._layout = rows, layout
+        self.com = rows.variable("com", layout.frames, 3)
+        self.rotation = rows.variable("rotation", layout.frames, 3)
+
+    def limits(self) -> None:
+        """‖c − c_nominal‖ ≤ radius and |Θ_i| ≤ tilt."""
+        ball = self._rows.cones("ball", self._layout.frames, 4)
+        self._rows.put(ball[:, 1:], self.com, -1.0)
+        self._rows.right(ball[:, 0], lambda d: d.scaled.com_radius)
+        self._rows.right(ball[:, 1:], lambda d: -d.scaled.com)
+        for name, sign in (("tilted", 1.0), ("tilted_back", -1.0)):
+            tilted = self._rows.at_most(name, self._layout.frames, 3)
+            self._rows.put(tilted, self.rotation, sign)
+            self._rows.right(tilted, lambda d: d.scaled.tilt)
+
+    def held(self) -> None:
+        """c and Θ are those of the point."""
+        for name, columns in (("com", self.com), ("rotation", self.rotation)):
+            stay = self._rows.equal("held_" + name, self._layout.frames, 3)
+            self._rows.put(stay, columns, 1.0)
+            self._rows.right(stay, _of_point(name))
+
+    def reach(self, toes: Toes) -> None:
+        """‖p_w − c − (I + [Θ]×) v‖ ≤ Δ_FK for every limb at every frame (E11), the rotation linearised."""
+        layout, rows = self._layout, self._rows
+        leg = rows.cones("reach", layout.frames * layout.limbs, 4)
+        frame = np.repeat(np.arange(layout.frames), layout.limbs)
+        rows.put(leg[:, 1:], self.com[frame], 1.0)
+        toes.put(leg[:, 1:], np.array(layout.holds, dtype=np.int_).ravel(), -1.0)
+        for k in range(3):  # (Θ × v)_k = Θ_i v_j − Θ_j v_i
+            i, j = (k + 1) % 3, (k + 2) % 3
+            rows.put(leg[:, 1 + k], self.rotation[frame, i], _of_shoulders(j, 1.0))
+            rows.put(leg[:, 1 + k], self.rotation[frame, j], _of_shoulders(i, -1.0))
+        rows.right(leg[:, 0], lambda d: _limbs(d, d.scaled.reach))
+        rows.right(leg[:, 1:], lambda d: _limbs(d, -d.scaled.shoulders))
+
+    def steps(self, toes: Toes | None) -> None:
+        """‖c[r] − c[r−1]‖, ‖p_i[r] − p_i[r−1]‖, ‖Θ[r] − Θ[r−1]‖ ≤ Δ_max (E11), and the progress of c along its path.
+
+        toes: None where they are held, and their steps are what they are.
+        """
+        layout, rows, count = self._layout, self._rows, self._layout.frames - 1
+        if not count:
+            return
+        for name, columns, limit in (("com_step", self.com, 0), ("rotation_step", self.rotation, 2)):
+            step = rows.cones(name, count, 4)
+            rows.put(step[:, 1:], columns[1:], -1.0)
+            rows.put(step[:, 1:], columns[:-1], 1.0)
+            rows.right(step[:, 0], _of_steps(limit))
+        ahead = rows.at_most("progress", count)  # progress − d·(c[r] − c[r−1]) ≤ 0
+        rows.put(ahead[:, None], self.com[1:], lambda d: -d.scaled.direction)
+        rows.put(ahead[:, None], self.com[:-1], lambda d: d.scaled.direction)
+        rows.right(ahead, lambda d: -d.scaled.progress)
+        if toes is not None and len(layout.moves):
+            step = rows.cones("toe_step", len(layout.moves), 4)
+            toes.put(step[:, 1:], layout.moves[:, 1], -1.0)
+            toes.put(step[:, 1:], layout.moves[:, 0], 1.0)
+            rows.right(step[:, 0], lambda d: d.scaled.steps[1])
+
+
+class Forces:
+    """Forces (f_n, f_y, f_z) in contact frames (E3), n of them, with their cones, boxes and balance.
+
+    contact, candidate: whose each is, shape (n,). share: how much of the foothold each belongs to, as (row, column)
+    pairs whose columns add up to it; None where it is all of it.
+    """
+
+    def __init__(
+        self, rows: Rows[Given], layout: Layout, contact: Index, candidate: Index, share: tuple[Index, Index] | None
+    ) -> None:
+        self._rows, self._layout, self._share = rows, layout, share
+        self.contact, self.candidate = contact, candidate
+        self.stance = layout.contacts[0][contact]
+        self.columns = rows.variable("forces", len(contact), 3)
+
+    @classmethod
+    def of_contacts(cls, rows: Rows[Given], layout: Layout) -> Forces:
+        """One force a stance contact; one candidate a foothold."""
+        foothold = layout.contacts[2]
+        return cls(rows, layout, np.arange(len(foothold)), foothold, None)
+
+    @classmethod
+    def of_candidates(cls, rows: Rows[Given], layout: Layout, toes: FreeToes) -> Forces:
+        """One force for every candidate under a contact, as large as its share Σ_u λ_u of the foothold."""
+        contact, candidate = layout.contact_candidates
+        if all(len(counts) == 1 for counts in layout.corners):
+            return cls.of_contacts(rows, layout)
+        sizes = np.bincount(layout.vertex_candidates)
+        starts = np.cumsum(sizes) - sizes
+        row = np.repeat(np.arange(len(candidate)), sizes[candidate])
+        within = np.arange(len(row)) - np.repeat(np.cumsum(sizes[candidate]) - sizes[candidate], sizes[candidate])
+        return cls(rows, layout, contact, candidate, (row, toes.weights[starts[candidate[row]] + within]))
+
+    @classmethod
+    def of_vertices(cls, rows: Rows[Given], layout: Layout, toes: FreeToes) -> Forces:
+        """f_u := λ_u f of every vertex under a contact: the lift's forces."""
+        contact, vertex = layout.contact_vertices
+        share = (np.arange(len(vertex)), toes.weights[vertex])
+        return cls(rows, layout, contact, layout.vertex_candidates[vertex], share)
+
+    def in_cones(self) -> None:
+        """√(f_y² + f_z²) ≤ μ f_n (E10)."""
+        cone = self._rows.cones("cone", len(self.contact), 3)
+        self._rows.put(cone[:, 0], self.columns[:, 0], lambda d: -d.scaled.friction[self.candidate])
+        self._rows.put(cone[:, 1:], self.columns[:, 1:], -1.0)
+
+    def in_box(self, *, implied: bool) -> None:
+        """share · f_min ≤ f ≤ share · f_max; implied: f_n ≤ share · f_max alone (``Scaled.box_implied``)."""
+        self._side("most", 1.0, [0] if implied else [0, 1, 2], lambda d: d.scaled.force_max)
+        if not implied:
+            self._side("least", -1.0, [0, 1, 2], lambda d: -d.scaled.force_min)
+
+    def balance(self) -> None:
+        """Σ f = w e_z in every stance (E5)."""
+        net = self._rows.equal("balance", len(self._layout.stances), 3)
+        self._rows.put(
+            net[self.stance][:, :, None], self.columns[:, None, :], lambda d: d.scaled.frames[self.candidate]
+        )
+        self._rows.right(net[:, 2], lambda d: d.scaled.weight)
+
+    def _side(self, name: str, sign: float, axes: list[int], bound: Fill[Given]) -> None:
+        """sign · f ≤ share · bound, for these components; bound: of the stance contacts, shape (B, 3)."""
+        side = self._rows.at_most(name, len(self.contact), len(axes))
+        self._rows.put(side, self.columns[:, axes], sign)
+        if self._share is None:
+            self._rows.right(side, lambda d: np.asarray(bound(d))[self.contact][:, axes])
+        else:
+            row, column = self._share
+            contact = self.contact[row]
+            self._rows.put(side[row], column[:, None], lambda d: -np.asarray(bound(d))[contact][:, axes])
+
+
+class Moments:
+    """Net moments about the COM of every stance, hard or within a slack (E6, E9): a list of linear parts, added up.
+
+    Σ f is fixed to the weight, so the moment about the moving centre of mass is Σ p_w × f − w c × e_z, linear in c.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        self._parts: list[tuple[Index, Index, Fill[Given]]] = []
+        self._offsets: list[Fill[Given]] = []
+
+    def add(self, stance: Index, columns: Index, values: Fill[Given]) -> None:
+        """Add values · x[columns]; stance: shape (n,); columns: shape (n, k); values: shape (n, 3, k)."""
+        self._parts.append((stance, columns, values))
+
+    def of_weight(self, body: Body) -> None:
+        """−w c × e_z = −w (c_y, −c_x, 0)."""
+        across = np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
+        columns = body.com[self._layout.stance_frames][:, :2]
+        self.add(np.arange(len(columns)), columns, lambda d: d.scaled.weight * across)
+
+    def shift(self, values: Fill[Given]) -> None:
+        """Add a constant, shape (S, 3)."""
+        self._offsets.append(values)
+
+    def vanish(self, rows: Rows[Given]) -> None:
+        """Every component is zero."""
+        self._put(rows, rows.equal("moment", len(self._layout.stances), 3), 1.0)
+
+    def within(self, rows: Rows[Given]) -> Index:
+        """Every component is at most the residual s ≥ 0, either way; its column."""
+        residual = rows.variable("residual", 1)
+        for name, sign in (("above", 1.0), ("below", -1.0)):
+            net = rows.at_most(name, len(self._layout.stances), 3)
+            self._put(rows, net, sign)
+            rows.put(net, residual, -1.0)
+        rows.put(rows.at_most("residual", 1), residual, -1.0)
+        return residual
+
+    def _put(self, rows: Rows[Given], net: Index, sign: float) -> None:
+        for stance, columns, values in self._parts:
+            rows.put(net[stance][:, :, None], columns[:, None, :], _times(sign, values))
+        for offset in self._offsets:
+            rows.right(net, _times(-sign, offset))
+
+
+def objective(rows: Rows[Given], layout: Layout, body: Body, toes: FreeToes | None) -> None:
+    """Squared distance of the last COM to the goal and squared steps, in length scales squared (paper E §II).
+
+    toes: explicit; None where they are held, and their steps a constant.
+    """
+
+    rows.square(body.com[-1], None, lambda d: d.scaled.aim.goal)
+    rows.linear(
+        body.com[-1],
+        lambda d: -2.0 * d.scaled.aim.goal * d.scaled.goal,
+        lambda d: d.scaled.aim.goal * np.sum(d.scaled.goal**2),
+    )
+    rows.square(body.rotation, None, lambda d: d.scaled.aim.tilt / d.scaled.length_m**2)
+    if layout.frames > 1:
+        rows.square(body.com[1:], body.com[:-1], lambda d: d.scaled.aim.com_step)
+    if toes is not None and toes.points is not None and len(layout.moves):
+        before, after = toes.points[layout.moves].swapaxes(0, 1)
+        rows.square(after, before, lambda d: d.scaled.aim.toe_step)
+
+
+def _limbs(given: Given, values: Array) -> Array:
+    """Values of the limbs, repeated for every frame."""
+    frames = given.scaled.layout.frames
+    return values if frames == 1 else np.tile(values, (frames,) + (1,) * (values.ndim - 1))
+
+
+def _of_shoulders(axis: int, sign: float) -> Fill[Given]:
+    return lambda d: _limbs(d, sign * d.scaled.shoulders[:, axis])
+
+
+def _of_steps(which: int) -> Fill[Given]:
+    return lambda d: d.scaled.steps[which]
+
+
+def _of_point(name: str) -> Fill[Given]:
+    return lambda d: getattr(d.held, name)
+
+
+def _times(sign: float, values: Fill[Given]) -> Fill[Given]:
+    return values if sign > 0.0 else lambda d: -np.asarray(values(d))

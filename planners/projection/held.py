@@ -1,0 +1,148 @@
+"""Programs of P2 that hold one part of a point and solve for the rest: fix-p, fix-f, fix-toes, and a step of SCP.
+
+With the toes held the moment balance is linear in (c, f), since Σ f is fixed (``terms.Moments``): exact and convex.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import Array
+from ..equilibrium.layout import Layout
+from ..equilibrium.rows import ConicSolution, Rows
+from ..equilibrium.scaled import Point, Scaled, skew
+from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Moments, objective
+
+MOMENT_PRICE = 30.0
+"""Of the moments that a linearised step leaves, in units of the objective: large against its own slopes."""
+
+
+class FixToes:
+    """The toes held; with hold_body c and Θ, too, and so p_b (fix-p). One candidate a foothold.
+
+    least_moment: minimise the residual of the moments; else they are zero, and a course's objective is minimised.
+    """
+
+    def __init__(self, layout: Layout, hold_body: bool, least_moment: bool) -> None:
+        self.rows = rows = Rows[Given](keep=layout.frames == 1)
+        body, forces, moments = Body(rows, layout), Forces.of_contacts(rows, layout), Moments(layout)
+        foothold = layout.contacts[2]
+        forces.balance()
+        moments.add(forces.stance, forces.columns, lambda d: _arms(d.scaled, d.held.toes[foothold]))
+        moments.of_weight(body)
+        if least_moment:
+            rows.linear(moments.within(rows), 1.0)
+        else:
+            moments.vanish(rows)
+            objective(rows, layout, body, None)
+        forces.in_cones()
+        forces.in_box(implied=False)
+        if hold_body:
+            body.held()
+        else:
+            body.reach(HeldToes(rows))
+            body.limits()
+            body.steps(None)
+        self._hold_body = hold_body
+
+    def solve(self, scaled: Scaled, start: Point) -> Point:
+        """Hold the toes of ``start``, with hold_body its c and Θ, too."""
+        solution = self.rows.solve(Given(scaled, start))
+        body = start if self._hold_body else None
+        return _point(solution, toes=start.toes, forces=solution.value("forces"), body=body)
+
+
+class FixForces:
+    """The contact-frame forces held (fix-f): least moment residual over toes, c and Θ, which is convex."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.rows = rows = Rows[Given](keep=layout.frames == 1)
+        body, toes, moments = Body(rows, layout), FreeToes(rows, layout, explicit=True), Moments(layout)
+        _levers(moments, layout, toes)
+        moments.of_weight(body)
+        rows.linear(moments.within(rows), 1.0)
+        body.reach(toes)
+        body.limits()
+        body.steps(toes)
+
+    def solve(self, scaled: Scaled, start: Point) -> Point:
+        """Hold the forces of ``start``."""
+        solution = self.rows.solve(Given(scaled, start))
+        return _point(solution, toes=_toes(solution, scaled), forces=start.forces)
+
+
+class Linearised:
+    """One convex step of SCP: p × F replaced by p̄ × F + (p − p̄) × F̄ about a point (p̄, F̄), in every stance.
+
+    least_moment: minimise what it leaves of the moments; else the objective with ``MOMENT_PRICE`` on them.
+    """
+
+    def __init__(self, layout: Layout, least_moment: bool) -> None:
+        self.rows = rows = Rows[Given](keep=layout.frames == 1)
+        body, toes, moments = Body(rows, layout), FreeToes(rows, layout, explicit=True), Moments(layout)
+        forces = Forces.of_contacts(rows, layout)
+        stance, _, foothold = layout.contacts
+        forces.balance()
+        moments.add(forces.stance, forces.columns, lambda d: _arms(d.scaled, d.held.toes[foothold]))
+        _levers(moments, layout, toes)
+        moments.of_weight(body)
+
+        def offset(given: Given) -> Array:
+            """−Σ p̄ × F̄ of every stance."""
+            total = np.zeros((len(layout.stances), 3))
+            world = given.scaled.in_world(given.held.forces)
+            np.subtract.at(total, stance, np.cross(given.held.toes[foothold], world))
+            return total
+
+        moments.shift(offset)
+        residual = moments.within(rows)
+        if least_moment:
+            rows.linear(residual, 1.0)
+        else:
+            objective(rows, layout, body, toes)
+            rows.linear(residual, MOMENT_PRICE)
+        forces.in_cones()
+        forces.in_box(implied=False)
+        body.reach(toes)
+        body.limits()
+        body.steps(toes)
+
+    def solve(self, scaled: Scaled, about: Point) -> Point:
+        """Step from ``about``; the residual is that of the linearised moments."""
+        solution = self.rows.solve(Given(scaled, about))
+        return _point(solution, toes=_toes(solution, scaled), forces=solution.value("forces"))
+
+
+def _levers(moments: Moments, layout: Layout, toes: FreeToes) -> None:
+    """p × F̄ of every stance contact, linear in its toe: −[F̄]× p."""
+    stance, _, foothold = layout.contacts
+    assert toes.points is not None
+    moments.add(stance, toes.points[foothold], lambda d: -skew(d.scaled.in_world(d.held.forces)))
+
+
+def _arms(scaled: Scaled, toes: Array) -> Array:
+    """[p_w]× R_WC of every stance contact, shape (B, 3, 3)."""
+    return np.asarray(np.matmul(skew(toes), scaled.contact_frames))
+
+
+def _toes(solution: ConicSolution, scaled: Scaled) -> Array:
+    """Toes on their patches to the last digit: convex combinations of the vertices."""
+    layout = scaled.layout
+    weights = np.maximum(solution.value("weights"), 0.0)
+    toes, total = np.zeros((layout.footholds, 3)), np.zeros(layout.footholds)
+    np.add.at(toes, layout.vertex_footholds, weights[:, None] * scaled.vertices)
+    np.add.at(total, layout.vertex_footholds, weights)
+    return toes / np.maximum(total, 1e-12)[:, None]
+
+
+def _point(solution: ConicSolution, *, toes: Array, forces: Array, body: Point | None = None) -> Point:
+    left = float(solution.value("residual")[0]) if "residual" in solution.columns else 0.0
+    return Point(
+        com=solution.value("com") if body is None else body.com,
+        rotation=solution.value("rotation") if body is None else body.rotation,
+        toes=toes,
+        forces=forces,
+        residual=max(0.0, left) if solution.solved else float("inf"),
+        objective=solution.objective,
+        seconds=solution.seconds,
+    )

@@ -1,0 +1,1 @@
+"""Stage P1 (paper E §III): convex relaxations of the posture problem, for one frame and for many."""
