@@ -2,7 +2,7 @@
 
 P1 may admit a choice of patches of which one stance alone cannot be held: its lift is not tight there. Cuts in space
 (``cuts``) refute such a stance in a few small programs of one frame; the refuted choice is then widened, limb by limb,
-to all candidates for which the refutation stands. A nogood closes nodes of the search over choices, guides its dive, and
+to all candidates for which it stands. A nogood closes nodes of the search over choices, guides its dive, and
 stands in the certificate as the subtree that proves it.
 """
 
