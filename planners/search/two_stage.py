@@ -20,7 +20,7 @@ from ..equilibrium.scaled import Point, Scaled
 from ..outcome import Certificate, InvalidInput
 from ..plan import PlanOutcome
 from ..projection.descent import improved
-from ..projection.project import PROJECTIONS, SURFACE, Projection, project
+from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, project
 from ..scene.course import Course
 from .answer import Acceptance, plan_of
 from .choice import ChoiceSearch, Limits
@@ -28,6 +28,8 @@ from .clock import Clock
 from .cuts import CutSearch
 from .nogoods import GAP
 
+QUICK = 2
+"""Linearised steps of SCP before anybody asks whether the stances can be held at all."""
 CHOICE_SHARE = 0.5
 """Of the time limit that the search over choices may use; cuts in space get the rest."""
 
@@ -90,8 +92,7 @@ class TwoStageCoursePlanner:
         limits = Limits(max_nodes=self.max_nodes, time_limit_s=share * self.time_limit_s, gap=self.gap)
 
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
-            way: Projection = "fix-toes" if self.projection == "scp" and not patient else self.projection
-            point = project(self.programs, way, chosen, start)
+            point = project(self.programs, self.projection, chosen, start, steps=STEPS if patient else QUICK)
             clock.count(point.solves, point.seconds)
             if self.gap is None or not point.residual <= SURFACE:
                 return point
