@@ -120,41 +120,50 @@ class CutSearch:
 
     def _branch(self, node: Node) -> list[Node]:
         """Two children that cover the node."""
-        scaled, lift = node.scaled, node.lift
-        torn = self._torn(scaled, lift)
-        if torn is not None:
-            p, r = torn
-            node.row = (1.0, float(p), float(r), 0.0, 0.0)
-            on, off = scaled.opened(), scaled.opened()
-            on[p], off[p, r] = 0.0, 0.0
-            on[p, r] = 1.0
-            return [self._node(scaled.only(on)), self._node(scaled.only(off))]
-        contact, axis, spread = widest_spread(lift)
-        foothold = int(scaled.layout.contacts[2][contact])
-        candidate = largest(scaled.layout, lift.shares, foothold)
-        piece = scaled.pieces[candidate]
-        low, high = scaled.force_min.copy(), scaled.force_max.copy()
-        width = float(high[contact, axis] - low[contact, axis])
-        size = float(np.max(np.linalg.norm(piece[:, None] - piece[None], axis=-1))) * scaled.length_m
-        if len(piece) > 2 and (spread < 1e-9 or width < 0.5 * size / PATCH_UNIT_M):
-            first, second = halving_chord(piece)
-            node.row = (2.0, float(foothold), float(np.concatenate(scaled.which)[candidate]), first, second)
-            return [self._node(scaled.with_piece(candidate, part)) for part in cut(piece, first, second)]
-        value = 0.5 * float(low[contact, axis] + high[contact, axis])
-        node.row = (3.0, float(contact), float(axis), value, 0.0)
-        below, above = high.copy(), low.copy()
-        below[contact, axis] = above[contact, axis] = value
-        return [self._node(scaled.with_force_box(low, below)), self._node(scaled.with_force_box(above, high))]
+        node.row, parts = branch(node.scaled, node.lift)
+        return [self._node(part) for part in parts]
 
-    @staticmethod
-    def _torn(scaled: Scaled, lift: LiftAnswer) -> tuple[int, int] | None:
-        """The foothold that is least decided between its candidates, and the best of these; None where all are."""
-        if all(len(counts) == 1 for counts in scaled.layout.corners):
-            return None
-        shares = scaled.by_candidate(lift.shares, 0.0)
-        open_ = np.where(scaled.opened().sum(axis=1) > 1.0, 1.0 - shares.max(axis=1), -1.0)
-        p = int(open_.argmax())
-        return (p, int(shares[p].argmax())) if open_[p] > WHOLE else None
+
+def branch(scaled: Scaled, lift: LiftAnswer, contact: int | None = None) -> tuple[tuple[float, ...], list[Scaled]]:
+    """A row of a certificate's tree that splits a problem where its lift is loose, and the two parts, which cover it.
+
+    First a foothold torn between candidates; then the force box of the stance contact and component whose f_u / λ_u
+    differ most, or, where that is narrower than its patch, the patch. contact: where another one is wanted.
+    """
+    torn = _torn(scaled, lift)
+    if torn is not None:
+        p, r = torn
+        on, off = scaled.opened(), scaled.opened()
+        on[p], off[p, r] = 0.0, 0.0
+        on[p, r] = 1.0
+        return (1.0, float(p), float(r), 0.0, 0.0), [scaled.only(on), scaled.only(off)]
+    spread = spreads(lift)
+    contact = int(spread.max(axis=1).argmax()) if contact is None else contact
+    axis = int(spread[contact].argmax())
+    foothold = int(scaled.layout.contacts[2][contact])
+    candidate = _largest(scaled.layout, lift.shares, foothold)
+    piece, low, high = scaled.pieces[candidate], scaled.force_min.copy(), scaled.force_max.copy()
+    width = float(high[contact, axis] - low[contact, axis])
+    size = float(np.max(np.linalg.norm(piece[:, None] - piece[None], axis=-1))) * scaled.length_m
+    if len(piece) > 2 and (spread[contact, axis] < 1e-9 or width < 0.5 * size / PATCH_UNIT_M):
+        first, second = halving_chord(piece)
+        row = (2.0, float(foothold), float(np.concatenate(scaled.which)[candidate]), first, second)
+        return row, [scaled.with_piece(candidate, part) for part in cut(piece, first, second)]
+    value = 0.5 * float(low[contact, axis] + high[contact, axis])
+    below, above = high.copy(), low.copy()
+    below[contact, axis] = above[contact, axis] = value
+    parts = [scaled.with_force_box(low, below), scaled.with_force_box(above, high)]
+    return (3.0, float(contact), float(axis), value, 0.0), parts
+
+
+def _torn(scaled: Scaled, lift: LiftAnswer) -> tuple[int, int] | None:
+    """The foothold that is least decided between its candidates, and the best of these; None where all are."""
+    if all(len(counts) == 1 for counts in scaled.layout.corners):
+        return None
+    shares = scaled.by_candidate(lift.shares, 0.0)
+    open_ = np.where(scaled.opened().sum(axis=1) > 1.0, 1.0 - shares.max(axis=1), -1.0)
+    p = int(open_.argmax())
+    return (p, int(shares[p].argmax())) if open_[p] > WHOLE else None
 
 
 def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
@@ -183,19 +192,17 @@ def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
     return part, footholds, contacts
 
 
-def widest_spread(lift: LiftAnswer) -> tuple[int, int, float]:
-    """The stance contact and force component whose f_u / λ_u differ most over the vertices, weighted by λ."""
+def spreads(lift: LiftAnswer) -> Array:
+    """How much f_u / λ_u differ over the vertices under each stance contact, by component, weighted by λ; (B, 3)."""
     contact, vertex = lift.scaled.layout.contact_vertices
     starts = np.searchsorted(contact, np.arange(len(lift.scaled.force_min)))
     share = lift.weights[vertex][:, None]
     mean = np.add.reduceat(lift.by_vertex, starts)
     away = lift.by_vertex / np.maximum(share, 1e-9) - mean[contact]
-    spread = np.sqrt(np.add.reduceat(share * away**2, starts))
-    at, axis = np.unravel_index(int(np.argmax(spread)), spread.shape)
-    return int(at), int(axis), float(spread[at, axis])
+    return np.asarray(np.sqrt(np.add.reduceat(share * away**2, starts)))
 
 
-def largest(layout: Layout, shares: Array, foothold: int) -> int:
+def _largest(layout: Layout, shares: Array, foothold: int) -> int:
     """The candidate of a foothold that has most of it, among all candidates."""
     own = np.flatnonzero(layout.candidate_footholds == foothold)
     return int(own[shares[own].argmax()])

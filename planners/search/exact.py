@@ -11,7 +11,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -28,9 +28,9 @@ from ..relaxation.lift import LiftAnswer, solve_lift
 from ..scene import PostureProblem
 from ..scene.course import Course
 from .answer import Acceptance, plan_of
-from .choice import LEAST, WHOLE, ChoiceSearch
+from .choice import LEAST, ChoiceSearch
 from .clock import Clock
-from .cuts import PATCH_UNIT_M, CutSearch, cut, halving_chord, largest
+from .cuts import CutSearch, branch
 from .two_stage import TwoStageCoursePlanner, decide
 
 
@@ -228,43 +228,21 @@ class _BestPlan:
 
     def _branch(self, node: _Node) -> list[Scaled]:
         """Two parts that cover the node: a candidate's, where shares are torn, or halves in space."""
-        part, lift = node.lift.scaled, node.lift
-        opened, shares = part.opened(), part.by_candidate(lift.shares, 0.0)
-        torn = np.where(opened.sum(axis=1) > 1.0, 1.0 - shares.max(axis=1), -1.0)
-        if float(torn.max()) > WHOLE:
-            p = int(torn.argmax())
-            r = int(shares[p].argmax())
-            on, off = opened.copy(), opened.copy()
-            on[p], off[p, r] = 0.0, 0.0
-            on[p, r] = 1.0
-            return [part.only(on), part.only(off)]
-        self.cuts += 1
-        return self._halves(lift)
+        row, parts = branch(node.lift.scaled, node.lift, _most_gained(node.lift))
+        self.cuts += row[0] != 1.0
+        return parts
 
-    def _halves(self, lift: LiftAnswer) -> list[Scaled]:
-        """Split where the lift gains the most moment: the force that its vertices spread, or the patch they are of."""
-        part, layout = lift.scaled, lift.scaled.layout
-        contact, vertex = layout.contact_vertices
-        frames, share = part.frames[layout.vertex_candidates[vertex]], lift.weights[vertex]
-        world = np.matmul(frames, lift.by_vertex[..., None])[..., 0]
-        starts = np.searchsorted(contact, np.arange(len(part.force_min)))
-        toe = np.add.reduceat(share[:, None] * part.vertices[vertex], starts)
-        gained = np.add.reduceat(_cross(part.vertices[vertex], world), starts)
-        gained = gained - _cross(toe, np.add.reduceat(world, starts))
-        b = int(np.linalg.norm(gained, axis=1).argmax())
-        own = contact == b
-        weight = share[own][:, None]
-        away = lift.by_vertex[own] / np.maximum(weight, 1e-9) - lift.by_vertex[own].sum(axis=0)
-        spread = np.sqrt(np.sum(weight * away**2, axis=0))
-        axis, candidate = int(spread.argmax()), largest(layout, lift.shares, int(layout.contacts[2][b]))
-        low, high, piece = part.force_min.copy(), part.force_max.copy(), part.pieces[candidate]
-        size = float(np.max(np.linalg.norm(piece[:, None] - piece[None], axis=-1))) * part.length_m
-        small = high[b, axis] - low[b, axis] < 0.5 * size / PATCH_UNIT_M
-        if len(piece) > 2 and (small or spread[axis] < 1e-9):
-            return [part.with_piece(candidate, half) for half in cut(piece, *halving_chord(piece))]
-        below, above = high.copy(), low.copy()
-        below[b, axis] = above[b, axis] = 0.5 * (low[b, axis] + high[b, axis])
-        return [replace(part, force_max=below), replace(part, force_min=above)]
+
+def _most_gained(lift: LiftAnswer) -> int:
+    """The stance contact at which the lift gains the most moment: by forces that its vertices spread."""
+    part, layout = lift.scaled, lift.scaled.layout
+    contact, vertex = layout.contact_vertices
+    share, points = lift.weights[vertex], part.vertices[vertex]
+    world = np.matmul(part.frames[layout.vertex_candidates[vertex]], lift.by_vertex[..., None])[..., 0]
+    starts = np.searchsorted(contact, np.arange(len(part.force_min)))
+    toe, total = np.add.reduceat(share[:, None] * points, starts), np.add.reduceat(world, starts)
+    gained = np.add.reduceat(_cross(points, world), starts) - _cross(toe, total)
+    return int(np.linalg.norm(gained, axis=1).argmax())
 
 
 def _cross(first: Array, second: Array) -> Array:
