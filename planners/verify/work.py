@@ -27,7 +27,8 @@ def least_work(a: Array, lower: Array, upper: Array, friction: Array, *, slack: 
 def least_works(a: Array, lower: Array, upper: Array, friction: Array, slack: float = SLACK) -> tuple[Array, Array]:
     """``least_work`` without a slack and with one, from the same points; shapes (V,) and (V,)."""
     an, ay, az = np.ascontiguousarray(a.T)  # a row a candidate, a column a force: the long axis last
-    mu, (low, *least), (high, *most) = friction, np.ascontiguousarray(lower.T), np.ascontiguousarray(upper.T)
+    (low, *least), (high, *most) = np.ascontiguousarray(lower.T), np.ascontiguousarray(upper.T)
+    mu = friction
     below = np.where(mu > 0.0, np.maximum(low, 0.0), low)  # the cone has f_n ≥ 0
     high = np.maximum(high, 0.0)
     y, z = np.array([[least[0], most[0]], [least[1], most[1]]])  # the two bounds of each shear, (2, V) each
@@ -43,7 +44,7 @@ def least_works(a: Array, lower: Array, upper: Array, friction: Array, slack: fl
         other[4] = np.sqrt(np.maximum(circle * circle - fixed * fixed, 0.0))  # and on the circle
         other[5] = -other[4]
     corners = np.array([y[[0, 0, 1, 1]], z[[0, 1, 0, 1]]])
-    k[:, 14:] = corners * (-circle / np.maximum(np.sqrt(np.vecdot(corners, corners, axis=0)), 1e-12))
+    k[:, 14:] = corners * (-circle / np.maximum(np.sqrt(corners[0] ** 2 + corners[1] ** 2), 1e-12))
     ky, kz = k
     size = np.sqrt(ky * ky + kz * kz)
     dn, dy, dz = an - mu * size, ay - ky, az - kz
