@@ -21,8 +21,9 @@ def cross(a: Array, b: Array) -> Array:
     """a × b along the last axis (``np.cross`` takes five times as long on a few vectors)."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    out[..., 0], out[..., 1], out[..., 2] = ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx
+    x = ay * bz - az * by
+    out = np.empty((*x.shape, 3))
+    out[..., 0], out[..., 1], out[..., 2] = x, az * bx - ax * bz, ax * by - ay * bx
     return out
 
 
@@ -78,10 +79,10 @@ def triangle_distances(triangles: Array, points: Array) -> Array:
     squares = np.vecdot(to_border, to_border).min(axis=1)
     normals = cross(edges[:, 0], edges[:, 1])
     sides = np.vecdot(cross(edges, away), normals[:, None])  # all ≥ 0 above the inside, either way round
-    lengths = np.vecdot(normals, normals)
+    areas = np.vecdot(normals, normals)
     heights = np.vecdot(away[:, 0], normals)
-    above = (sides.min(axis=1) >= 0.0) & (lengths > 0.0)
-    return np.asarray(np.sqrt(np.where(above, heights * heights / np.maximum(lengths, 1e-300), squares)))
+    above = (sides.min(axis=1) >= 0.0) & (areas > 0.0)
+    return np.asarray(np.sqrt(np.where(above, heights * heights / np.maximum(areas, 1e-300), squares)))
 
 
 def hull_distance(vertices: Array, point: Array) -> float:

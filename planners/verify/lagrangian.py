@@ -31,6 +31,7 @@ the sum of these sizes over M frames. Ten times that, ``GUARD`` M of the sum, is
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -44,7 +45,7 @@ from .work import SLACK, least_works, misses_cone
 
 GUARD = 1e-12
 """Every leaf's bound is lowered by this share of its terms, times the number of frames."""
-MOST_ROWS = 16384
+MOST_ROWS = 2048
 """So many forces (a vertex, a limb that carries) are looked at together: what fits in a processor's cache."""
 
 
@@ -119,7 +120,7 @@ class Multipliers:
         """Rows of a certificate, shape (L, count), by group."""
         parts, begin = {}, 0
         for name, shape in multiplier_shapes(who).items():
-            end = begin + int(np.prod(shape))
+            end = begin + math.prod(shape)
             parts[name] = rows[:, begin:end].reshape(len(rows), *shape)
             begin = end
         return cls(**parts)
@@ -136,7 +137,7 @@ def multiplier_shapes(who: Schedule) -> dict[str, tuple[int, ...]]:
 
 def multiplier_count(who: Schedule) -> int:
     """How many multipliers a leaf has."""
-    return sum(int(np.prod(shape)) for shape in multiplier_shapes(who).values())
+    return sum(math.prod(shape) for shape in multiplier_shapes(who).values())
 
 
 def leaf_bounds(numbers: Numbers, leaves: Leaves) -> Array:
@@ -175,49 +176,51 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     """``least_lagrangians`` of leaves that are few enough; sizes: vertices of each slot, shape (L, T)."""
     who, q = numbers.schedule, leaves.problem
     m = Multipliers.of(who, leaves.multipliers)
-    slack = np.array([0.0, SLACK])[:, None]  # (2, 1): as the problem is, and widened
-    com, weight, shoulders = numbers.com[q], numbers.weight[q], numbers.shoulders[q]
-    radius, tilt = numbers.com_radius[q] + slack[..., None], numbers.tilt[q] + slack
-    reach = numbers.reach[q] + slack[..., None]
     toes = toe_pulls(who, m)
     pull, twist = body_pulls(numbers, q, m)
-    pushed, torque, stretch = length(m.nu_F), length(m.nu_M), length(m.reach)  # (L, S), (L, S), (L, M, N)
-    steps = np.stack([length(group).sum(axis=1) for group in (m.com_step, m.rotation_step, m.toe_step)], axis=1)
-    most = length(np.maximum(np.abs(leaves.lower), np.abs(leaves.upper))) + 2.0 * slack[..., None]  # ‖f‖, (2, L, B)
+    com, weight, shoulders, tilt = numbers.com[q], numbers.weight[q], numbers.shoulders[q], numbers.tilt[q]
+    far_com = length(com) + numbers.com_radius[q] + SLACK  # ‖c‖, (L, M)
+    most = length(np.maximum(np.abs(leaves.lower), np.abs(leaves.upper))) + 2.0 * SLACK  # ‖f‖, (L, B)
+    pushed, torque, pulled, stretch = length(m.nu_F), length(m.nu_M), length(pull), length(m.reach)
+    reached, twisted = stretch.sum(axis=1), np.abs(twist).sum(axis=(1, 2))
 
-    slots, far, empty = _slots(numbers, leaves, sizes, m, toes)
-    leverage = (torque[:, who.stance] * most) @ who.on_placement  # Σ ‖ν_M‖ ‖f‖ at each placement, (2, L, P)
+    slots, far, empty = _slots(numbers, leaves, m, toes, sizes)
+    leverage = (torque[:, who.stance] * most) @ who.on_placement  # Σ ‖ν_M‖ ‖f‖ at each placement, (L, P)
+    slack = np.array([0.0, SLACK])[:, None]  # as the problem is, and widened
     off_patch = leaves.sag[leaves.pieces] * (leaves.pieces >= 0) + slack[..., None]
-    slots -= off_patch * (length(toes) + leverage)[..., numbers.slot]                 # ‖q − Σ λ v‖ ≤ off_patch
-    patches = np.minimum.reduceat(slots, numbers.first_slot, axis=2)
-    far_com = length(com) + radius                                                    # ‖c‖, (2, L, M)
-    values = (
-        patches.sum(axis=2)
-        - weight * m.nu_F[:, :, 2].sum(axis=1)
-        + np.vecdot(pull, com).sum(axis=1) - (radius * length(pull)).sum(axis=2)      # ‖c − c_nominal‖ ≤ com_radius
-        - tilt * np.abs(twist).sum(axis=(1, 2))                                       # |Θ_k| ≤ tilt
+    slots -= off_patch * (length(toes) + leverage)[:, numbers.slot]                   # ‖q − Σ λ v‖ ≤ off_patch
+    value = (
+        np.vecdot(pull, com).sum(axis=1) - np.vecdot(numbers.com_radius[q], pulled)   # ‖c − c_nominal‖ ≤ com_radius
+        - tilt * twisted                                                              # |Θ_k| ≤ tilt
         - np.vecdot(m.reach, shoulders[:, None]).sum(axis=(1, 2))
-        - (stretch.sum(axis=1) * reach).sum(axis=2)                                   # ‖q − c − s − Θ × s‖ ≤ ρ
-        - ((numbers.steps + slack)[:, None] * steps).sum(axis=2)                      # ‖c' − c‖ ≤ Δ_c and so on
-        + (m.progress * (numbers.progress - slack)[:, None]).sum(axis=2)              # d·(c' − c) ≥ progress
-        - slack * (pushed + torque * (1.0 + far_com[..., who.frame])).sum(axis=2)     # both balances are off by slack
+        - np.vecdot(reached, numbers.reach[q])                                        # ‖q − c − s − Θ × s‖ ≤ ρ
+        - weight * m.nu_F[:, :, 2].sum(axis=1)
     )  # fmt: skip
-    far_com, most, far_toes = far_com[1], most[1], far[:, who.holds]
-    arm = length(shoulders) * (1.0 + 2.0 * tilt[1][:, None]) + reach[1]
-    carried = (pushed + torque * far_com[:, who.frame]) * weight[:, None]
+    loose = (
+        pulled.sum(axis=1) + twisted + reached.sum(axis=1)
+        + (pushed + torque * (1.0 + far_com[:, who.frame])).sum(axis=1)               # both balances are off by slack
+    )  # fmt: skip
+    arm = length(shoulders) * (1.0 + 2.0 * (tilt + SLACK))[:, None] + numbers.reach[q] + SLACK
+    carried = (torque[:, who.stance] * far[:, who.placement] + pushed[:, who.stance]) * most
     terms = (
-        carried.sum(axis=1)
-        + ((pushed[:, who.stance] + torque[:, who.stance] * far[:, who.placement]) * most).sum(axis=1)
-        + (stretch * (far_toes + far_com[:, :, None] + arm[:, None])).sum(axis=(1, 2))
-        + steps @ numbers.steps + (steps[:, 0] + m.progress.sum(axis=1)) * 2.0 * far_com.max(axis=1)
-        + steps[:, 1] * 2.0 * tilt[1] + steps[:, 2] * 2.0 * far.max(axis=1)
+        weight * (pushed + torque * far_com[:, who.frame]).sum(axis=1)
+        + carried.sum(axis=1)
+        + (stretch * (far[:, who.holds] + far_com[:, :, None] + arm[:, None])).sum(axis=(1, 2))
     )
-    values -= GUARD * len(who.holds) * (1.0 + terms)
-    return np.where((m.progress < 0.0).any(axis=1), -np.inf, values), empty
+    if len(who.holds) > 1:
+        used = np.stack([length(group).sum(axis=1) for group in (m.com_step, m.rotation_step, m.toe_step)], axis=1)
+        gained, most_com = m.progress.sum(axis=1), 2.0 * far_com.max(axis=1)
+        value += m.progress @ numbers.progress - used @ numbers.steps                 # d·(c' − c) ≥ progress, ≤ Δ
+        loose += used.sum(axis=1) + gained
+        terms += used @ numbers.steps + (used[:, 0] + gained) * most_com
+        terms += used[:, 1] * 2.0 * (tilt + SLACK) + used[:, 2] * 2.0 * far.max(axis=1)
+        value = np.where((m.progress < 0.0).any(axis=1), -np.inf, value)
+    value -= GUARD * len(who.holds) * (1.0 + terms)
+    return np.minimum.reduceat(slots, numbers.first_slot, axis=2).sum(axis=2) + value - slack * loose, empty
 
 
 def _slots(
-    numbers: Numbers, leaves: Leaves, sizes: Index, m: Multipliers, toes: Array
+    numbers: Numbers, leaves: Leaves, m: Multipliers, toes: Array, sizes: Index
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """The least over each slot's vertices of what its toe and the forces on it contribute, inf where it is closed.
 

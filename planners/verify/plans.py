@@ -23,7 +23,7 @@ from ..arrays import LARGEST, Array
 from ..outcome import InvalidInput
 from ..plan import Plan
 from .geometry import contact_frames, cross, length, patch_distances
-from .postures import worst_groups
+from .postures import NOTHING, worst_groups
 from .report import PLAN_GROUPS, GroupViolation, Report, plan_shapes, refused
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, violations, worst_of
 
@@ -81,7 +81,7 @@ class _Sweep:
         self._off_patch = patch_distances([patch.vertices_m for patch in self._patches], plan.toes_m)
         length_m = min(plan.course.length_scale_m, LARGEST_UNIT_M)
         self._units = {"m": length_m, "N": plan.course.weight_n, "rad": 1.0, "": 1.0}
-        self._found = {group: GroupViolation(group, 0.0, 0.0, unit) for group, unit in PLAN_GROUPS.items()}
+        self._found = dict(NOTHING)
 
     def report(self, tolerance: float, joints: dict[str, Any], shares: tuple[float, ...]) -> Report:
         """The report on all groups."""

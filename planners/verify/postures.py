@@ -14,7 +14,7 @@ from ..arrays import Array
 from ..outcome import Posture
 from ..scene import PostureProblem
 from .geometry import length
-from .report import GROUPS, GroupViolation, Report, refused
+from .report import GROUPS, PLAN_GROUPS, GroupViolation, Report, refused
 from .stances import BALANCES, OF_CONTACTS, Index, Stances, units_of, violations, worst_of
 
 PARTS = {
@@ -24,6 +24,8 @@ PARTS = {
     "force_bounds": ("n", "y", "z"),
 }
 """What the columns of a group are called."""
+NOTHING = {group: GroupViolation(group, 0.0, 0.0, unit) for group, unit in PLAN_GROUPS.items()}
+"""Groups in which nothing is violated."""
 
 
 def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float = 1e-6) -> Report:
@@ -78,7 +80,7 @@ def worst_groups(
             value = float(values[row] if values.ndim == 1 else values[row, column])
         stance = int(at.owner[row]) if group in OF_CONTACTS else row
         if value <= 0.0:
-            worst[group] = GroupViolation(group, 0.0, 0.0, unit)
+            worst[group] = NOTHING[group]
             continue
         size = value / float(units[unit][stance])
         worst[group] = GroupViolation(

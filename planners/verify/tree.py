@@ -28,6 +28,7 @@ class Forest:
 
     def __init__(self, numbers: Numbers, patches: list[Array]) -> None:
         self.numbers = numbers
+        self._count = multiplier_count(numbers.schedule)
         self._pieces = patches  # (U, 3) each, Q·T to begin with
         self._sags: dict[int, float] = {}
         self._roots: list[int] = []  # the whole patch of every further piece
@@ -105,7 +106,7 @@ class Forest:
     def replay(self, problem: int, certificate: Certificate) -> Replayed:
         """The leaves of a tree over one of the problems. Raises InvalidInput for a tree that does not cover it."""
         tree, rows = certificate.tree, certificate.multipliers
-        count = multiplier_count(self.numbers.schedule)
+        count = self._count
         if tree.ndim != 2 or tree.shape[1] != 5 or rows.ndim != 2 or rows.shape[1] != count:
             raise InvalidInput(
                 f"certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, {count}), "

@@ -26,39 +26,35 @@ def least_work(a: Array, lower: Array, upper: Array, friction: Array, *, slack: 
 
 def least_works(a: Array, lower: Array, upper: Array, friction: Array, slack: float = SLACK) -> tuple[Array, Array]:
     """``least_work`` without a slack and with one, from the same points; shapes (V,) and (V,)."""
-    mu, (an, ay, az) = friction[:, None], (a[:, k : k + 1] for k in range(3))
-    low = np.where(mu > 0.0, np.maximum(lower[:, :1], 0.0), lower[:, :1])  # the cone has f_n ≥ 0
-    high = np.maximum(upper[:, :1], 0.0)
-    y, z = np.stack([lower[:, 1:], upper[:, 1:]], axis=2).swapaxes(0, 1)  # the two bounds of each shear, (V, 2) each
-    cone = mu * np.concatenate([low, high], axis=1)  # largest shear at either end of f_n
+    an, ay, az = np.ascontiguousarray(a.T)  # a row a candidate, a column a force: the long axis last
+    (low, *least), (high, *most) = np.ascontiguousarray(lower.T), np.ascontiguousarray(upper.T)
+    mu = friction
+    below = np.where(mu > 0.0, np.maximum(low, 0.0), low)  # the cone has f_n ≥ 0
+    high = np.maximum(high, 0.0)
+    y, z = np.array([[least[0], most[0]], [least[1], most[1]]])  # the two bounds of each shear, (2, V) each
+    cone = mu * np.array([below, high])  # largest shear at either end of f_n
     circle = np.maximum(an, 0.0) / np.maximum(mu, 1e-12)
 
-    def along(fixed: Array, bounds: Array) -> Array:
-        """The other coordinate of κ on the line where one is ``fixed``: four stationary points, two on the circle."""
-        steep = cone[:, :, None] ** 2 - bounds[:, None, :] ** 2
-        stationary = -np.abs(fixed)[..., None] * bounds[:, None, :] / np.sqrt(np.maximum(steep, 1e-14))
-        meet = np.sqrt(np.maximum(circle**2 - fixed**2, 0.0))
-        return np.concatenate([stationary.reshape(-1, 4), meet, -meet], axis=1)
-
-    corner_y, corner_z = y[:, [0, 0, 1, 1]], z[:, [0, 1, 0, 1]]
-    outward = -circle / np.maximum(np.hypot(corner_y, corner_z), 1e-12)
-    k = np.zeros((2, len(a), 18))  # κ_y and κ_z of all points that are tried; the first is 0
-    k[0, :, 1:8], k[0, :, 8:14], k[0, :, 14:] = ay, along(az, y), outward * corner_y
-    k[1, :, 1:2], k[1, :, 2:8], k[1, :, 8:14], k[1, :, 14:] = az, along(ay, z), az, outward * corner_z
+    k = np.zeros((2, 18, len(a)))  # κ_y and κ_z of all points that are tried; the first is 0
+    k[0, 1:8], k[1, 1], k[1, 8:14] = ay, az, az
+    for other, fixed, bounds in ((k[0, 8:14], az, y), (k[1, 2:8], ay, z)):  # on a line, where one of κ is fixed
+        steep = (cone * cone)[:, None] - bounds * bounds
+        stationary = -np.abs(fixed) * bounds / np.sqrt(np.maximum(steep, 1e-14))
+        other[:4] = stationary.reshape(4, -1)
+        other[4] = np.sqrt(np.maximum(circle * circle - fixed * fixed, 0.0))  # and on the circle
+        other[5] = -other[4]
+    corners = np.array([y[[0, 0, 1, 1]], z[[0, 1, 0, 1]]])
+    k[:, 14:] = corners * (-circle / np.maximum(np.sqrt(corners[0] ** 2 + corners[1] ** 2), 1e-12))
     ky, kz = k
     size = np.sqrt(ky * ky + kz * kz)
     dn, dy, dz = an - mu * size, ay - ky, az - kz
-    value = (
-        np.minimum(dn * low, dn * high)
-        + np.minimum(dy * y[:, :1], dy * y[:, 1:])
-        + np.minimum(dz * z[:, :1], dz * z[:, 1:])
-    )
-    most = cone[:, 1:] + np.abs(y).max(axis=1, keepdims=True) + np.abs(z).max(axis=1, keepdims=True)
-    value -= 1e-14 * size * most  # far more than is lost by rounding where κ is large
-    dn = np.abs(dn)
-    pulling = np.minimum(slack / np.maximum(mu, 1e-300), low - lower[:, :1])  # f_n ≥ −slack / μ
-    widened = value - (slack * (size + np.abs(dy) + np.abs(dz)) + (slack + pulling) * dn)
-    return np.asarray(value.max(axis=1)), np.asarray(widened.max(axis=1))
+    value = np.minimum(dn * below, dn * high)
+    value += np.minimum(dy * y[0], dy * y[1])
+    value += np.minimum(dz * z[0], dz * z[1])
+    value -= size * (1e-14 * (cone[1] + np.abs(y).max(axis=0) + np.abs(z).max(axis=0)))  # far more than rounding loses
+    pulling = np.minimum(slack / np.maximum(mu, 1e-300), below - low)  # f_n ≥ −slack / μ
+    widened = slack * (size + np.abs(dy) + np.abs(dz)) + (slack + pulling) * np.abs(dn)
+    return np.asarray(value.max(axis=0)), np.asarray((value - widened).max(axis=0))
 
 
 def misses_cone(lower: Array, upper: Array, friction: Array) -> NDArray[np.bool_]:
