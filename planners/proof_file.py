@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from .files import parse_json, read_text, write_text
+from .documents import read_json
+from .files import write_text
 from .outcome import InvalidInput
 from .refute_plan import PlanCertificate, PlanRefutation, check_plan_certificate
 from .scene.course import Course
@@ -62,7 +63,7 @@ def write_proof(path: str | Path, course: Course, certificate: PlanCertificate) 
 
 def read_proof(path: str | Path) -> tuple[Course, PlanCertificate]:
     """Read what ``write_proof`` wrote. Raises InvalidInput in one line for anything else."""
-    data = parse_json(read_text(path), str(path))
+    data = read_json(path)
     if not is_proof(data):
         raise InvalidInput(f"{path}: expected format {FORMAT!r}")
     if set(data) != set(KEYS):
@@ -95,6 +96,6 @@ def _table(path: str | Path, data: Mapping[str, Any], name: str, kind: type) -> 
         found = np.array(data[name])
         if found.ndim != 2 or found.dtype.kind not in ("i" if kind is np.int_ else "if"):
             raise ValueError
-    except ValueError:
+    except (ValueError, TypeError, OverflowError):
         raise InvalidInput(f"{path}: {name}: expected a table of {told}") from None
     return found.astype(kind)

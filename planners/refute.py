@@ -29,6 +29,10 @@ SLACK = 1e-6
 """A certificate must also refute postures that break constraints by this much: ``check_posture`` accepts those."""
 GUARD = 1e-12
 """Every leaf's bound is lowered by this share of its terms: far more than they can lose by rounding."""
+MOST_CORNERS = 1_000_000
+"""Of all pieces of all leaves of a certificate, each of which takes about a kilobyte to bound."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class CertificateReport:
     """Whether a certificate refutes a problem.
@@ -154,7 +158,7 @@ def replay(problem: PostureProblem, certificate: Certificate) -> Leaves:
     sags = [sag(root) for root in roots]
     lower = np.array([contact.force_min for contact in problem.contacts])
     upper = np.array([contact.force_max for contact in problem.contacts])
-    stack, leaves = [(tuple(roots), lower, upper)], []
+    stack, leaves, corners = [(tuple(roots), lower, upper)], [], 0
     for row, (kind, contact, first, second) in enumerate(tree.tolist()):
         where = f"tree[{row}]"
         if not stack:
@@ -164,6 +168,9 @@ def replay(problem: PostureProblem, certificate: Certificate) -> Leaves:
             if contact or first or second:
                 raise InvalidInput(f"{where}: expected zeros in a leaf")
             leaves.append((pieces, lower, upper))
+            corners += sum(map(len, pieces))
+            if corners > MOST_CORNERS:
+                raise InvalidInput(f"{where}: expected {MOST_CORNERS} corners of pieces or fewer, got more")
             continue
         if kind not in (1, 2):
             raise InvalidInput(f"{where}: expected kind 0, 1 or 2, got {kind:g}")
@@ -241,7 +248,7 @@ def sag(polygon: Array) -> float:
     while at < len(kept) and len(kept) > 3:
         if turn(kept[at - 1], kept[at], kept[(at + 1) % len(kept)]) < 0.0:
             del kept[at]
-            at = 0
+            at = max(at - 1, 0) if at < len(kept) else 0
         else:
             at += 1
     depth = 0.0

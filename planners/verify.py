@@ -48,6 +48,8 @@ GROUPS = {
 LARGEST_UNIT_M = 1.0
 """Violations are measured in the problem's scales, but in no more than this length and the robot's weight: a file that
 claims huge scales buys no tolerance with them."""
+ROUNDS = 200
+"""Of the search for the point of a hull that is nearest; ten are usual."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,33 +241,61 @@ def _patch_distances(problem: PostureProblem, toes: Array) -> Array:
 
 def _triangle_distances(triangles: Array, points: Array) -> Array:
     """Distance of points, shape (T, 3) or (3,), from triangles, shape (T, 3, 3); shape (T,)."""
+    ways = _to_triangles(triangles, points)
+    return np.asarray(np.sqrt((ways * ways).sum(axis=1)))
+
+
+def _to_triangles(triangles: Array, points: Array) -> Array:
+    """The way from points, shape (T, 3) or (3,), to the nearest point of triangles, shape (T, 3, 3); shape (T, 3)."""
     edges = triangles[:, [1, 2, 0]] - triangles
     away = (points[:, None] if points.ndim == 2 else points) - triangles
     share = (away * edges).sum(axis=2) / np.maximum((edges * edges).sum(axis=2), 1e-300)
-    to_border = away - np.minimum(np.maximum(share, 0.0), 1.0)[:, :, None] * edges
-    squares = (to_border * to_border).sum(axis=2).min(axis=1)
+    to_border = np.minimum(np.maximum(share, 0.0), 1.0)[:, :, None] * edges - away
+    nearest = (to_border * to_border).sum(axis=2).argmin(axis=1)
     normals = cross(edges[:, 0], edges[:, 1])
     sides = (cross(edges, away) * normals[:, None]).sum(axis=2)  # all ≥ 0 above the inside, either way round
     lengths = (normals * normals).sum(axis=1)
     heights = (away[:, 0] * normals).sum(axis=1)
     above = (sides.min(axis=1) >= 0.0) & (lengths > 0.0)
-    return np.asarray(np.sqrt(np.where(above, heights * heights / np.maximum(lengths, 1e-300), squares)))
+    down = (-heights / np.maximum(lengths, 1e-300))[:, None] * normals
+    return np.asarray(np.where(above[:, None], down, to_border[np.arange(len(triangles)), nearest]))
 
 
 def _hull_distance(vertices: Array, point: Array) -> float:
-    """Distance of a point from the convex hull of points in space, shape (U, 3): 0 in a tetrahedron, else to a face.
+    """Distance of a point from the convex hull of points in space, shape (U, 3), by the method of Gilbert, Johnson and
+    Keerthi (1988): the nearest face of a tetrahedron, whose fourth corner is then the one farthest beyond that face.
 
-    Tetrahedra at the first vertex fill the hull; all its faces are among the triangles of three vertices.
+    Each round is linear in U. What is returned is the distance of a point of the hull, so that it is never too small.
     """
-    away = point - vertices[0]
-    corners = vertices[list(itertools.combinations(range(1, len(vertices)), 3))] - vertices[0]
-    volumes = np.linalg.det(corners)
-    corners = corners[np.abs(volumes) > 1e-12 * np.ptp(vertices, axis=0).max() ** 3]
-    shares = np.linalg.solve(corners.swapaxes(1, 2), np.broadcast_to(away, (len(corners), 3))[..., None])[..., 0]
-    if np.any((shares.min(axis=1, initial=0.0) >= 0.0) & (shares.sum(axis=1) <= 1.0)):
-        return 0.0
-    triangles = vertices[list(itertools.combinations(range(len(vertices)), 3))]
-    return float(_triangle_distances(triangles, point).min())
+    away = vertices - point
+    size = float(np.abs(away).max())
+    kept, nearest = [int((away * away).sum(axis=1).argmin())], math.inf
+    for _ in range(ROUNDS):
+        if len(kept) == 4 and _inside(vertices[kept], point):
+            return 0.0
+        faces = np.array(list(itertools.combinations((kept * 3)[: max(len(kept), 3)], 3)))
+        ways = _to_triangles(vertices[faces], point)
+        squares = (ways * ways).sum(axis=1)
+        best = int(squares.argmin())
+        distance = math.sqrt(float(squares[best]))
+        if not distance < nearest:
+            break
+        nearest, kept = distance, list(dict.fromkeys(faces[best].tolist()))
+        ahead = away @ ways[best]
+        new = int(ahead.argmin())
+        if distance**2 - ahead[new] <= 1e-15 * size * distance or new in kept:  # none of the hull is nearer
+            break
+        kept.append(new)
+    return nearest
+
+
+def _inside(corners: Array, point: Array) -> bool:
+    """Whether a point lies in a tetrahedron, shape (4, 3), that is one."""
+    edges = (corners[1:] - corners[0]).T
+    if abs(float(np.linalg.det(edges))) <= 1e-12 * float(np.ptp(corners, axis=0).max()) ** 3:
+        return False
+    shares = np.linalg.solve(edges, point - corners[0])
+    return bool(shares.min() >= 0.0 and shares.sum() <= 1.0)
 
 
 def _or_null(number: float) -> float | None:

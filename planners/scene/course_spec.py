@@ -7,10 +7,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
-from ..files import parse_json, read_text
+from ..documents import parse_yaml, read_json, read_yaml
 from ..outcome import InvalidInput
 from ..refusals import refusals
 from .course import Course
@@ -29,7 +28,7 @@ def read_course(course: str | Path, frames: int | None = None) -> Course:
         if frames is not None:
             raise InvalidInput(f"{course}: expected no other number of frames for a course whose placements are fixed")
         try:
-            return course_from_json(parse_json(read_text(course), str(course)))
+            return course_from_json(read_json(course))
         except InvalidInput as error:
             raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
     spec = read_spec(course)
@@ -44,14 +43,13 @@ def read_spec(course: str | Path) -> CourseSpec:
     name = str(course)
     if name in builtin_courses():
         text = resources.files("stancekit.configs.courses").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+        data = parse_yaml(text, name)
     elif not Path(name).suffix and not Path(name).exists():
         raise InvalidInput(f"course: expected one of {', '.join(builtin_courses())} or a YAML file, got {name!r}")
     else:
-        text = read_text(course)
+        data = read_yaml(course)
     try:
-        return spec_from(yaml.safe_load(text))
-    except yaml.YAMLError as error:
-        raise InvalidInput(f"{name}: expected YAML: {' '.join(str(error).split())}") from None
+        return spec_from(data)
     except InvalidInput as error:
         raise InvalidInput(f"{name}: {error}") from None
 
