@@ -34,7 +34,7 @@ class _PlainText(RenderHook):
 
 def _console(**options: Any) -> Console:
     """A console to which names are but text: no markup, no emoji, no orders to the terminal."""
-    console = Console(soft_wrap=True, emoji=False, **options)
+    console = Console(soft_wrap=True, markup=False, emoji=False, **options)
     console.push_render_hook(_PlainText())
     return console
 

@@ -166,7 +166,9 @@ class Gait:
         sticky = [name.strip() for name in self.adhesive.split(",")] if self.adhesive else []
         unknown = sorted(set(sticky) - set(robot.foot_names))
         if unknown:
-            raise InvalidInput(f"--adhesive: expected some of {', '.join(robot.foot_names)}, got {shown(self.adhesive)}")
+            raise InvalidInput(
+                f"--adhesive: expected some of {', '.join(robot.foot_names)}, got {shown(self.adhesive)}"
+            )
         terrain = self.file.read(self.terrain)
         try:
             return GaitTask(

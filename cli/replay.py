@@ -73,7 +73,8 @@ def _table(record: dict[str, Any]) -> Table:
         table.add_row("verdict", Text("none: the process was ended", style="red"))
     else:
         done = verdict["succeeded"]
-        table.add_row("verdict", Text("run as planned" if done else verdict["message"], style="green" if done else "red"))
+        said = Text("run as planned", style="green") if done else Text(verdict["message"], style="red")
+        table.add_row("verdict", said)
     dry = ", dry" if record["dry"] else ""
     table.add_row("plan", f"{record['course']} on {record['world']}{dry}, digest {str(record['digest'])[:16]}…")
     table.add_row("commands", f"{record['commands']} at {record['rate_hz']:g} Hz")

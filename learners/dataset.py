@@ -157,7 +157,7 @@ class Dataset:
 
     @property
     def labels(self) -> NDArray[np.str_]:
-        """"feasible", "infeasible" or "undecided", shape (K,)."""
+        """ "feasible", "infeasible" or "undecided", shape (K,)."""
         return np.asarray(np.where(self._kinds == "trivial", "infeasible", self._kinds))
 
     @property

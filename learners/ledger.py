@@ -70,7 +70,7 @@ class LabelPlan:
                 raise InvalidInput(f"{name}: expected an integer of at least {least}, got {value!r}")
         if self.rows > MOST_ROWS or self.shards > MOST_SHARDS:
             raise InvalidInput(
-                f"feasible, infeasible, shard_size: expected {MOST_ROWS:.0e} rows in {MOST_SHARDS:.0e} shards or fewer, "
+                f"feasible, infeasible, shard_size: expected {MOST_ROWS:.0e} rows, {MOST_SHARDS:.0e} shards or fewer, "
                 f"got {self.rows} in {self.shards}"
             )
         for name in ("tolerance", "gap"):

@@ -226,9 +226,7 @@ class TrainedPolicy:
             raise InvalidInput(f"{path}: tensor base: expected the bounds of {shape.contacts} contacts")
         policy.load_state_dict({name.removeprefix("policy."): value for name, value in tensors.items()})
         policy.set_training_mode(False)
-        return cls(
-            shape, policy, base.numpy().astype(np.float64), steps=steps, provenance=provenance
-        )
+        return cls(shape, policy, base.numpy().astype(np.float64), steps=steps, provenance=provenance)
 
 
 def moved(base: Array, offset: float, action: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -44,7 +44,7 @@ class _Shown(reprlib.Repr):
 
 
 def shown(value: Any, most: int = 60) -> str:
-    """What came, as Python writes it, cut after ``most`` letters; its cost does not depend on how large the value is."""
+    """What came, as Python writes it, cut after ``most`` letters; its cost does not grow with the value."""
     return _Shown(most).repr(value)[:most]
 
 

@@ -36,7 +36,10 @@ def tracked(recorded: Recorded) -> dict[str, Array]:
     }  # fmt: skip
     return {
         name: table(
-            [each.get(name) for each in (commands if name in TOPICS["command"] and name != "time_s" else states)[:rows]],
+            [
+                each.get(name)
+                for each in (commands if name in TOPICS["command"] and name != "time_s" else states)[:rows]
+            ],
             (rows, *shape),
             f"log: {name}",
         )

@@ -29,6 +29,7 @@ from .judge import GaitReport, check_trajectory
 from .trajectory import SAMPLES, Trajectory, robot_from_json
 
 FORMAT = "stancekit/gait/1"
+TERRAIN = ("terrain_x_m", "terrain_y_m", "terrain_heights_m")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -115,6 +116,9 @@ def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory
     missing = [name for name in SAMPLES if name not in arrays]
     if missing:
         raise InvalidInput(f"{missing[0]}: expected this array, got nothing")
+    unknown = sorted(name for name in arrays if name not in SAMPLES and name not in TERRAIN)
+    if unknown:
+        raise InvalidInput(f"{unknown[0]}: unknown array")
     if arrays["contact"].dtype != np.bool_:
         raise InvalidInput(f"contact: expected truth values, got {arrays['contact'].dtype}")
     count, feet = arrays["times_s"].size, len(robot.feet)

@@ -7,7 +7,9 @@ is searched for exhaustively.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -55,8 +57,11 @@ def measured(
         raise InvalidInput(f"{path}: expected a URDF file, found nothing there")
     text = read_text(path)
     _check_xml(text, path)
+    if len(set(feet)) < len(feet):
+        raise InvalidInput(f"feet: expected different frames, got {shown(list(feet))}")
     try:
-        model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+        with _quiet():
+            model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
     except Exception as error:  # what pinocchio meets
         raise InvalidInput(f"{path}: expected a URDF: {' '.join(str(error).split())[:120]}") from None
     data = model.createData()
@@ -98,9 +103,10 @@ class _Leg:
         frame = self._model.getFrameId(name)
         joints = [j for j in self._model.supports[self._model.frames[frame].parentJoint] if j > 1]
         if len(joints) < 3 or any(self._model.joints[j].nq != 1 for j in joints):
-            raise InvalidInput(f"feet: expected three joints or more of one angle each before {name!r}, got {len(joints)}")
-        if self._steps ** len(joints) > MOST_SAMPLES:
-            raise InvalidInput(f"steps: expected {MOST_SAMPLES} samples a leg or fewer, got {self._steps ** len(joints)}")
+            raise InvalidInput(f"feet: expected three or more joints of one angle before {name!r}, got {len(joints)}")
+        samples = self._steps ** len(joints)
+        if samples > MOST_SAMPLES:
+            raise InvalidInput(f"steps: expected {MOST_SAMPLES} samples a leg or fewer, got {samples}")
         columns = [self._model.joints[j].idx_q for j in joints]
         nominal = self._placed(self._q, frame)
         hip = np.array(self._data.oMi[joints[1]].translation) - self._centre
@@ -180,6 +186,19 @@ def largest_box(full: Any, home: Array) -> tuple[Array, Array]:
                         best = volume
                         found = np.array([low_x, low_y, low_z]), np.array([high_x, high_y, high_z])
     return found
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Nothing on standard error, where urdfdom writes several lines by itself before it refuses."""
+    with open(os.devnull, "wb") as nowhere:
+        kept = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def _check_xml(text: str, path: Path) -> None:

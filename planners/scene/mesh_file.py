@@ -54,7 +54,9 @@ def read_corners(path: str | Path) -> tuple[Array, Triangles]:
     if not np.all((triangles >= 0) & (triangles < len(corners))):
         raise InvalidInput(f"{path}: expected a mesh whose triangles are of its {len(corners)} corners, got others")
     if not np.all(np.isfinite(corners)):
-        raise InvalidInput(f"{path}: expected a mesh with finite corners, got {np.sum(~np.isfinite(corners))} numbers that are not")
+        raise InvalidInput(
+            f"{path}: expected a mesh with finite corners, got {np.sum(~np.isfinite(corners))} numbers that are not"
+        )
     return corners, triangles.astype(np.int_)
 
 

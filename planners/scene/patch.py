@@ -42,9 +42,8 @@ class Patch:
             lambda: put(self, "friction", checked(self.friction, "friction", least=0.0)),
         )
         if not 3 <= len(self.vertices_m) <= MOST_VERTICES:
-            told = f"3 or more vertices, got {len(self.vertices_m)}"
-            told = told if len(self.vertices_m) < 3 else f"{MOST_VERTICES} vertices or fewer, got {len(self.vertices_m)}"
-            raise InvalidInput(f"vertices_m: expected {told}")
+            told = "3 or more vertices" if len(self.vertices_m) < 3 else f"{MOST_VERTICES} vertices or fewer"
+            raise InvalidInput(f"vertices_m: expected {told}, got {len(self.vertices_m)}")
         if abs(self.normal @ self.shear_reference) > 1.0 - 5e-7:
             raise InvalidInput(
                 f"shear_reference: expected a direction not along the normal, got {self.shear_reference.tolist()}"

@@ -88,7 +88,7 @@ def hexapod_urdf(robot: Robot, servo: Servo = Servo(), *, rotors_in_links: bool 
     side, axial = mass * (3.0 * radius**2 + BODY_HEIGHT_M**2) / 12.0, mass * radius**2 / 2.0
     body = _link("body", mass, (side, side, axial), 0.0, f'<cylinder radius="{radius:.9g}" length="{BODY_HEIGHT_M}"/>')
     limbs = [part for limb in robot.limbs for part in _limb(limb, robot.mass_kg, servo, rotor)]
-    return "\n".join(['<?xml version="1.0"?>', f'<robot name={_quoted(robot.name)}>', body, *limbs, "</robot>", ""])
+    return "\n".join(['<?xml version="1.0"?>', f"<robot name={_quoted(robot.name)}>", body, *limbs, "</robot>", ""])
 
 
 def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
@@ -113,7 +113,7 @@ def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
         x, y, z = limb.shoulder_m if joint == "yaw" else (lengths[0] if joint == "knee" else 0.0, 0.0, 0.0)
         parts.append(
             f'<joint name={_quoted(f"{name}_{joint}")} type="revolute"><parent link={_quoted(chain[i])}/>'
-            f'<child link={_quoted(chain[i + 1])}/>'
+            f"<child link={_quoted(chain[i + 1])}/>"
             f'<origin xyz="{x:.12g} {y:.12g} {z:.12g}" rpy="0 0 {outward_rad(limb) if i == 0 else 0.0:.15g}"/>'
             f'<axis xyz="{axes[i]}"/>'
             f'<limit lower="{servo.lower_rad[i]}" upper="{servo.upper_rad[i]}" effort="{servo.torque_nm}" '
@@ -121,7 +121,7 @@ def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
         )
     parts.append(
         f'<joint name={_quoted(f"{name}_tip")} type="fixed"><parent link={_quoted(chain[-1])}/>'
-        f'<child link={_quoted(f"{name}_foot")}/>'
+        f"<child link={_quoted(f'{name}_foot')}/>"
         f'<origin xyz="{lengths[1]:.12g} 0 0"/></joint>'
     )
     return parts

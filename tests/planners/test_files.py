@@ -141,7 +141,11 @@ def test_only_line_ends_end_a_line(separator):
     assert [item for _, item in records(text)] == [{"a": f"x{separator}y"}] * 2
 
 
-@given(st.lists(st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False, allow_infinity=False)), min_size=2, max_size=5))
+@given(
+    st.lists(
+        st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False, allow_infinity=False)), min_size=2, max_size=5
+    )
+)
 def test_lines_arrays_and_indented_arrays_hold_the_same(items):
     lines = "\r\n".join(json.dumps(item) for item in items)
     for text in (lines, json.dumps(items), json.dumps(items, indent=2)):

@@ -146,5 +146,7 @@ def test_a_picture_with_transparent_pixels_has_holes(tmp_path):
 
 def test_a_pickle_is_not_opened(tmp_path):
     np.save(tmp_path / "object.npy", np.array([[None] * 5] * 5), allow_pickle=True)
-    with pytest.raises(InvalidInput, match=r"object\.npy: expected arrays without pickle: expected numbers or texts, got object"):
+    with pytest.raises(
+        InvalidInput, match=r"object\.npy: expected arrays without pickle: expected numbers or texts, got object"
+    ):
         read_heights(tmp_path / "object.npy")
