@@ -23,7 +23,8 @@ from threadpoolctl import threadpool_limits
 
 from stancekit.envs.courses import SMALL, perturbed
 from stancekit.planners.arrays import Array
-from stancekit.planners.files import read_text, write_text
+from stancekit.planners.documents import read_text
+from stancekit.planners.files import write_text
 from stancekit.planners.keyframes.exact import ExactCoursePlanner
 from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
 from stancekit.planners.plan import PlanOutcome

@@ -24,7 +24,8 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from stancekit.envs.courses import icy_walls
-from stancekit.planners.files import read_text, write_text
+from stancekit.planners.documents import read_text
+from stancekit.planners.files import write_text
 from stancekit.planners.keyframes.clock import Clock
 from stancekit.planners.keyframes.decoupled import DecoupledPlanner
 from stancekit.planners.keyframes.planner import PlanAcceptance, plan_of

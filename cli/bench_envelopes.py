@@ -63,7 +63,7 @@ class BenchEnvelopes:
                 save(comparison_figure(result), folder / f"{result.problem_class}.png")
                 report(result, as_json=self.json)
         if not self.json:
-            out.print(f"table and pictures: {folder}", markup=False)
+            out.print(f"table and pictures: {folder}")
         return 0
 
 

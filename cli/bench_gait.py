@@ -87,11 +87,11 @@ class BenchGait:
             for made in (success_table(records), speed_table(records), motion_table(records)):
                 wide.print(made)
             for line in (*comparisons(rows), *products(records)):
-                out.print(line, markup=False, highlight=False)
+                out.print(line, highlight=False)
         drawn = gait_drawings.draw(rows, folder)
         if not self.json:
             names = ", ".join(sorted({path.stem.partition("-")[0] for path in drawn}))
-            out.print(f"{folder}: cells, table.json" + (f", pictures ({names})" if drawn else ""), markup=False)
+            out.print(f"{folder}: cells, table.json" + (f", pictures ({names})" if drawn else ""))
         return 0
 
     def _settings(self) -> GaitBenchSettings:

@@ -62,10 +62,10 @@ class BenchPlanner:
         if not self.json:
             Console(width=max(out.width, WIDTH), soft_wrap=True).print(table(rows))
             for method in dict.fromkeys(row["method"] for row in rows if "over_solver" in row):
-                out.print(f"{method}: CPU s ~ M^{planner_bench.growth(rows, method):.2f}", markup=False)
+                out.print(f"{method}: CPU s ~ M^{planner_bench.growth(rows, method):.2f}")
             for line in speed_ups(rows):
-                out.print(line, markup=False)
-            out.print(f"cells and table: {folder}", markup=False)
+                out.print(line)
+            out.print(f"cells and table: {folder}")
         return 0
 
 

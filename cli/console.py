@@ -9,13 +9,44 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderableType, RenderHook, RenderResult
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.segment import Segment
 
 from stancekit.planners.outcome import InvalidInput
 
-out = Console(soft_wrap=True)
-err = Console(stderr=True, soft_wrap=True, highlight=False)
+
+class _Plain:
+    """Shows anything without the letters that a terminal takes for orders; those that rich itself sends stay."""
+
+    def __init__(self, shown: RenderableType) -> None:
+        self._shown = shown
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        for part in console.render(self._shown, options):
+            yield part if part.control else Segment(printable(part.text), part.style)
+
+
+class _PlainText(RenderHook):
+    def process_renderables(self, renderables: list[ConsoleRenderable]) -> list[ConsoleRenderable]:
+        return [_Plain(each) for each in renderables]
+
+
+def _console(**options: Any) -> Console:
+    """A console to which names are but text: no markup, no emoji, no orders to the terminal."""
+    console = Console(soft_wrap=True, markup=False, emoji=False, **options)
+    console.push_render_hook(_PlainText())
+    return console
+
+
+def printable(text: str) -> str:
+    """The text with a question mark for every letter that is none."""
+    return "".join(letter if letter.isprintable() or letter in "\n\t" else "?" for letter in text)
+
+
+LONGEST_COMPLAINT = 2000
+out = _console()
+err = _console(stderr=True, highlight=False)
 
 
 def emit(record: Mapping[str, Any]) -> None:
@@ -24,18 +55,22 @@ def emit(record: Mapping[str, Any]) -> None:
 
 
 def complain(message: str) -> None:
-    """Print one plain line on standard error."""
-    plain = "".join(letter if letter.isprintable() else " " if letter.isspace() else "?" for letter in message)
-    err.print(" ".join(plain.split()), markup=False)
+    """Print one plain line on standard error, cut where it is longer than anybody reads."""
+    cut = message[:LONGEST_COMPLAINT] + (" …" if len(message) > LONGEST_COMPLAINT else "")
+    plain = "".join(letter if letter.isprintable() else " " if letter.isspace() else "?" for letter in cut)
+    err.print(" ".join(plain.split()))
 
 
 def text_of(name: str | Path) -> str:
     """The text of a file, or of standard input where the name is -. Raises InvalidInput."""
-    from stancekit.planners.files import decoded, read_text
+    from stancekit.planners.documents import MOST_BYTES, decoded, read_text
 
     if str(name) != "-":
         return read_text(name)
-    text = "" if sys.stdin is None else decoded(sys.stdin.buffer.read(), "-")
+    content = b"" if sys.stdin is None else sys.stdin.buffer.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        raise InvalidInput(f"-: expected {MOST_BYTES} bytes or fewer, got more")
+    text = decoded(content, "-")
     if not text.strip():
         raise InvalidInput("-: expected JSON on standard input, got nothing")
     return text
@@ -57,7 +92,7 @@ def as_options(*names: str) -> Iterator[None]:
 def progress(title: str) -> Iterator[Callable[[int, int], None]]:
     """A progress bar on standard error; call it with (done, total). Silent where standard error is no terminal."""
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
@@ -78,7 +113,7 @@ def stages(title: str) -> Iterator[Callable[[str, int, int], None]]:
             if not seen or seen[-1] != stage:
                 seen.append(stage)
                 if not err.is_terminal:
-                    err.print(stage, markup=False)
+                    err.print(stage)
             bar(done, total)
 
         yield told

@@ -63,7 +63,7 @@ class Demo:
             if outcome.status is Status.FEASIBLE and outcome.posture is not None:
                 break
         else:
-            err.print("no held-out posture was solved in two stages", markup=False)
+            err.print("no held-out posture was solved in two stages")
             return 1
         report = check_posture(row.problem, outcome.posture)
         by = f"envelope {name}, P1 and fix-toes in {1e3 * outcome.seconds:.1f} ms"
@@ -72,6 +72,6 @@ class Demo:
         save(draw_posture(row.problem, outcome.posture, envelope=chosen, caption=caption), self.out / "posture.png")
         save(comparison_figure(result), self.out / "comparison.png")
         message = f"verifier: {report.message}; net moment {report.residual_nm:.1e} Nm; digest {report.digest[:12]}"
-        err.print(message, markup=False)
-        err.print(f"pictures: {self.out / 'posture.png'}, {self.out / 'comparison.png'}", markup=False)
+        err.print(message)
+        err.print(f"pictures: {self.out / 'posture.png'}, {self.out / 'comparison.png'}")
         return 0 if report.accepted else 1

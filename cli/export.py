@@ -41,7 +41,7 @@ class Export:
             emit(record)
         else:
             out.print(
-                f"[bold]{done.root}[/bold]: {there} episodes of {done.dataset_id}, mean reward {done.mean_reward:.3f}, "
+                f"{done.root}: {there} episodes of {done.dataset_id}, mean reward {done.mean_reward:.3f}, "
                 f"P1 over the expert's box agrees with the label in {100.0 * done.agreement:.1f} %"
             )
         return 0 if there == done.episodes else 1

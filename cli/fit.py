@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
-from rich.markup import escape
 
 from stancekit.planners.outcome import InvalidInput
 
@@ -80,16 +79,16 @@ class Fit:
         if self.json:
             emit(record)
             return 0
-        line = f"[bold]{escape(str(self.out))}[/bold]: {what} for {learned.problem_class}"
+        line = f"{self.out}: {what} for {learned.problem_class}"
         widths = record.get("mean_width", [])
         out.print(line + (f", mean width {', '.join(f'{width:.3f}' for width in widths)}" if widths else ""))
         return 0
 
     def _settings(self) -> FitSettings:
         """The options and what the configuration file adds. Raises InvalidInput."""
-        from stancekit.learners.experiment import read_mapping
         from stancekit.learners.fitting import FitSettings
         from stancekit.learners.settings import typed
+        from stancekit.planners.documents import read_yaml
 
         if self.seed < 0:
             raise InvalidInput(f"--seed: expected 0 or more, got {self.seed}")
@@ -99,7 +98,7 @@ class Fit:
             raise InvalidInput(f"--time-limit-s: expected a number above 0, got {self.time_limit_s:g}")
         own = ("share", "clusters", "threshold", "boxes", "steps", "time_limit_s", "seed")
         given = {name: getattr(self, name) for name in own}
-        extra = {} if self.config is None else read_mapping(self.config)
+        extra = {} if self.config is None else read_yaml(self.config)
         for name in extra:
             if name in own:
                 raise InvalidInput(f"{self.config}: {name}: expected as an option, --{name.replace('_', '-')}")

@@ -166,7 +166,9 @@ class Gait:
         sticky = [name.strip() for name in self.adhesive.split(",")] if self.adhesive else []
         unknown = sorted(set(sticky) - set(robot.foot_names))
         if unknown:
-            raise InvalidInput(f"--adhesive: expected some of {', '.join(robot.foot_names)}, got {self.adhesive!r:.60}")
+            raise InvalidInput(
+                f"--adhesive: expected some of {', '.join(robot.foot_names)}, got {shown(self.adhesive)}"
+            )
         terrain = self.file.read(self.terrain)
         try:
             return GaitTask(
@@ -216,7 +218,7 @@ class Gait:
         from stancekit.planners.gait.portfolio import plan_gait
 
         if partial.begun:
-            err.print(f"{partial.path}: goes on from what an interrupted run of this command kept", markup=False)
+            err.print(f"{partial.path}: goes on from what an interrupted run of this command kept")
         with interruptible() as interrupted, shown(self.terrain) as show:
 
             def progress(*at: Any) -> bool:
@@ -229,7 +231,7 @@ class Gait:
                 raise InvalidInput(_as_options(str(error))) from None
         if plan.stopped:
             if partial.path is not None:
-                err.print(f"{partial.path}: kept; the same command goes on from there", markup=False)
+                err.print(f"{partial.path}: kept; the same command goes on from there")
             raise KeyboardInterrupt
         return plan
 
@@ -247,13 +249,13 @@ class Gait:
         from .gait_answer import words
 
         for line in words(plan):
-            out.print(line, markup=False, highlight=False)
+            out.print(line, highlight=False)
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
-            out.print(f"{self.out}: {best.trajectory.samples} samples{mark}", markup=False)
+            out.print(f"{self.out}: {best.trajectory.samples} samples{mark}")
         elif self.out is not None:
             kept = ", from what this run found" if best.solution.success else ""
-            out.print(f"{self.out}: not written; --unverified writes what the verifier refuses{kept}", markup=False)
+            out.print(f"{self.out}: not written; --unverified writes what the verifier refuses{kept}")
 
 
 def _place(text: str, option: str) -> Array:
@@ -263,7 +265,7 @@ def _place(text: str, option: str) -> Array:
     try:
         x, y = (float(part) for part in text.split(","))
     except ValueError:
-        raise InvalidInput(f"{option}: expected a place X,Y in metres, got {text!r:.60}") from None
+        raise InvalidInput(f"{option}: expected a place X,Y in metres, got {shown(text)}") from None
     return np.array([x, y])
 
 
@@ -274,7 +276,7 @@ def _heading(text: str, way: Array) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InvalidInput(f"--heading: expected an angle in rad, or goal, got {text!r:.60}") from None
+        raise InvalidInput(f"--heading: expected an angle in rad, or goal, got {shown(text)}") from None
 
 
 def _robot(name: str) -> GaitRobot:

@@ -174,5 +174,4 @@ def advise(task: GaitTask) -> None:
             f"{task.terrain.name} is {np.rad2deg(np.arctan(slope)):.0f}° at its steepest, and friction "
             f"{task.friction:g} holds on {np.rad2deg(np.arctan(task.friction)):.0f}°; feet that stick may help: "
             f"--adhesive {names}",
-            markup=False,
         )

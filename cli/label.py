@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
-from rich.markup import escape
 
 from .console import as_options, emit, out, progress
 
@@ -70,7 +69,7 @@ class LabelPostures:
         if self.json:
             emit(record)
         else:
-            out.print(f"[bold]{escape(str(self.folder))}[/bold]")
+            out.print(str(self.folder))
             for name, value in record.items():
                 out.print(f"  {name:15} {_plain(value)}")
         return 0

@@ -53,8 +53,13 @@ Key frames over a course, and a gait over curved ground:
   stancekit run plan.json --world mujoco --log run.mcap
   stancekit gait ripple --goal 1.5,1 --out gait.json --picture gait.png
 
-Exit code: 0 done; 1 ran, but a check failed; 2 bad input.
+Exit code: 0 done; 1 ran, but a check failed; 2 bad input; 70 a mistake in the
+program itself (STANCEKIT_TRACE=1 shows where).
 With --json, one JSON object a line on standard output, and nothing else there."""
+
+INTERNAL = 70
+"""Exit code of a mistake in the program itself (EX_SOFTWARE of sysexits.h): neither bad input nor a refusal."""
+TRACE = "STANCEKIT_TRACE"
 
 Verb = (
     Annotated[Sample, tyro.conf.subcommand("sample")]
@@ -162,6 +167,11 @@ def run(verb: Verb) -> int:
     except KeyboardInterrupt:
         complain("stancekit: interrupted")
         return 130
+    except Exception as error:  # our own mistake, and no verdict on anything
+        if os.environ.get(TRACE):
+            raise
+        complain(f"stancekit: internal error: {type(error).__name__}: {error}; {TRACE}=1 shows where")
+        return INTERNAL
 
 
 def _close_output() -> None:

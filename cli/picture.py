@@ -62,5 +62,5 @@ class Picture:
         if self.json:
             emit({"where": where, "out": str(self.out), "method": self.method, "status": status})
         else:
-            out.print(f"{self.out}: {caption or 'the scene alone'}", markup=False)
+            out.print(f"{self.out}: {caption or 'the scene alone'}")
         return 0

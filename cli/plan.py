@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from stancekit.planners.outcome import InvalidInput
 
@@ -114,7 +114,7 @@ class PlanCourse:
         else:
             out.print(_table(course, outcome))
             for line in [] if outcome.plan is None or report is None else self._said(outcome.plan, report):
-                out.print(line, markup=False, highlight=False)
+                out.print(line, highlight=False)
         if report is None:
             complain(f"stancekit: no plan: {course.name}: {message or outcome.claim or outcome.status.value}")
             if self.proof is not None:
@@ -260,10 +260,11 @@ def _counted(frames: Iterator[Any], bar: Callable[[int, int], None], total: int)
 
 def _envelopes(path: Path) -> EnvelopeSet | Modes:
     """An envelope file, or one of modes. Raises InvalidInput."""
-    from stancekit.planners.files import parse_json, read_envelopes, read_text
+    from stancekit.planners.documents import read_json
+    from stancekit.planners.files import read_envelopes
     from stancekit.planners.keyframes.modes import FORMAT, Modes
 
-    data = parse_json(read_text(path), str(path))
+    data = read_json(path)
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         return read_envelopes(path)
     try:
@@ -279,7 +280,7 @@ def _table(course: Course, outcome: PlanOutcome) -> Table:
         table.add_column(name, justify="left" if left else "right", overflow="fold", no_wrap=name != "course")
     colour = {"feasible": "green", "infeasible": "red", "undecided": "yellow"}[outcome.status.value]
     table.add_row(
-        escape(course.name), outcome.method, str(course.frames), f"[{colour}]{outcome.status.value}[/]",
+        course.name, outcome.method, str(course.frames), Text(outcome.status.value, style=colour),
         _number(outcome.objective), _number(outcome.bound), f"{outcome.compile_s:.2f} s", f"{outcome.seconds:.3f} s",
     )  # fmt: skip
     return table

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from .console import emit, out
 
@@ -60,7 +60,7 @@ class Replay:
         else:
             out.print(_table(record))
             if self.picture is not None:
-                out.print(f"written: {self.picture}", markup=False)
+                out.print(f"written: {self.picture}")
         return 0 if recorded.whole and verdicts and verdicts[-1]["succeeded"] else 1
 
 
@@ -70,11 +70,11 @@ def _table(record: dict[str, Any]) -> Table:
     table.add_column(overflow="fold")
     verdict = record["verdict"]
     if verdict is None:
-        table.add_row("verdict", "[red]none: the process was ended[/]")
+        table.add_row("verdict", Text("none: the process was ended", style="red"))
     else:
-        table.add_row(
-            "verdict", "[green]run as planned[/]" if verdict["succeeded"] else f"[red]{verdict['message']}[/]"
-        )
+        done = verdict["succeeded"]
+        said = Text("run as planned", style="green") if done else Text(verdict["message"], style="red")
+        table.add_row("verdict", said)
     dry = ", dry" if record["dry"] else ""
     table.add_row("plan", f"{record['course']} on {record['world']}{dry}, digest {str(record['digest'])[:16]}…")
     table.add_row("commands", f"{record['commands']} at {record['rate_hz']:g} Hz")
@@ -82,5 +82,5 @@ def _table(record: dict[str, Any]) -> Table:
         worst, rms = 1e3 * record["joint_worst_rad"], 1e3 * record["joint_rms_rad"]
         table.add_row("joints", f"{worst:.1f} mrad from the plan at most, {rms:.1f} mrad (RMS)")
     for decision in record["decisions"]:
-        table.add_row(decision["what"], escape(str(decision["why"])))
+        table.add_row(decision["what"], str(decision["why"]))
     return table

@@ -127,13 +127,13 @@ class Run:
         """What PLAN is. Raises InvalidInput for what cannot be run, or not with these options."""
         from stancekit.envs.runner.acceptance import Accepted
         from stancekit.envs.runner.gait import AcceptedGait
-        from stancekit.planners.files import parse_json, read_text
+        from stancekit.planners.documents import read_json
         from stancekit.planners.gait.record import is_trajectory
         from stancekit.planners.scene.course_json import FORMAT
         from stancekit.planners.scene.course_spec import builtin_courses, read_course
 
         name = self.plan
-        data = parse_json(read_text(name), str(name)) if name.suffix == ".json" else None
+        data = read_json(name) if name.suffix == ".json" else None
         if is_trajectory(data):
             if self.policy is not None or self.pace != 1.0:
                 wrong = "--policy" if self.policy is not None else "--pace"
@@ -188,7 +188,7 @@ class Run:
             out.print(table)
             for path in (self.log, self.picture):
                 if path is not None:
-                    out.print(f"written: {path}", markup=False)
+                    out.print(f"written: {path}")
         return 0 if succeeded else 1
 
     def _settings(self) -> RunSettings:

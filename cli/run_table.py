@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 if TYPE_CHECKING:
     from stancekit.envs.runner.ending import Ended
@@ -59,9 +59,9 @@ def _begun(word: str, message: str, ended: Ended) -> Table:
     table = Table(box=None, show_header=False)
     table.add_column(style="bold")
     table.add_column(overflow="fold")
-    table.add_row("verdict", "[red]failed[/]" if message else f"[green]{word}[/]")
+    table.add_row("verdict", Text("failed" if message else word, style="red" if message else "green"))
     if message:
-        table.add_row("", escape(message))
+        table.add_row("", message)
     left = f"{ended.left}, after {1e3 * ended.seconds:.1f} ms"
-    table.add_row("robot left", f"{left}: {escape(ended.message)}" if ended.message else left)
+    table.add_row("robot left", f"{left}: {ended.message}" if ended.message else left)
     return table

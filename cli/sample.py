@@ -54,5 +54,5 @@ class Sample:
         if self.json:
             emit({"out": str(self.out), "problem_class": self.problem, "problems": self.count})
         else:
-            out.print(f"{self.out}: {self.count} problem(s) of {self.problem}", markup=False)
+            out.print(f"{self.out}: {self.count} problem(s) of {self.problem}")
         return 0

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 from rich.table import Table
+from rich.text import Text
 
 from stancekit.planners.outcome import InvalidInput
 
@@ -67,7 +68,7 @@ class Simulate:
             out.print(_table(execution))
             for path in (self.picture, self.video, self.out):
                 if path is not None:
-                    out.print(f"written: {path}", markup=False)
+                    out.print(f"written: {path}")
         return 0 if execution.succeeded else 1
 
     def _check_files(self) -> None:
@@ -109,7 +110,8 @@ def _table(run: Execution) -> Table:
     final, worst, slid, shift, error = (
         1e3 * value for value in (run.com_final_m, run.com_worst_m, float(run.slip_m.max()), run.shift_m, run.error_m)
     )
-    table.add_row("verdict", "[green]executed as planned[/]" if run.succeeded else "[red]failed[/]")
+    done = run.succeeded
+    table.add_row("verdict", Text("executed as planned" if done else "failed", style="green" if done else "red"))
     if run.message:
         table.add_row("", run.message)
     table.add_row("centre of mass", f"{final:.1f} mm from the plan's at the end, {worst:.1f} mm at most")

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
-from rich.markup import escape
 from rich.table import Table
+from rich.text import Text
 
 from stancekit.planners.outcome import InvalidInput
 
@@ -163,12 +163,12 @@ def _table(lines: list[dict[str, Any]]) -> Table:
         table.add_column(name, justify=side, overflow="fold", no_wrap=not folds)  # type: ignore[arg-type]
     colour = {"feasible": "green", "infeasible": "red", "undecided": "yellow", "invalid": "magenta"}
     for line in lines:
-        where, status = escape(line["where"]), f"[{colour[line['status']]}]{line['status']}[/]"
+        where, status = line["where"], Text(line["status"], style=colour[line["status"]])
         if line["status"] == "invalid":
             table.add_row(where, status, "", "", "", "see the message above")
             continue
         moment = "" if line["residual_nm"] is None else f"{line['residual_nm']:.1e} Nm"
         bound = "" if line["status"] != "infeasible" else f"> {line['lower_bound']:.2g}"
-        message = escape(line.get("message", ""))
+        message = line.get("message", "")
         table.add_row(where, status, moment, bound, f"{1e3 * line['seconds']:.1f}", message)
     return table

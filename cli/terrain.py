@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.refusals import shown
 
 if TYPE_CHECKING:
     from stancekit.planners.scene.heightfield import HeightField
@@ -53,5 +54,5 @@ def numbers(text: str, option: str, kind: type, count: int) -> tuple[Any, ...]:
     except ValueError:
         found = ()
     if len(found) != count:
-        raise InvalidInput(f"{option}: expected {count} numbers with commas between them, got {text!r:.60}")
+        raise InvalidInput(f"{option}: expected {count} numbers with commas between them, got {shown(text)}")
     return found

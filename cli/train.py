@@ -56,7 +56,7 @@ class Train:
                 emit(asdict(point))
         else:
             out.print(curve_table(trained))
-            out.print(f"[bold]{self.out / 'policy.safetensors'}[/bold]: {trained.policy.steps} steps")
+            out.print(f"{self.out / 'policy.safetensors'}: {trained.policy.steps} steps")
         return 0
 
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.refusals import shown
 
 from .console import complain, emit, out, text_of
 
@@ -58,18 +59,18 @@ class Verify:
             if self.json:
                 emit(record)
             else:
-                out.print(f"{record['where']}: {record['verdict']}: {record['message']}", markup=False)
+                out.print(f"{record['where']}: {record['verdict']}: {record['message']}")
         return 2 if invalid else int(refused > 0)
 
     def _file(self) -> int:
         """A plan of key frames or a gait trajectory: one verdict."""
         from stancekit.planners import plan_file, proof_file
-        from stancekit.planners.files import parse_json, read_text
+        from stancekit.planners.documents import read_json
         from stancekit.planners.gait import record
 
         name = str(self.problems)
         try:
-            data = parse_json(read_text(self.problems), name)
+            data = read_json(self.problems)
         except InvalidInput:
             data = None  # problems come as JSON lines, too
         if self.explain:
@@ -96,7 +97,7 @@ class Verify:
         if self.json:
             emit(found)
         else:
-            out.print(f"{name}: {message}", markup=False)
+            out.print(f"{name}: {message}")
         return int(not accepted)
 
     def _dataset(self) -> int:
@@ -161,7 +162,7 @@ def _status(claim: Any) -> str:
     known = ("feasible", "infeasible", "undecided", "invalid")
     status = claim.get("status", "infeasible" if "certificate" in claim else "feasible" if "toes_m" in claim else None)
     if status not in known:
-        raise InvalidInput(f"status: expected one of {', '.join(known)}, got {status!r:.60}")
+        raise InvalidInput(f"status: expected one of {', '.join(known)}, got {shown(status)}")
     return str(status)
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
-from rich.markup import escape
 from rich.table import Table
 
 from stancekit.planners.outcome import InvalidInput
@@ -97,7 +96,7 @@ def _table(report: MapReport) -> Table:
     where = ", ".join(f"{value:.2f}" for value in report.least_det_at_m)
     percent = "{mean:.1%} on average, {p95:.1%} at the 95th percentile, {max:.1%} at most"
     for name, text in (
-        ("terrain", escape(report.terrain)),
+        ("terrain", report.terrain),
         ("method", f"{report.method}, {' × '.join(map(str, report.cells))} cells"),
         ("time", f"{report.cpu_s:.2f} CPU-s, {len(report.energy) - 1} iterations, {report.evaluations} evaluations"),
         ("min det J", f"{report.least_det:.3f} at ({where}) m{folded}"),
@@ -105,7 +104,7 @@ def _table(report: MapReport) -> Table:
         ("before the snap", f"{1e3 * report.unsnapped_m[0]:.1f} mm at most, {1e3 * report.unsnapped_m[1]:.1f} mm rms"),
         ("conformal error", percent.format(**ground)),
         ("  .5 m above", percent.format(**torso)),
-        ("note", escape(report.message)),
+        ("note", report.message),
     ):
         if text:
             table.add_row(name, text)

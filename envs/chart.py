@@ -26,7 +26,7 @@ from stancekit.planners.outcome import InvalidInput
 
 Size = tuple[int, int]
 SIZE_PX, CHART_PX = (1200, 900), (1200, 640)
-DEFAULT_STYLE = style.context("default")
+DEFAULT_STYLE = style.context(["default", {"text.parse_math": False}])
 """Decorator: matplotlib's own settings for one call, so that a user's matplotlibrc changes no picture."""
 INK, QUIET, RULE, ACCENT = "#1f2933", "#66717e", "#d5dae0", "#d1233b"
 LEG_COLOURS = ("#0b7285", "#d9730d", "#7048a8", "#3f8f3a", "#b8407a", "#4a6fd0", "#8c6d31", "#5b6770")
@@ -97,7 +97,7 @@ def draw_legend(
 
     def words(text: str) -> None:
         nonlocal x
-        axes.text(x, 25.0, text, size=10.5, color=INK, va="center_baseline")
+        axes.text(x, 25.0, text, size=10.5, color=INK, va="center_baseline", parse_math=True)
         x += 7.9 * len(text) + 22.0
 
     if arrow is not None:
@@ -178,7 +178,7 @@ def leg_colour(index: int) -> str:
 
 def _frame_panel(axes: Axes, reach: float, *, named: bool) -> None:
     axes.set(xlim=(-1.06 * reach, 1.06 * reach), ylim=(5.75, -0.75), facecolor="#f6f7f9")
-    axes.set_yticks(range(6), COMPONENTS if named else [""] * 6, size=12, color=INK)
+    axes.set_yticks(range(6), COMPONENTS if named else [""] * 6, size=12, color=INK, parse_math=True)
     ticks = [-1.0, 0.0, 1.0] if reach < 1.5 else [-float(np.floor(reach)), 0.0, float(np.floor(reach))]
     axes.set_xticks(ticks, [f"{tick:g}".replace("-", "−") for tick in ticks], size=10, color=QUIET)
     axes.tick_params(length=0, pad=4)

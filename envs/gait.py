@@ -15,6 +15,7 @@ from stancekit.planners.gait.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.robot import GaitRobot, anymal
 from stancekit.planners.gait.task import ChartName, GaitSettings, GaitTask
 from stancekit.planners.outcome import InvalidInput, PlanningFailed
+from stancekit.planners.refusals import shown
 from stancekit.planners.scene.terrains import (
     FAMILIES,
     REFERENCES,
@@ -189,7 +190,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     def _attempt(self, action: NDArray[np.int64]) -> Attempt:
         if np.shape(action) != self.action_space.shape or not self.action_space.contains(np.asarray(action, np.int64)):
             limits = f"(0–{len(self._charts) - 1}, 0–{len(HEIGHTS) - 1}, 0–{len(NOISES) - 1})"
-            raise InvalidInput(f"action: expected three indices in {limits}, got {np.asarray(action).tolist()!r:.60}")
+            raise InvalidInput(f"action: expected three indices in {limits}, got {shown(np.asarray(action).tolist())}")
         chart, heights, noise = (int(index) for index in action)
         seed = int(self.np_random.integers(2**31))
         return Attempt(chart=self._charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=seed)

@@ -128,7 +128,7 @@ function draw() {
 const slider = document.getElementById("time"), button = document.getElementById("play");
 slider.max = count - 1;
 document.getElementById("feet").innerHTML = D.names.map((name, k) =>
-  `<span class="foot"><i style="background:${D.colours[k]}"></i>${name.replace(/[<&]/g, "")}</span> `).join("");
+  `<span class="foot"><i style="background:${D.colours[k]}"></i>${name.replace(/[<>&"']/g, letter => `&#${letter.charCodeAt(0)};`)}</span> `).join("");
 let playing = !location.hash, clock = null, passed = 0;
 function go(value) { frame = Math.max(0, Math.min(count - 1, value)); slider.value = frame; passed = D.times[frame]; draw(); }
 slider.oninput = () => { stop(); go(+slider.value); };

@@ -17,6 +17,7 @@ import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
 from stancekit.planners.arrays import Array, frozen
+from stancekit.planners.documents import parse_json
 from stancekit.planners.outcome import Certificate, InvalidInput, Posture, Status
 from stancekit.planners.scene import Limb, PostureProblem, Robot
 
@@ -156,7 +157,7 @@ class Dataset:
 
     @property
     def labels(self) -> NDArray[np.str_]:
-        """"feasible", "infeasible" or "undecided", shape (K,)."""
+        """ "feasible", "infeasible" or "undecided", shape (K,)."""
         return np.asarray(np.where(self._kinds == "trivial", "infeasible", self._kinds))
 
     @property
@@ -235,7 +236,7 @@ class Dataset:
         return Robot(name=self.problem_class, mass_kg=1.0, limbs=limbs)
 
     def _problem(self, raw: dict[str, Any]) -> PostureProblem:
-        return PostureProblem.from_json(json.loads(raw["problem"]), robot=self._robot)
+        return PostureProblem.from_json(parse_json(raw["problem"], "problem"), robot=self._robot)
 
     def _decoded(self, raw: dict[str, Any]) -> LabelledPosture:
         certificate = None
@@ -264,7 +265,7 @@ class Dataset:
         row = place - self.ledger.starts[shard]
         try:
             return decode(self._open[shard].slice(row, 1).to_pylist()[0])
-        except (TypeError, ValueError) as error:
+        except (TypeError, ValueError, OverflowError, KeyError, AttributeError) as error:
             raise InvalidInput(f"{self.ledger.folder / shard_name(shard)}: row {row}: {error}") from None
 
 

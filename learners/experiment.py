@@ -6,14 +6,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, ClassVar
 
-import yaml
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from stancekit.envs.terrains import distribution
 from stancekit.planners.contact.stages import Projection
-from stancekit.planners.files import read_text
+from stancekit.planners.documents import read_yaml
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import refusals
+from stancekit.planners.refusals import refusals, shown
 
 from .fitting import FitSettings, Method
 
@@ -66,10 +65,10 @@ class Experiment:
 
         Raises InvalidInput with every key that is wrong.
         """
-        data = read_mapping(path)
+        data = read_yaml(path)
         short = data.pop("quick", {})
         if quick and not (isinstance(short, dict) and short):
-            raise InvalidInput(f"{path}: quick: expected keys of an experiment, got {short!r:.60}")
+            raise InvalidInput(f"{path}: quick: expected keys of an experiment, got {shown(short)}")
         return cls.from_mapping(data | short if quick else data, str(path))
 
     @classmethod
@@ -79,14 +78,3 @@ class Experiment:
             return TypeAdapter(cls).validate_python(data)
         except ValidationError as error:
             raise InvalidInput(f"{where}: " + "; ".join(refusals(error))) from None
-
-
-def read_mapping(path: str | Path) -> dict[str, Any]:
-    """The keys and values of a YAML file. Raises InvalidInput."""
-    try:
-        data = yaml.safe_load(read_text(path))
-    except yaml.YAMLError as error:
-        raise InvalidInput(f"{path}: expected YAML: {' '.join(str(error).split())}") from None
-    if not isinstance(data, dict):
-        raise InvalidInput(f"{path}: expected keys and values, got {type(data).__name__}")
-    return data

@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.arrays import checked
-from stancekit.planners.files import parse_json, read_text, write_text
+from stancekit.planners.documents import read_json
+from stancekit.planners.files import write_text
 from stancekit.planners.gait.account import Account
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.judge import GaitReport, check_trajectory
@@ -182,7 +183,7 @@ def _kept(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, An
     path = folder / cell.file
     if not path.exists():
         return None
-    content = parse_json(read_text(path), str(path))
+    content = read_json(path)
     if not isinstance(content, dict):
         raise InvalidInput(f"{path}: expected an object with protocol and row, got {type(content).__name__}")
     same = content.get("protocol") == settings.protocol()

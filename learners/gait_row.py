@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt, ValidationError
 
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import refusals
+from stancekit.planners.refusals import refusals, shown
 
 
 class _Model(BaseModel):
@@ -54,7 +54,7 @@ def checked_row(row: Any, cell: Mapping[str, Any], where: str) -> dict[str, Any]
     for name, value in cell.items():
         if row.get(name) != value:
             raise InvalidInput(
-                f"{where}: row: {name}: expected {value!r} by the file's name, got {row.get(name)!r:.60}"
+                f"{where}: row: {name}: expected {value!r} by the file's name, got {shown(row.get(name))}"
             )
     solved = row.get("success") is not False or "violations" in row
     try:

@@ -21,13 +21,17 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from stancekit.planners.documents import read_json
 from stancekit.planners.files import write_bytes
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import refusals
+from stancekit.planners.refusals import refusals, shown
 
 SHARD_FORMAT = "stancekit/shard/1"
 HEADER = "header.json"
 SOFTWARE = ("stancekit", "numpy", "clarabel", "cvxpy")
+MOST_ROWS, MOST_SHARDS = 10**9, 10**5
+MOST_SHARD_BYTES = 512_000_000
+"""That a shard may unfold to."""
 STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -64,6 +68,11 @@ class LabelPlan:
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:
                 raise InvalidInput(f"{name}: expected an integer of at least {least}, got {value!r}")
+        if self.rows > MOST_ROWS or self.shards > MOST_SHARDS:
+            raise InvalidInput(
+                f"feasible, infeasible, shard_size: expected {MOST_ROWS:.0e} rows, {MOST_SHARDS:.0e} shards or fewer, "
+                f"got {self.rows} in {self.shards}"
+            )
         for name in ("tolerance", "gap"):
             if not 0.0 < getattr(self, name) < 1.0:
                 raise InvalidInput(f"{name}: expected a number between 0 and 1, got {getattr(self, name)!r}")
@@ -202,7 +211,7 @@ class Ledger:
         path = self.folder / shard_name(shard)
         try:
             return pq.read_table(path, columns=columns, page_checksum_verification=True, use_threads=False)
-        except (pa.ArrowException, OSError) as error:
+        except Exception as error:  # what Arrow's readers meet
             raise InvalidInput(f"{path}: expected a whole Parquet file, got {_line(error)}") from None
 
     def timings(self) -> list[Timing]:
@@ -244,10 +253,13 @@ def read_tally(path: Path, header: Header) -> Tally:
     """Metadata of a shard, checked against the header. Raises InvalidInput."""
     try:
         file = pq.ParquetFile(path)
-    except (pa.ArrowException, OSError) as error:
+    except Exception as error:  # what Arrow's readers meet
         raise InvalidInput(f"{path}: expected a whole Parquet file, got {_line(error)}") from None
     with file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
+        size = sum(file.metadata.row_group(k).total_byte_size for k in range(file.metadata.num_row_groups))
+    if size > MOST_SHARD_BYTES:
+        raise InvalidInput(f"{path}: expected {MOST_SHARD_BYTES} bytes of rows or fewer, got {size}")
     try:
         tally = Tally.model_validate_json((schema.metadata or {}).get(b"stancekit", b""))
     except ValidationError:
@@ -290,16 +302,12 @@ def timing_name(shard: int) -> str:
 
 def _read_json(path: Path, model: type[Model]) -> Model:
     expected = model.model_fields["format"].default
-    try:
-        content = path.read_bytes()
-        data: Any = json.loads(content)
-    except (OSError, ValueError, RecursionError) as error:
-        raise InvalidInput(f"{path}: expected JSON of format {expected!r}, got {_line(error)}") from None
+    data: Any = read_json(path)
     if not isinstance(data, dict) or data.get("format") != expected:
         got = data.get("format") if isinstance(data, dict) else data
-        raise InvalidInput(f"{path}: format: expected {expected!r}, got {got!r:.60}")
+        raise InvalidInput(f"{path}: format: expected {expected!r}, got {shown(got)}")
     try:
-        return model.model_validate_json(content)
+        return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
         raise InvalidInput(f"{path}: " + "; ".join(refusals(error))) from None
 

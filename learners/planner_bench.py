@@ -17,7 +17,8 @@ import numpy as np
 
 from stancekit.planners.contact.envelope import EnvelopeSet
 from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.files import parse_json, read_text, write_text
+from stancekit.planners.documents import read_json
+from stancekit.planners.files import write_text
 from stancekit.planners.keyframes.clock import Clock
 from stancekit.planners.keyframes.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.keyframes.micp import MicpCoursePlanner
@@ -120,7 +121,7 @@ def run(
         if told is not None:
             told(f"{FORMS[cell.form]}, M = {cell.frames}", index, len(every))
         path = folder / cell.file
-        kept = parse_json(read_text(path), str(path)) if path.exists() else {}
+        kept = read_json(path) if path.exists() else {}
         if kept.get("settings") != shared:
             kept = {"settings": shared, "row": measure(cell, settings, envelopes)}
             write_text(path, json.dumps(kept, indent=1) + "\n")
@@ -134,7 +135,7 @@ def wall_envelope(settings: PlannerBenchSettings, folder: Path) -> EnvelopeSet:
     path, made = folder / "envelope.json", {"method": "quantile", "samples": settings.samples, "seed": settings.seed}
     if path.exists():
         try:
-            known = EnvelopeSet.from_json(parse_json(read_text(path), str(path)))
+            known = EnvelopeSet.from_json(read_json(path))
             if dict(known.provenance) == made:
                 return known
         except InvalidInput as error:

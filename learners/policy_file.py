@@ -6,13 +6,13 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
 from torch import Tensor, nn
 
@@ -22,13 +22,14 @@ from stancekit.envs.terrains import distribution
 from stancekit.planners.arrays import Array
 from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import refusals
+from stancekit.planners.refusals import refusals, shown
 
 from .selectors.tensors import read_tensors, write_tensors
 
 FORMAT = "stancekit/policy/1"
 EnvironmentName = Literal["stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"]
 Observation = Mapping[str, NDArray[Any]]
+Width = Annotated[int, Field(ge=1, le=4096)]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,9 +44,9 @@ class PolicyShape:
 
     environment: EnvironmentName
     problem: str
-    hidden: tuple[int, ...] = (128, 128)
-    spread: float = 0.2
-    offset: float = 0.25
+    hidden: Annotated[tuple[Width, ...], Field(min_length=1, max_length=16)] = (128, 128)
+    spread: Annotated[float, Field(gt=0.0, le=1e3)] = 0.2
+    offset: Annotated[float, Field(gt=0.0, le=1e3)] = 0.25
 
     @property
     def contacts(self) -> int:
@@ -205,12 +206,18 @@ class TrainedPolicy:
         header, tensors = read_tensors(path, FORMAT)
         if set(header) != {"shape", "steps", "provenance"}:
             raise InvalidInput(f"{path}: expected a header with shape, steps and provenance, got {sorted(header)}")
+        steps, provenance = header["steps"], header["provenance"]
+        if not isinstance(steps, int) or isinstance(steps, bool) or steps < 0 or not isinstance(provenance, dict):
+            raise InvalidInput(f"{path}: expected steps, a whole number, and provenance, an object; got {shown(steps)}")
         try:
             shape = TypeAdapter(PolicyShape).validate_python(header["shape"])
         except ValidationError as error:
             raise InvalidInput(f"{path}: " + "; ".join(refusals(error))) from None
         if problem is not None and shape.problem != problem:
             raise InvalidInput(f"{path}: expected a policy for {problem}, got one for {shape.problem}")
+        sizes = sum(a * b for a, b in itertools.pairwise(shape.hidden))
+        if sizes > sum(tensor.numel() for tensor in tensors.values()):
+            raise InvalidInput(f"{path}: hidden: expected the widths of its tensors, got {list(shape.hidden)}")
         policy = shape.build()
         base = tensors.pop("base", torch.zeros(0))
         wanted = {f"policy.{name}": tuple(value.shape) for name, value in policy.state_dict().items()}
@@ -219,9 +226,7 @@ class TrainedPolicy:
             raise InvalidInput(f"{path}: tensor base: expected the bounds of {shape.contacts} contacts")
         policy.load_state_dict({name.removeprefix("policy."): value for name, value in tensors.items()})
         policy.set_training_mode(False)
-        return cls(
-            shape, policy, base.numpy().astype(np.float64), steps=int(header["steps"]), provenance=header["provenance"]
-        )
+        return cls(shape, policy, base.numpy().astype(np.float64), steps=steps, provenance=provenance)
 
 
 def moved(base: Array, offset: float, action: NDArray[np.float32]) -> NDArray[np.float32]:

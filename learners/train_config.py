@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-import yaml
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from stancekit.planners.files import read_text
+from stancekit.planners.documents import read_yaml
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.refusals import refusals
 
@@ -70,12 +69,7 @@ class TrainConfig:
     @classmethod
     def from_yaml(cls, path: str | Path, overrides: Mapping[str, Any] | None = None) -> TrainConfig:
         """Read a file, some of its keys replaced. Raises InvalidInput with every key that is wrong."""
-        try:
-            data = yaml.safe_load(read_text(path))
-        except yaml.YAMLError as error:
-            raise InvalidInput(f"{path}: expected YAML: {' '.join(str(error).split())}") from None
-        if not isinstance(data, dict):
-            raise InvalidInput(f"{path}: expected keys and values, got {type(data).__name__}")
+        data = read_yaml(path)
         try:
             return TypeAdapter(cls).validate_python(data | dict(overrides or {}))
         except ValidationError as error:

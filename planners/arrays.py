@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .outcome import InvalidInput
+from .refusals import shown
 
 Array = NDArray[np.float64]
 
+LONGEST_NAME = 200
 LARGEST = 1e6
 """No length [m], mass [kg], force [N] or ratio of a legged robot exceeds this; a larger one is a mistake in units."""
 
@@ -28,13 +30,13 @@ def frozen(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Array
             raise TypeError
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(f"{where}: expected numbers of shape {_shape_text(shape)}, got {value!r:.80}") from None
+        raise InvalidInput(f"{where}: expected numbers of shape {_shape_text(shape)}, got {shown(value, 80)}") from None
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         raise InvalidInput(f"{where}: expected shape {_shape_text(shape)}, got {array.shape}")
     largest = float(abs(array).max()) if array.size else 0.0
     if not largest <= LARGEST:  # also false for NaN
         if not np.all(np.isfinite(array)):
-            raise InvalidInput(f"{where}: expected finite numbers, got {array.tolist()!r:.80}")
+            raise InvalidInput(f"{where}: expected finite numbers, got {shown(array.tolist(), 80)}")
         raise InvalidInput(f"{where}: expected magnitudes up to {LARGEST:g}, got {largest:g}")
     array.setflags(write=False)
     return array
@@ -50,6 +52,13 @@ def checked(
     if not least <= number <= most:
         raise InvalidInput(f"{where}: expected a number in [{least:g}, {most:g}], got {number:g}")
     return number
+
+
+def checked_name(value: Any, where: str) -> str:
+    """Return a name that can be written anywhere: up to ``LONGEST_NAME`` printable letters. Raises InvalidInput."""
+    if not isinstance(value, str) or not 1 <= len(value) <= LONGEST_NAME or not value.isprintable():
+        raise InvalidInput(f"{where}: expected 1 to {LONGEST_NAME} printable letters, got {shown(value)}")
+    return value
 
 
 def gathered(*checks: Callable[[], object]) -> None:

@@ -1,4 +1,4 @@
-"""Reading and writing the house's JSON files: clear errors on the way in, atomic on the way out."""
+"""The house's JSON files, records of problems and answers among them, and writing that is atomic."""
 
 from __future__ import annotations
 
@@ -11,53 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from .contact.envelope import EnvelopeSet
+from .documents import parse_json, read_json
 from .outcome import Certificate, InvalidInput, Outcome, Posture
 from .scene import PostureProblem, Robot
 
+MOST_RECORDS = 500_000
+"""Of a file of JSON lines."""
 UNBOUNDED = 1e6
 """Stands in files for a lower bound of infinity: the problem has no answer even without its moment balance."""
-
-
-def read_text(path: str | Path) -> str:
-    """Return a file's text. Raises InvalidInput for a file that is missing, no file, empty or not UTF-8."""
-    path = Path(path)
-    try:
-        content = path.read_bytes()
-    except IsADirectoryError:
-        raise InvalidInput(f"{path}: expected a file, found a folder") from None
-    except OSError as error:
-        if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG):
-            raise InvalidInput(f"{path}: expected a file, found nothing there") from None
-        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
-    text = decoded(content, str(path))
-    if not text.strip():
-        raise InvalidInput(f"{path}: expected some text, the file is empty")
-    return text
-
-
-def decoded(content: bytes, where: str) -> str:
-    """Return UTF-8 bytes as text, without the byte order mark that some editors begin a file with.
-
-    Raises InvalidInput for anything else.
-    """
-    try:
-        return content.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise InvalidInput(f"{where}: expected UTF-8 text, byte {error.start} is not") from None
-
-
-def parse_json(text: str, where: str) -> Any:
-    """Parse one JSON document. Raises InvalidInput with line and column, and for a key that an object has twice."""
-    try:
-        return json.loads(text, object_pairs_hook=_object)
-    except json.JSONDecodeError as error:
-        raise InvalidInput(
-            f"{where}: expected JSON, broken at line {error.lineno} column {error.colno}: {error.msg}"
-        ) from None
-    except InvalidInput as error:
-        raise InvalidInput(f"{where}: {error}") from None
-    except (RecursionError, ValueError) as error:
-        raise InvalidInput(f"{where}: expected JSON: {error}") from None
 
 
 def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInput]]:
@@ -65,7 +26,10 @@ def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInpu
 
     A record that cannot be parsed is yielded as its InvalidInput, and the rest still come. A text that is no JSON as a
     whole is taken for JSON lines where a line that is not indented is an object, unless it begins as an array does.
+    Raises InvalidInput for more than ``MOST_RECORDS`` lines.
     """
+    if text.count("\n") > MOST_RECORDS:
+        raise InvalidInput(f"{where}: expected {MOST_RECORDS} lines or fewer, got {text.count(chr(10))}")
     try:
         whole = parse_json(text, where)
     except InvalidInput as error:
@@ -102,7 +66,7 @@ def read_problems(
 
 def read_envelopes(path: str | Path) -> EnvelopeSet:
     """Read an envelope file. Raises InvalidInput."""
-    return _located(path, lambda: EnvelopeSet.from_json(parse_json(read_text(path), str(path))))
+    return _located(path, lambda: EnvelopeSet.from_json(read_json(path)))
 
 
 def outcome_to_json(outcome: Outcome, *, proof: bool = False) -> dict[str, Any]:
@@ -196,15 +160,6 @@ def check_writable(path: str | Path) -> Path:
 def write_envelopes(path: str | Path, envelopes: EnvelopeSet) -> None:
     """Write an envelope file."""
     write_text(path, json.dumps(envelopes.to_json(), indent=1) + "\n")
-
-
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        names = [name for name, _ in pairs]
-        twice = next(name for name in names if names.count(name) > 1)
-        raise InvalidInput(f"{twice}: expected this key once, got it {names.count(twice)} times")
-    return found
 
 
 def _parsed(text: str, where: str) -> Any | InvalidInput:

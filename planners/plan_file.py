@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +16,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .files import check_writable, parse_json, read_text, write_bytes
+from .archive import unpacked
+from .documents import read_bytes, read_json
+from .files import check_writable, write_bytes
 from .outcome import InvalidInput
 from .plan import Plan
+from .refusals import shown
 from .scene.course import Course
 from .scene.course_json import course_from_json, course_to_json
 from .verify import Report, check_plan
@@ -144,7 +146,7 @@ def is_plan_file(path: str | Path) -> bool:
     """Does the file say that it is a plan? False for what cannot be read, is no JSON or has another name."""
     try:
         header, _ = plan_paths(path)
-        data = parse_json(read_text(header), str(header))
+        data = read_json(header)
     except InvalidInput:
         return False
     return isinstance(data, dict) and str(data.get("format", "")).startswith("stancekit/plan/")
@@ -158,10 +160,10 @@ def _seal(content: Mapping[str, Any]) -> str:
 
 def _header(path: Path) -> dict[str, Any]:
     """The header, as it was written. Raises InvalidInput."""
-    data = parse_json(read_text(path), str(path))
+    data = read_json(path)
     found = data.get("format") if isinstance(data, dict) else type(data).__name__
     if found != FORMAT:
-        raise InvalidInput(f"{path}: expected format {FORMAT!r}, got {found!r:.60}")
+        raise InvalidInput(f"{path}: expected format {FORMAT!r}, got {shown(found)}")
     if set(data) != set(KEYS):
         names = ", ".join(sorted(set(data) ^ set(KEYS)))
         raise InvalidInput(f"{path}: expected the keys {', '.join(KEYS)}; missing or unknown: {names:.120}")
@@ -176,19 +178,12 @@ def _header(path: Path) -> dict[str, Any]:
 
 def _numbers(path: Path, sha256: str) -> dict[str, NDArray[Any]]:
     """The arrays, as they were written. Raises InvalidInput."""
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InvalidInput(f"{path}: expected the plan's numbers beside its .json: {error.strerror}") from None
+    if not path.exists():
+        raise InvalidInput(f"{path}: expected the plan's numbers beside its .json, found nothing there")
+    content = read_bytes(path)
     if hashlib.sha256(content).hexdigest() != sha256:
         raise InvalidInput(f"{path}: digest mismatch: these are not the numbers that the .json was written with")
-    try:
-        if not zipfile.is_zipfile(io.BytesIO(content)):
-            raise ValueError("no .npz")
-        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}
-    except (ValueError, EOFError, OSError, zipfile.BadZipFile) as error:
-        raise InvalidInput(f"{path}: expected arrays without pickle: {error}") from None
+    return unpacked(content, str(path))
 
 
 def _check_numbers(path: Path, numbers: Mapping[str, NDArray[Any]], course: Course) -> None:

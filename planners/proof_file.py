@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from .arrays import Array
-from .files import parse_json, read_text, write_text
+from .documents import read_json
+from .files import write_text
 from .outcome import Certificate, InvalidInput
 from .scene import PostureProblem
 from .scene.course import Course
@@ -74,7 +75,7 @@ def read_proof(path: str | Path) -> tuple[PostureProblem | Course, Certificate]:
 
     Raises InvalidInput in one line for anything else.
     """
-    data = parse_json(read_text(path), str(path))
+    data = read_json(path)
     if not is_proof(data):
         raise InvalidInput(f"{path}: expected format {FORMAT!r}")
     key = SUBJECT[data["format"]]
@@ -123,6 +124,6 @@ def _table(data: Mapping[str, Any], name: str) -> Array:
         found = np.array(data[name])
         if found.ndim != 2 or found.dtype.kind not in "if":
             raise ValueError
-    except ValueError:
+    except (ValueError, TypeError, OverflowError):
         raise InvalidInput(f"{name}: expected a table of numbers") from None
     return found.astype(np.float64)

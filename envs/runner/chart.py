@@ -10,9 +10,10 @@ from matplotlib.figure import Figure
 
 from stancekit.planners.arrays import Array
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.scene.urdf import JOINTS
 
 from ..chart import DEFAULT_STYLE, leg_colour
-from .log import Recorded
+from .log import TOPICS, Recorded, table
 
 SIZE_IN = (9.6, 7.2)
 
@@ -20,21 +21,30 @@ SIZE_IN = (9.6, 7.2)
 def tracked(recorded: Recorded) -> dict[str, Array]:
     """Times, angles as planned, sent and measured, torques, and forces of a log; shape (T,), (T, J) and (T, N, 3).
 
-    Raises InvalidInput for a log without a command.
+    Raises InvalidInput for a log without a command, and for one whose messages do not go together.
     """
     commands, states = recorded.of("command"), recorded.of("measurement")[1:]
     rows = min(len(commands), len(states))
     if not rows:
         raise InvalidInput("log: expected commands, got none: nothing was sent")
-    found = {
-        "planned_rad": [each["planned_rad"] for each in commands[:rows]],
-        "sent_rad": [each["sent_rad"] for each in commands[:rows]],
-        **{
-            name: [each[name] for each in states[:rows]]
-            for name in ("time_s", "angles_rad", "torques_nm", "forces_n", "position_m")
-        },
+    joints = len(recorded.of("plan")[0]["joints"])
+    if not joints or joints % len(JOINTS):
+        raise InvalidInput(f"log: joints: expected {len(JOINTS)} a limb, got {joints}")
+    shapes: dict[str, tuple[int, ...]] = {
+        "planned_rad": (joints,), "sent_rad": (joints,), "time_s": (), "angles_rad": (joints,),
+        "torques_nm": (joints,), "forces_n": (joints // len(JOINTS), 3), "position_m": (3,),
+    }  # fmt: skip
+    return {
+        name: table(
+            [
+                each.get(name)
+                for each in (commands if name in TOPICS["command"] and name != "time_s" else states)[:rows]
+            ],
+            (rows, *shape),
+            f"log: {name}",
+        )
+        for name, shape in shapes.items()
     }
-    return {name: np.array(values, dtype=float) for name, values in found.items()}
 
 
 def differences(tracks: dict[str, Array]) -> dict[str, float]:
@@ -48,7 +58,7 @@ def draw_tracking(recorded: Recorded) -> Figure:
     """Draw a log. Raises InvalidInput for one without commands."""
     plan: dict[str, Any] = recorded.of("plan")[0]
     tracks = tracked(recorded)
-    limbs = sorted({name.split("_")[0] for name in plan["joints"]}, key=lambda n: _first(plan["joints"], n))
+    limbs = [name.rsplit("_", 1)[0] for name in plan["joints"][:: len(JOINTS)]]
     time_s = tracks["time_s"]
     figure = Figure(figsize=SIZE_IN, layout="constrained")
     top, middle, low, bottom = figure.subplots(4, 1, sharex=True)
@@ -83,7 +93,3 @@ def _limb_lines(axes: Axes, time_s: Array, values: Array, limbs: list[str]) -> N
     """One line a limb; values: shape (T, N)."""
     for index, limb in enumerate(limbs):
         axes.plot(time_s, values[:, index], label=limb, color=leg_colour(index), linewidth=0.9)
-
-
-def _first(joints: list[str], limb: str) -> int:
-    return next(index for index, name in enumerate(joints) if name.startswith(f"{limb}_"))

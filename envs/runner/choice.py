@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,7 @@ from stancekit.planners.plan import PlanOutcome
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course import Course
 
-from ..selection import VERTICES, observe
+from ..selection import observe
 from .policy import Observation
 
 Predict = Callable[[Mapping[str, NDArray[Any]]], NDArray[Any]]
@@ -88,11 +87,15 @@ def chosen(predict: Predict, learned: EnvelopeSet, course: Course) -> tuple[Enve
 def triangular(patch: Patch) -> Patch:
     """The largest triangle of a patch's corners: selectors learn from triangles, and observations hold no more."""
     corners = patch.vertices_m
-
-    threes = np.array(list(combinations(range(len(corners)), VERTICES)))
-    a, b, c = (corners[threes[:, k]] for k in range(VERTICES))
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return replace(patch, vertices_m=corners[threes[int(np.argmax(areas))]])
+    _, across, up = patch.frame.T
+    best, found = -1.0, (0, 1, 2)
+    for i in range(len(corners) - 2):
+        away = corners[i + 1 :] - corners[i]
+        areas = np.triu(np.abs(np.outer(away @ across, away @ up) - np.outer(away @ up, away @ across)), 1)
+        j, k = divmod(int(areas.argmax()), len(away))
+        if areas[j, k] > best * (1.0 + 1e-12):
+            best, found = float(areas[j, k]), (i, i + 1 + j, i + 1 + k)
+    return replace(patch, vertices_m=corners[list(found)])
 
 
 class EnvelopeOrLift:

@@ -7,6 +7,7 @@ ended). There are no chunks: a message is in the file as soon as it is written.
 
 from __future__ import annotations
 
+import io
 import json
 import math
 import struct
@@ -20,12 +21,17 @@ from typing import IO, Any, Protocol, Self
 
 import numpy as np
 
-from stancekit.planners.files import check_writable, decoded, parse_json
+from stancekit.planners.arrays import Array
+from stancekit.planners.documents import decoded, parse_json, read_bytes
+from stancekit.planners.files import check_writable
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.refusals import shown
 
 from ..worlds.world import State
 
 FORMAT = "stancekit/run/1"
+LARGEST_TIME = 1e9
+"""Of times [s] and rates [Hz] in a log."""
 TOPICS: dict[str, dict[str, str]] = {
     "plan": {"format": "string", "digest": "string", "course": "string", "joints": "array", "rate_hz": "number"},
     "command": {"time_s": "number", "asked_rad": "array", "sent_rad": "array", "planned_rad": "array"},
@@ -34,6 +40,11 @@ TOPICS: dict[str, dict[str, str]] = {
     "verdict": {"succeeded": "boolean", "message": "string"},
 }
 """The topics, and what every message of each has at least, by JSON type."""
+ARRAYS_OF = {"joints": str}
+"""What the arrays of messages hold; numbers, or rows of them, where it is not said. What was not finite is null."""
+KINDS: dict[str, Any] = {
+    "string": str, "number": float | int, "boolean": bool, "array": list
+}  # fmt: skip
 
 
 class Log(Protocol):
@@ -132,7 +143,7 @@ def read_log(path: str | Path) -> Recorded:
     """Read a log to its end, or to where its writer was killed. Raises InvalidInput for what is no log of a run."""
     path = Path(path)
     try:
-        from mcap.records import Channel, Footer
+        from mcap.records import Channel, Chunk, Footer
         from mcap.records import Message as Raw
     except ImportError:
         raise InvalidInput(f"{path}: expected mcap to read it, got none: pip install 'stancekit[log]'") from None
@@ -142,16 +153,19 @@ def read_log(path: str | Path) -> Recorded:
             whole = True
         elif isinstance(record, Channel):
             topics[record.id] = record.topic
-        elif isinstance(record, Raw) and record.channel_id in topics:
-            topic = topics[record.channel_id]
-            content = parse_json(decoded(record.data, f"{path}: {topic}"), f"{path}: {topic}")
-            if not isinstance(content, dict) or not set(TOPICS.get(topic, ())) <= set(content):
-                raise InvalidInput(f"{path}: {topic}: expected an object with {', '.join(TOPICS.get(topic, ()))}")
+        elif isinstance(record, Chunk):
+            raise InvalidInput(f"{path}: expected a log as it was written, without chunks")
+        elif isinstance(record, Raw) and topics.get(record.channel_id) in TOPICS:
+            topic, where = topics[record.channel_id], f"{path}: {topics[record.channel_id]}"
+            content = parse_json(decoded(record.data, where), where)
+            _check_message(topic, content, where)
             messages.append(Message(topic=topic, time_ns=record.log_time, content=content))
     first = messages[0].content if messages else {}
     if first.get("format") != FORMAT:
         found = first.get("format", "no messages")
-        raise InvalidInput(f"{path}: expected a log of format {FORMAT!r}, got {found!r:.60}")
+        raise InvalidInput(f"{path}: expected a log of format {FORMAT!r}, got {shown(found)}")
+    if messages[0].topic != "plan":
+        raise InvalidInput(f"{path}: expected the topic plan first, got {messages[0].topic}")
     return Recorded(messages=tuple(messages), whole=whole)
 
 
@@ -165,26 +179,58 @@ def state_from_json(content: Mapping[str, Any], where: str) -> State:
     try:
         numbers = {item.name: np.array(content[item.name], dtype=float) for item in fields(State)}
         return State(**{n: float(v) if n in ("time_s", "bump_n") else v for n, v in numbers.items()})  # type: ignore[arg-type]
-    except (KeyError, TypeError, ValueError) as error:
-        raise InvalidInput(f"{where}: expected a whole measurement, got {error!r:.80}") from None
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InvalidInput(f"{where}: expected a whole measurement, got {shown(error, 80)}") from None
+
+
+def _check_message(topic: str, content: Any, where: str) -> None:
+    """Raise InvalidInput unless a message is what its topic's are."""
+    wanted = TOPICS[topic]
+    if not isinstance(content, dict) or not set(wanted) <= set(content):
+        raise InvalidInput(f"{where}: expected an object with {', '.join(wanted)}")
+    for name, kind in wanted.items():
+        value: Any = content[name]
+        if not isinstance(value, KINDS[kind]) or (isinstance(value, bool) and kind != "boolean"):
+            raise InvalidInput(f"{where}: {name}: expected {kind}, got {shown(value)}")
+        if kind == "array" and ARRAYS_OF.get(name) is str and not all(isinstance(item, str) for item in value):
+            raise InvalidInput(f"{where}: {name}: expected texts, got {shown(value)}")
+        if kind == "array" and name not in ARRAYS_OF:
+            table(value, (None,), f"{where}: {name}")
+        if kind == "number" and not abs(value) <= LARGEST_TIME:
+            raise InvalidInput(f"{where}: {name}: expected a number up to {LARGEST_TIME:g}, got {shown(value)}")
+
+
+def table(value: Any, shape: tuple[int | None, ...], where: str) -> Array:
+    """Numbers of a message in this shape, None where any length will do; null is NaN. Raises InvalidInput."""
+    try:
+        found = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(f"{where}: expected numbers, got {shown(value)}") from None
+    if found.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, found.shape, strict=True)):
+        raise InvalidInput(f"{where}: expected numbers of shape {shape}, got {found.shape}")
+    return found
 
 
 def _records(path: Path) -> Iterator[Any]:
     """The records of a file, as far as they are whole."""
-    from mcap.exceptions import EndOfFile, InvalidMagic, McapError
+    from mcap.exceptions import EndOfFile, InvalidMagic
     from mcap.stream_reader import StreamReader
 
-    try:
-        with open(path, "rb") as stream:
-            yield from StreamReader(stream, record_size_limit=path.stat().st_size).records
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
-    except (EndOfFile, struct.error):  # the writer was killed
-        return
-    except InvalidMagic:
-        raise InvalidInput(f"{path}: expected an MCAP file, got something else") from None
-    except McapError as error:
-        raise InvalidInput(f"{path}: expected an MCAP file, broken: {error}") from None
+    content = read_bytes(path)
+    records = StreamReader(io.BytesIO(content), record_size_limit=len(content), emit_chunks=True).records
+    while True:
+        try:
+            record = next(records, None)
+        except (EndOfFile, struct.error):  # the writer was killed
+            return
+        except InvalidMagic:
+            raise InvalidInput(f"{path}: expected an MCAP file, got something else") from None
+        except Exception as error:  # what mcap's readers meet
+            told = " ".join(str(error).split()) or type(error).__name__
+            raise InvalidInput(f"{path}: expected an MCAP file, broken: {told:.120}") from None
+        if record is None:
+            return
+        yield record
 
 
 def _plain(value: Any) -> Any:

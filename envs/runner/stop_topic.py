@@ -7,6 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.refusals import shown
 
 from ..worlds.rosbridge import Message, RosLink
 
@@ -25,7 +26,7 @@ class StopTopic:
     def __init__(self, address: str, timeout_s: float = TIMEOUT_S) -> None:
         found = ADDRESS.fullmatch(address)
         if found is None or not 0 < int(found["port"]) < 65536:
-            raise InvalidInput(f"stop_topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got {address!r:.60}")
+            raise InvalidInput(f"stop_topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got {shown(address)}")
         self.topic, self._pressed = found["topic"], False
         self._link = RosLink(found["host"], int(found["port"]), timeout_s)
 
@@ -46,5 +47,5 @@ class StopTopic:
     def _heard(self, message: Message) -> None:
         told = message.get("data")
         if not isinstance(told, bool):
-            raise InvalidInput(f"expected data to be true or false, got {told!r:.40}")
+            raise InvalidInput(f"expected data to be true or false, got {shown(told, 40)}")
         self._pressed = self._pressed or told

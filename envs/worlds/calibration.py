@@ -12,9 +12,10 @@ import yaml
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.files import read_text, write_text
+from stancekit.planners.documents import read_yaml
+from stancekit.planners.files import write_text
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import refusals
+from stancekit.planners.refusals import refusals, shown
 from stancekit.planners.scene.urdf import JOINTS, Servo
 
 from .control_table import CENTRE_TICK, LATENCY_MS, MODELS, RAD, TICKS, WATCHDOG_S, Model
@@ -117,14 +118,9 @@ class Calibration:
     @classmethod
     def from_yaml(cls, path: str | Path, joints: Sequence[str] | None = None) -> Calibration:
         """Read a file, YAML or JSON, for a robot with these joints. Raises InvalidInput with all that is wrong."""
-        try:
-            data = yaml.load(read_text(path), Loader=_Once)
-        except yaml.YAMLError as error:
-            raise InvalidInput(f"{path}: expected YAML: {' '.join(str(error).split())}") from None
-        if not isinstance(data, dict):
-            raise InvalidInput(f"{path}: expected keys and values, got {type(data).__name__}")
+        data = read_yaml(path)
         if data.get("format") != FORMAT:
-            raise InvalidInput(f"{path}: format: expected {FORMAT}, got {data.get('format')!r:.40}")
+            raise InvalidInput(f"{path}: format: expected {FORMAT}, got {shown(data.get('format'), 40)}")
         try:
             found = TypeAdapter(cls).validate_python(data)
             if joints is not None:
@@ -169,14 +165,3 @@ class Turning:
     def angles(self, ticks: np.ndarray[Any, Any]) -> Array:
         """Joint angles, shape (J,)."""
         return np.asarray(self.direction * (ticks - self.zero) * RAD, dtype=np.float64)
-
-
-class _Once(yaml.SafeLoader):
-    """Refuses a key that is there twice, where YAML would take the last."""
-
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=deep) for key, _ in node.value]
-        twice = next((key for key in keys if keys.count(key) > 1), None)
-        if twice is not None:
-            raise yaml.constructor.ConstructorError(None, None, f"{twice}: expected this key once", node.start_mark)
-        return super().construct_mapping(node, deep=deep)

@@ -11,6 +11,7 @@ import numpy as np
 
 from stancekit.planners.arrays import LARGEST, Array
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.refusals import shown
 
 from .ros_setup import Mapping
 
@@ -72,11 +73,11 @@ class JointStates:
 def _list(message: Any, key: str) -> list[Any]:
     values = message.get(key, []) if isinstance(message, dict) else None
     if not isinstance(values, list):
-        raise InvalidInput(f"expected {key} to be a list, got {values!r:.40}")
+        raise InvalidInput(f"expected {key} to be a list, got {shown(values, 40)}")
     return values
 
 
 def _number(value: Any, name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= LARGEST:
-        raise InvalidInput(f"{name}: expected a finite number, got {value!r:.40}")
+        raise InvalidInput(f"{name}: expected a finite number, got {shown(value, 40)}")
     return float(value)

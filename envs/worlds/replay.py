@@ -27,17 +27,22 @@ class ReplayWorld:
     name = "replay"
 
     def __init__(self, path: str | Path, robot: Robot, servo: Servo = Servo()) -> None:
-        from ..runner.log import read_log, state_from_json
+        from ..runner.log import read_log, state_from_json, table
 
         recorded = read_log(path)
         plan: dict[str, Any] = recorded.of("plan")[0]
-        self.robot, self.servo, self.rate_hz = robot, servo, float(plan["rate_hz"])
+        self.robot, self.servo, self.rate_hz = robot, servo, _rate(plan["rate_hz"], path)
         self.joints = joint_names(robot)
         if tuple(plan["joints"]) != self.joints:
             raise InvalidInput(f"{path}: expected a log of a robot with joints {self.joints[0]} …, got another's")
         self.digest, self.whole = str(plan["digest"]), recorded.whole
         self._states = [state_from_json(each, f"{path}: measurement") for each in recorded.of("measurement")]
-        self._sent = [np.array(each["sent_rad"], dtype=float) for each in recorded.of("command")]
+        count = len(self.joints)
+        self._sent = [table(each["sent_rad"], (count,), f"{path}: sent_rad") for each in recorded.of("command")]
+        for state in self._states:
+            shapes = (state.angles_rad.shape, state.torques_nm.shape, state.forces_n.shape, state.position_m.shape)
+            if shapes != ((count,), (count,), (len(robot.limbs), 3), (3,)):
+                raise InvalidInput(f"{path}: measurement: expected numbers of {count} joints, got shapes {shapes}")
         if not self._states:
             raise InvalidInput(f"{path}: expected measurements, got none: the run ended before it began")
         self._sees = bool(plan.get("sees", True))
@@ -75,3 +80,9 @@ class ReplayWorld:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+
+def _rate(value: float, path: str | Path) -> float:
+    if not 1.0 <= value <= 1000.0:
+        raise InvalidInput(f"{path}: rate_hz: expected 1 to 1000, got {value:g}")
+    return float(value)

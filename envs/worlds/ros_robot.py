@@ -10,6 +10,7 @@ import numpy as np
 
 from stancekit.planners.arrays import Array
 from stancekit.planners.outcome import HardwareFault, InvalidInput
+from stancekit.planners.refusals import shown
 
 from .joint_states import JointStates
 from .ros_goal import Goals, trajectory
@@ -116,13 +117,13 @@ class RosRobot:
     def _controls(self, message: Any) -> None:
         names = message.get("joint_names") if isinstance(message, dict) else None
         if not isinstance(names, list):
-            raise InvalidInput(f"expected joint_names to be a list, got {names!r:.40}")
+            raise InvalidInput(f"expected joint_names to be a list, got {shown(names, 40)}")
         self._controlled = [str(name) for name in names]
 
     def _press(self, message: Any) -> None:
         told = message.get("data") if isinstance(message, dict) else None
         if not isinstance(told, bool):
-            raise InvalidInput(f"expected data to be true or false, got {told!r:.40}")
+            raise InvalidInput(f"expected data to be true or false, got {shown(told, 40)}")
         self.pressed = self.pressed or told
 
 

@@ -12,9 +12,10 @@ import yaml
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.files import read_text, write_text
+from stancekit.planners.documents import read_yaml
+from stancekit.planners.files import write_text
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import refusals
+from stancekit.planners.refusals import refusals, shown
 
 FORMAT: Final = "stancekit/ros/1"
 Name = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/]+$")]
@@ -95,14 +96,9 @@ class RosSetup:
     @classmethod
     def from_yaml(cls, path: str | Path, joints: Sequence[str] | None = None) -> RosSetup:
         """Read a file, YAML or JSON, for a robot with these joints. Raises InvalidInput with all that is wrong."""
-        try:
-            data = yaml.safe_load(read_text(path))
-        except yaml.YAMLError as error:
-            raise InvalidInput(f"{path}: expected YAML: {' '.join(str(error).split())}") from None
-        if not isinstance(data, dict):
-            raise InvalidInput(f"{path}: expected keys and values, got {type(data).__name__}")
+        data = read_yaml(path)
         if data.get("format") != FORMAT:
-            raise InvalidInput(f"{path}: format: expected {FORMAT}, got {data.get('format')!r:.40}")
+            raise InvalidInput(f"{path}: format: expected {FORMAT}, got {shown(data.get('format'), 40)}")
         try:
             found = TypeAdapter(cls).validate_python(data)
             if joints is not None:

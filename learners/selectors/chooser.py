@@ -103,7 +103,8 @@ class Chooser:
             raise InvalidInput(f"{path}: {error}") from None
         if problem_class not in (None, envelopes.problem_class):
             raise InvalidInput(f"{path}: expected a chooser for {problem_class}, got one for {envelopes.problem_class}")
-        network = ChoiceNetwork(raw.architecture.architecture(path), len(envelopes.envelopes))
+        with torch.device("meta"):
+            network = ChoiceNetwork(raw.architecture.architecture(path), len(envelopes.envelopes))
         load_weights(network, tensors, path)
         return cls(network, envelopes)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass, fields
 from pathlib import Path
@@ -16,9 +15,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from stancekit.envs.chart import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
+from stancekit.planners.archive import read_archive
 from stancekit.planners.arrays import Array
+from stancekit.planners.documents import parse_json
 from stancekit.planners.files import write_bytes
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.refusals import shown
 
 from .verdicts import Counts
 
@@ -75,17 +77,15 @@ def read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generat
 
     Raises InvalidInput for what is damaged, foreign, or of a run with other settings or data.
     """
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            found = {name: stored[name] for name in ("format", "digest", "state", "population", "history", "counts")}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise InvalidInput(f"{path}: expected a checkpoint ({FORMAT}), got {type(error).__name__}: {error}") from None
+    found = read_archive(path)
+    if set(found) != {"format", "digest", "state", "population", "history", "counts"}:
+        raise InvalidInput(f"{path}: expected a checkpoint ({FORMAT}), got the arrays {shown(sorted(found))}")
     if str(found["format"]) != FORMAT:
-        raise InvalidInput(f"{path}: format: expected {FORMAT!r}, got {str(found['format'])!r:.60}")
+        raise InvalidInput(f"{path}: format: expected {FORMAT!r}, got {shown(str(found['format']))}")
     if str(found["digest"]) != _digest(about):
         raise InvalidInput(f"{path}: expected the checkpoint of a run with these settings and data, got another's")
     try:
-        rng.bit_generator.state = json.loads(str(found["state"]))
+        rng.bit_generator.state = parse_json(str(found["state"]), "state")
         history = [
             Generation(
                 number=int(row[0]), **dict(zip(_REALS, map(float, row[1:7]), strict=True)), evaluations=int(row[7]),
@@ -93,7 +93,7 @@ def read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generat
             )
             for row, counts in zip(found["history"], found["counts"], strict=True)
         ]  # fmt: skip
-    except (ValueError, TypeError, IndexError, KeyError) as error:
+    except (ValueError, TypeError, IndexError, KeyError, OverflowError) as error:
         raise InvalidInput(f"{path}: expected a checkpoint ({FORMAT}), got a damaged one: {error}") from None
     return Run(population=found["population"], history=history)
 

@@ -103,7 +103,8 @@ class NeuralSelector:
             raise InvalidInput(f"{path}: expected a selector for {problem_class}, got one for {raw.problem_class}")
         if legs is not None and raw.legs != list(legs):
             raise InvalidInput(f"{path}: expected a selector for legs {list(legs)}, got one for {raw.legs}")
-        network = BoxNetwork(raw.architecture.architecture(path))
+        with torch.device("meta"):
+            network = BoxNetwork(raw.architecture.architecture(path))
         load_weights(network, tensors, path)
         return cls(
             network, problem_class=raw.problem_class, legs=raw.legs, force_scale_n=raw.force_scale_n,

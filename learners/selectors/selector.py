@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.contact.envelope import EnvelopeSet
+from stancekit.planners.documents import decoded, parse_json
 from stancekit.planners.files import read_envelopes, write_envelopes
 from stancekit.planners.outcome import InvalidInput
 
@@ -124,7 +124,7 @@ def _safetensors_format(path: Path) -> str | None:
             return None
         header = b"{" + file.read(size - 1)
     try:
-        notes = json.loads(json.loads(header)["__metadata__"]["stancekit"])
-        return str(notes["format"])
-    except (ValueError, TypeError, KeyError, RecursionError):
+        head = parse_json(decoded(header, "header"), "header")
+        return str(parse_json(head["__metadata__"]["stancekit"], "header")["format"])
+    except (ValueError, TypeError, KeyError):
         return "a safetensors file of something else"

@@ -13,6 +13,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
+from stancekit.planners.documents import parse_json
 from stancekit.planners.files import write_bytes
 from stancekit.planners.outcome import InvalidInput
 
@@ -20,6 +21,10 @@ from .network import Architecture
 
 KEY = "stancekit"
 """The one key of a file's metadata, which holds the JSON header with its ``format``; several have no fixed order."""
+
+
+MOST_BYTES = 512_000_000
+DTYPES = (torch.float32, torch.float64, torch.int64)
 
 
 def write_tensors(path: str | Path, kind: str, header: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> None:
@@ -34,28 +39,38 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str,
     if not path.is_file():
         found = "a folder" if path.is_dir() else "nothing"
         raise InvalidInput(f"{path}: expected a file of format {kind}, found {found}")
+    if path.stat().st_size > MOST_BYTES:
+        raise InvalidInput(f"{path}: expected a file of {MOST_BYTES} bytes or fewer, got {path.stat().st_size}")
     try:
         with safe_open(path, framework="pt") as file:
-            header = json.loads((file.metadata() or {}).get(KEY, "null"))
+            header = parse_json((file.metadata() or {}).get(KEY, "null"), "header")
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 — not a dictionary
-    except (SafetensorError, OSError, ValueError) as error:
+    except (SafetensorError, OSError, ValueError, RuntimeError, TypeError) as error:
         raise InvalidInput(f"{path}: expected a whole file of format {kind}: {' '.join(str(error).split())}") from None
     said = header.pop("format", None) if isinstance(header, dict) else None
     if said != kind:
         raise InvalidInput(f"{path}: expected format {kind}, got {'none' if said is None else str(said)[:60]}")
     for name, tensor in tensors.items():
+        if tensor.dtype not in DTYPES:
+            raise InvalidInput(f"{path}: tensor {name}: expected single or double precision, got {tensor.dtype}")
         if not bool(torch.isfinite(tensor).all()):
             raise InvalidInput(f"{path}: tensor {name}: expected finite numbers")
     return header, tensors
 
 
 def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: str | Path) -> None:
-    """Put a file's tensors into a network. Raises InvalidInput unless names and shapes are the network's."""
+    """Put a file's tensors into a network. Raises InvalidInput unless names and shapes are the network's.
+
+    Make the network on ``torch.device("meta")`` where a file says how large it is: nothing is allocated then before
+    the shapes are those of the file's tensors.
+    """
     wanted = {name: tuple(value.shape) for name, value in network.state_dict().items()}
     found = {name: tuple(value.shape) for name, value in tensors.items()}
     if wanted != found:
         odd = sorted(name for name in wanted | found if wanted.get(name) != found.get(name))[0]
         raise InvalidInput(f"{path}: tensor {odd}: expected shape {wanted.get(odd)}, got {found.get(odd)}")
+    if any(value.is_meta for value in network.state_dict().values()):
+        network.to_empty(device="cpu")
     network.load_state_dict(tensors)
 
 

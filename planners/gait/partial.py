@@ -10,10 +10,10 @@ from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
+from ..archive import read_archive
 from ..arrays import Array
 from ..files import write_bytes
 from .attempt import Attempt, Attempted
@@ -83,11 +83,12 @@ class Partial:
 
     def _read(self, path: Path) -> None:
         """Take up what a run of the same task left; a file that cannot be read counts for nothing."""
-        with suppress(OSError, ValueError, KeyError, EOFError, BadZipFile), np.load(path, allow_pickle=False) as packed:
+        with suppress(ValueError, KeyError, TypeError):
+            packed = read_archive(path)
             if str(packed["digest"]) == self._digest:
-                names = [int(name.removeprefix("x_")) for name in packed.files if name.startswith("x_")]
-                self._done, self._own = set(packed["done"].tolist()), True
-                self._points = {k: (int(packed[f"stage_{k}"]), packed[f"x_{k}"]) for k in names}
+                names = [int(name.removeprefix("x_")) for name in packed if name.startswith("x_")]
+                points = {k: (int(packed[f"stage_{k}"]), packed[f"x_{k}"]) for k in names}
+                self._done, self._points, self._own = {int(k) for k in packed["done"]}, points, True
 
 
 def _digest(task: GaitTask, settings: GaitSettings, attempts: Sequence[Attempt], phases: Mapping[str, Any]) -> str:

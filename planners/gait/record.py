@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,15 +18,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from ..archive import read_archive
 from ..arrays import frozen
-from ..files import check_writable, parse_json, read_text, write_bytes, write_text
+from ..documents import read_json
+from ..files import check_writable, write_bytes, write_text
 from ..outcome import InvalidInput
-from ..refusals import refusals
+from ..refusals import refusals, shown
 from ..scene.heightfield import HeightField
 from .judge import GaitReport, check_trajectory
 from .trajectory import SAMPLES, Trajectory, robot_from_json
 
 FORMAT = "stancekit/gait/1"
+TERRAIN = ("terrain_x_m", "terrain_y_m", "terrain_heights_m")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,10 +78,10 @@ def check_names(path: str | Path) -> tuple[Path, Path]:
 def read_trajectory(path: str | Path) -> Record:
     """Read a pair of files. Raises InvalidInput, one line, for whatever is not as it was written."""
     path = Path(path)
-    data = parse_json(read_text(path), str(path))
+    data = read_json(path)
     if not isinstance(data, dict) or data.get("format") != FORMAT:
         came = data.get("format") if isinstance(data, dict) else type(data).__name__
-        raise InvalidInput(f"{path}: expected an object with format {FORMAT!r}, got {came!r:.60}")
+        raise InvalidInput(f"{path}: expected an object with format {FORMAT!r}, got {shown(came)}")
     try:
         header = _Header.model_validate(data)
     except ValidationError as error:
@@ -87,7 +89,9 @@ def read_trajectory(path: str | Path) -> Record:
     if header.digest != _seal({name: value for name, value in data.items() if name != "digest"}):
         raise InvalidInput(f"{path}: its digest does not fit its contents: changed since it was written")
     samples = path.with_suffix(".npz")
-    arrays = _read_arrays(samples)
+    if not samples.exists():
+        raise InvalidInput(f"{samples}: expected the samples of the trajectory, found nothing there")
+    arrays = read_archive(samples)
     try:
         trajectory = _assemble(header, arrays)
     except InvalidInput as error:
@@ -112,6 +116,9 @@ def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory
     missing = [name for name in SAMPLES if name not in arrays]
     if missing:
         raise InvalidInput(f"{missing[0]}: expected this array, got nothing")
+    unknown = sorted(name for name in arrays if name not in SAMPLES and name not in TERRAIN)
+    if unknown:
+        raise InvalidInput(f"{unknown[0]}: unknown array")
     if arrays["contact"].dtype != np.bool_:
         raise InvalidInput(f"contact: expected truth values, got {arrays['contact'].dtype}")
     count, feet = arrays["times_s"].size, len(robot.feet)
@@ -134,19 +141,6 @@ def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory
         goal_xy_m=frozen(header.goal_xy_m, (2,), "goal_xy_m"),
         provenance=header.provenance,
     )
-
-
-def _read_arrays(path: Path) -> dict[str, NDArray[Any]]:
-    """The arrays of an .npz file, none of them pickled. Raises InvalidInput."""
-    try:
-        with np.load(path, allow_pickle=False) as packed:
-            return {name: packed[name] for name in packed.files}
-    except FileNotFoundError:
-        raise InvalidInput(f"{path}: expected the samples of the trajectory, found nothing there") from None
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, EOFError, KeyError, AttributeError, zipfile.BadZipFile):
-        raise InvalidInput(f"{path}: expected arrays in .npz form, without pickled objects") from None
 
 
 def _seal(header: Mapping[str, Any]) -> str:

@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
-from ..arrays import Array, checked, frozen, gathered
-from ..files import read_text
+from ..arrays import Array, checked, checked_name, frozen, gathered
+from ..documents import read_yaml
 from ..outcome import InvalidInput
+from ..refusals import shown
 from ..scene.robot import hexapod
 
 GRAVITY_M_S2 = 9.81
@@ -33,6 +33,7 @@ class Foot:
     hip_m: Array
 
     def __post_init__(self) -> None:
+        checked_name(self.name, "name")
         for name in ("nominal_m", "reach_min_m", "reach_max_m", "hip_m"):
             object.__setattr__(self, name, frozen(getattr(self, name), (3,), f"foot {self.name}: {name}"))
         if not np.all((self.reach_min_m < self.nominal_m) & (self.nominal_m < self.reach_max_m)):
@@ -59,7 +60,7 @@ class GaitRobot:
     trunk_half_m: Array
 
     def __post_init__(self) -> None:
-        where = f"robot {self.name}"
+        where = f"robot {checked_name(self.name, 'name')}"
         gathered(
             lambda: object.__setattr__(self, "mass_kg", checked(self.mass_kg, f"{where}: mass_kg", above=0.0)),
             lambda: object.__setattr__(self, "inertia_kgm2", _inertia(self.inertia_kgm2, f"{where}: inertia_kgm2")),
@@ -89,12 +90,9 @@ class GaitRobot:
         Such a file has the keys urdf (a path from the file's folder), feet (names of frames), posture_rad and
         trunk_half_m, and may have the options of ``urdf.measured``. Raises InvalidInput with all that is wrong.
         """
+        data = read_yaml(path)
         try:
-            data = yaml.safe_load(read_text(path))
-        except yaml.YAMLError as error:
-            raise InvalidInput(f"{path}: expected YAML: {' '.join(str(error).split())}") from None
-        try:
-            return _measured(data, Path(path).parent) if isinstance(data, dict) and "urdf" in data else _robot_of(data)
+            return _measured(data, Path(path).parent) if "urdf" in data else _robot_of(data)
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
 
@@ -172,12 +170,12 @@ def _measured(data: dict[str, Any], folder: Path) -> GaitRobot:
         raise InvalidInput("; ".join(wrong))
     feet, name, steps = data["feet"], data.get("name", ""), data.get("steps", 70)
     if not isinstance(feet, list) or not feet or not all(isinstance(foot, str) for foot in feet):
-        raise InvalidInput(f"feet: expected names of frames, got {feet!r:.80}")
+        raise InvalidInput(f"feet: expected names of frames, got {shown(feet, 80)}")
     for key in ("urdf", "name"):
         if not isinstance(data.get(key, ""), str):
-            raise InvalidInput(f"{key}: expected a text, got {data[key]!r:.80}")
+            raise InvalidInput(f"{key}: expected a text, got {shown(data[key], 80)}")
     if not isinstance(steps, int) or not 2 <= steps <= 200:
-        raise InvalidInput(f"steps: expected a whole number in [2, 200], got {steps!r:.80}")
+        raise InvalidInput(f"steps: expected a whole number in [2, 200], got {shown(steps, 80)}")
     options: dict[str, Any] = {key: checked(data[key], key) for key in ("ceiling_m", "inner_m") if key in data}
     if "voxel_m" in data:
         options["voxel_m"] = checked(data["voxel_m"], "voxel_m", above=0.0)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..outcome import InvalidInput
+from ..refusals import shown
 
 if TYPE_CHECKING:
     from ..scene.heightfield import HeightField
@@ -138,7 +139,7 @@ def robot_from_json(data: Any) -> GaitRobot:
     except InvalidInput as error:
         raise InvalidInput(f"robot: {error}") from None
     except (TypeError, KeyError, ValueError, AttributeError):
-        raise InvalidInput(f"robot: expected an object as `stancekit gait` writes it, got {data!r:.60}") from None
+        raise InvalidInput(f"robot: expected an object as `stancekit gait` writes it, got {shown(data)}") from None
 
 
 def _held(value: Any, kind: type, where: str) -> NDArray[Any]:
@@ -146,6 +147,6 @@ def _held(value: Any, kind: type, where: str) -> NDArray[Any]:
     try:
         array: NDArray[Any] = np.array(value, dtype=kind)
     except (TypeError, ValueError, OverflowError):
-        raise InvalidInput(f"{where}: expected an array of numbers, got {value!r:.60}") from None
+        raise InvalidInput(f"{where}: expected an array of numbers, got {shown(value)}") from None
     array.setflags(write=False)
     return array

@@ -7,19 +7,27 @@ is searched for exhaustively.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from itertools import product
 from pathlib import Path
 from typing import Any
+from xml.parsers.expat import ExpatError, ParserCreate
 
 import numpy as np
 from scipy.ndimage import binary_closing
 
 from ..arrays import Array
+from ..documents import read_text
 from ..outcome import InvalidInput
+from ..refusals import shown
 from .robot import Foot, GaitRobot
 
 FULL_TURN = np.pi
+DEEPEST_XML = 30
+MOST_SAMPLES, MOST_VOXELS = 2_000_000, 20_000_000
+"""Of a leg's workspace."""
 
 
 def measured(
@@ -47,9 +55,14 @@ def measured(
     path = Path(path)
     if not path.exists():
         raise InvalidInput(f"{path}: expected a URDF file, found nothing there")
+    text = read_text(path)
+    _check_xml(text, path)
+    if len(set(feet)) < len(feet):
+        raise InvalidInput(f"feet: expected different frames, got {shown(list(feet))}")
     try:
-        model = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
-    except (ValueError, RuntimeError) as error:
+        with _quiet():
+            model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    except Exception as error:  # what pinocchio meets
         raise InvalidInput(f"{path}: expected a URDF: {' '.join(str(error).split())[:120]}") from None
     data = model.createData()
     if len(posture) != model.nq - 7:
@@ -89,6 +102,11 @@ class _Leg:
     def foot(self, name: str) -> Foot:
         frame = self._model.getFrameId(name)
         joints = [j for j in self._model.supports[self._model.frames[frame].parentJoint] if j > 1]
+        if len(joints) < 3 or any(self._model.joints[j].nq != 1 for j in joints):
+            raise InvalidInput(f"feet: expected three or more joints of one angle before {name!r}, got {len(joints)}")
+        samples = self._steps ** len(joints)
+        if samples > MOST_SAMPLES:
+            raise InvalidInput(f"steps: expected {MOST_SAMPLES} samples a leg or fewer, got {samples}")
         columns = [self._model.joints[j].idx_q for j in joints]
         nominal = self._placed(self._q, frame)
         hip = np.array(self._data.oMi[joints[1]].translation) - self._centre
@@ -111,6 +129,8 @@ class _Leg:
         if self._first is None:
             self._first = stand
         below, above = np.array(self._ranges or [(FULL_TURN, FULL_TURN)] * len(columns), dtype=np.float64).T
+        if len(below) != len(columns):
+            raise InvalidInput(f"ranges_rad: expected {len(columns)}, one a joint of a leg, got {len(below)}")
         mirrored = np.sign(stand) * np.sign(self._first) < 0
         down, up = np.where(mirrored, above, below), np.where(mirrored, below, above)
         low = np.maximum(stand - down, self._model.lowerPositionLimit[columns])
@@ -121,6 +141,8 @@ class _Leg:
         """The largest box of reached voxels that holds the nominal foot: its lower and upper corner, shape (3,) [m]."""
         corner = points.min(axis=0) - self._voxel
         cells = np.floor((points - corner) / self._voxel).astype(int)
+        if np.prod(cells.max(axis=0) + 2.0) > MOST_VOXELS:
+            raise InvalidInput(f"voxel_m: expected {MOST_VOXELS} voxels a leg or fewer, got more at {self._voxel:g} m")
         reached = np.zeros(tuple(cells.max(axis=0) + 2), dtype=np.bool_)
         reached[tuple(cells.T)] = True
         reached = binary_closing(reached, np.ones((2, 2, 2), dtype=np.bool_))
@@ -164,6 +186,43 @@ def largest_box(full: Any, home: Array) -> tuple[Array, Array]:
                         best = volume
                         found = np.array([low_x, low_y, low_z]), np.array([high_x, high_y, high_z])
     return found
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Nothing on standard error, where urdfdom writes several lines by itself before it refuses."""
+    with open(os.devnull, "wb") as nowhere:
+        kept = os.dup(2)
+        os.dup2(nowhere.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
+
+
+def _check_xml(text: str, path: Path) -> None:
+    """Raise InvalidInput unless a text is XML of a robot, without entities of its own and of a depth that is usual."""
+    parser, depth = ParserCreate(), [0, 0]
+
+    def begun(name: str, _: dict[str, str]) -> None:
+        if depth[1] == 0 and name != "robot":
+            raise InvalidInput(f"expected a robot, got {shown(name)}")
+        depth[:] = depth[0] + 1, depth[1] + 1
+        if depth[0] > DEEPEST_XML:
+            raise InvalidInput(f"expected {DEEPEST_XML} levels of elements or fewer, got more")
+
+    def ended(_: str) -> None:
+        depth[0] -= 1
+
+    def declared(*_: Any) -> None:
+        raise InvalidInput("expected XML without a document type and entities")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = begun, ended, declared
+    try:
+        parser.Parse(text.encode(), True)
+    except (ExpatError, InvalidInput) as error:
+        raise InvalidInput(f"{path}: expected a URDF: {error}") from None
 
 
 def _pinocchio() -> Any:

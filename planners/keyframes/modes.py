@@ -18,6 +18,7 @@ from ..arrays import Array
 from ..contact.envelope import Envelope, EnvelopeSet
 from ..contact.scaled import ScaledProblem
 from ..outcome import InvalidInput
+from ..refusals import shown
 from ..scene import PostureProblem
 from .layout import Index, Layout
 from .products import Axes, domain_of
@@ -62,7 +63,7 @@ class Modes:
             raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, names and boxes")
         names = data["names"]
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-            raise InvalidInput(f"names: expected a list of texts, got {names!r:.80}")
+            raise InvalidInput(f"names: expected a list of texts, got {shown(names, 80)}")
         try:
             return cls(names=tuple(names), boxes=EnvelopeSet.from_json(data["boxes"]))
         except InvalidInput as error:

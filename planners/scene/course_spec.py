@@ -7,10 +7,9 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
 from pydantic import ValidationError
 
-from ..files import parse_json, read_text
+from ..documents import parse_yaml, read_json, read_yaml
 from ..outcome import InvalidInput
 from ..refusals import refusals
 from .course import Course
@@ -30,7 +29,7 @@ def read_course(course: str | Path, frames: int | None = None) -> Course:
     if Path(course).suffix == ".json":
         if frames is not None:
             raise InvalidInput(f"{course}: expected no other number of frames for a course whose placements are fixed")
-        data = parse_json(read_text(course), str(course))
+        data = read_json(course)
         try:
             if isinstance(data, Mapping) and data.get("format") == POSTURE:
                 return Course.of_posture(PostureProblem.from_json(data), Path(course).stem)
@@ -49,14 +48,13 @@ def read_spec(course: str | Path) -> CourseSpec:
     name = str(course)
     if name in builtin_courses():
         text = resources.files("stancekit.configs.courses").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+        data = parse_yaml(text, name)
     elif not Path(name).suffix and not Path(name).exists():
         raise InvalidInput(f"course: expected one of {', '.join(builtin_courses())} or a YAML file, got {name!r}")
     else:
-        text = read_text(course)
+        data = read_yaml(course)
     try:
-        return spec_from(yaml.safe_load(text))
-    except yaml.YAMLError as error:
-        raise InvalidInput(f"{name}: expected YAML: {' '.join(str(error).split())}") from None
+        return spec_from(data)
     except InvalidInput as error:
         raise InvalidInput(f"{name}: {error}") from None
 

@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import io
+import warnings
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from ..archive import array_of, unpacked
 from ..arrays import Array, checked
+from ..documents import decoded, read_bytes
 from ..outcome import InvalidInput
+from ..refusals import shown
 from .heightfield import MOST_POINTS, WIDEST_M, HeightField
+from .mesh_file import read_corners
 
 MESHES = (".stl", ".obj", ".ply", ".off", ".glb")
 KINDS = (".npy", ".npz", ".csv", ".png", *MESHES)
-MOST_BYTES = 500_000_000
+MOST_COVERED = 2e8
+"""Grid points under all triangles of a mesh together, as each has to be looked at."""
 ROWS_POINTS = 200_000
 """Points at which a spline is looked at in one go."""
 TOLERANCE_M = 0.025
@@ -55,20 +60,17 @@ def _read(path: Path, spacing_m: float, unit_m: float, height_m: tuple[float, fl
         raise InvalidInput(f"height_m: expected a .png with it, got {path}")
     spacing = checked(spacing_m, "spacing_m", above=0.0, most=WIDEST_M)
     unit = checked(unit_m, "unit_m", above=0.0)
-    content = _content(path)
-    try:
-        if suffix == ".png":
-            return HeightField.from_array(_picture(content, path, height_m), spacing, name=label)
-        if suffix == ".npz":
-            with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-                return HeightField.from_arrays(dict(arrays), label)
-        if suffix in MESHES:
-            return _seen_from_above(_triangles(content, path, suffix) * unit, spacing, label)
-        heights = _table(content, path) if suffix == ".csv" else np.load(io.BytesIO(content), allow_pickle=False)
-    except InvalidInput:
-        raise
-    except (ValueError, OSError, EOFError, KeyError, IndexError, TypeError) as error:
-        raise InvalidInput(f"{path}: expected a {suffix} terrain, cannot read it: {error!s:.120}") from None
+    if suffix in MESHES:
+        corners, triangles = read_corners(path)
+        return _seen_from_above(unit * corners[triangles], spacing, label)
+    content = read_bytes(path)
+    if not content:
+        raise InvalidInput(f"{path}: expected a terrain, the file is empty")
+    if suffix == ".png":
+        return HeightField.from_array(_picture(content, path, height_m), spacing, name=label)
+    if suffix == ".npz":
+        return HeightField.from_arrays(unpacked(content, str(path)), label)
+    heights = _table(content, path) if suffix == ".csv" else array_of(content, str(path))
     if heights.dtype.kind not in "fiu":
         raise InvalidInput(f"{path}: expected numbers, got an array of {heights.dtype}")
     if heights.ndim != 2:
@@ -98,22 +100,10 @@ def _check_held(field: HeightField, tolerance_m: float) -> None:
         )
 
 
-def _content(path: Path) -> bytes:
-    try:
-        if path.is_file() and path.stat().st_size > MOST_BYTES:
-            raise InvalidInput(f"{path}: expected {MOST_BYTES} bytes or fewer, got {path.stat().st_size}")
-        content = path.read_bytes()
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
-    if not content:
-        raise InvalidInput(f"{path}: expected a terrain, the file is empty")
-    return content
-
-
 def _table(content: bytes, path: Path) -> Array:
     """Rows of numbers with commas, semicolons or blanks between them; an empty field is a hole."""
-    from ..files import decoded
-
+    if sum(map(content.count, (b",", b";", b"\t", b" ", b"\n"))) > 4 * MOST_POINTS:
+        raise InvalidInput(f"{path}: expected {MOST_POINTS} numbers or fewer, got more")
     rows: list[list[float]] = []
     for number, line in enumerate(decoded(content, str(path)).splitlines(), 1):
         text = line.strip()
@@ -124,7 +114,7 @@ def _table(content: bytes, path: Path) -> Array:
         try:
             rows.append([float(field) if field else float("nan") for field in fields])
         except ValueError:
-            raise InvalidInput(f"{path} line {number}: expected numbers, got {text!r:.60}") from None
+            raise InvalidInput(f"{path} line {number}: expected numbers, got {shown(text)}") from None
         if len(rows[-1]) != len(rows[0]):
             raise InvalidInput(f"{path} line {number}: expected {len(rows[0])} numbers, got {len(rows[-1])}")
     if not rows:
@@ -142,7 +132,10 @@ def _picture(content: bytes, path: Path, height_m: tuple[float, float] | None) -
         raise InvalidInput(f"{path}: expected height_m with a .png, the heights of black and white [m], got none")
     low, high = (checked(value, "height_m") for value in height_m)
     try:
-        with Image.open(io.BytesIO(content)) as image:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of Pillow, on pictures that are refused below
+            image = Image.open(io.BytesIO(content), formats=["PNG"])
+        with image:
             if image.width * image.height > MOST_POINTS:
                 raise InvalidInput(f"{path}: expected {MOST_POINTS} pixels or fewer, got {image.width * image.height}")
             if "A" in image.getbands() and np.asarray(image.getchannel("A")).min() < 255:
@@ -154,24 +147,6 @@ def _picture(content: bytes, path: Path, height_m: tuple[float, float] | None) -
     except Exception as error:  # Pillow raises many kinds on broken files
         raise InvalidInput(f"{path}: expected a .png picture, cannot read it: {error!s:.120}") from None
     return np.asarray(low + (high - low) * grey[::-1].T / (65535.0 if deep else 255.0))
-
-
-def _triangles(content: bytes, path: Path, suffix: str) -> Array:
-    """Corners of the mesh's triangles, shape (T, 3, 3), in the file's unit."""
-    try:
-        import trimesh
-    except ImportError:
-        raise InvalidInput(f"{path}: meshes need trimesh: pip install 'stancekit[viz]'") from None
-    try:
-        mesh: Any = trimesh.load(io.BytesIO(content), file_type=suffix[1:], force="mesh", process=False)
-        triangles = np.asarray(mesh.triangles, dtype=np.float64)
-    except Exception as error:  # trimesh's readers raise whatever their formats do
-        raise InvalidInput(f"{path}: expected a {suffix} mesh, cannot read it: {error!s:.120}") from None
-    if len(triangles) == 0:
-        raise InvalidInput(f"{path}: expected triangles, got none")
-    if not np.all(np.isfinite(triangles)):
-        raise InvalidInput(f"{path}: expected finite corners, got {np.sum(~np.isfinite(triangles))} that are not")
-    return triangles
 
 
 def _seen_from_above(triangles: Array, spacing: float, label: str) -> HeightField:
@@ -194,6 +169,7 @@ def _seen_from_above(triangles: Array, spacing: float, label: str) -> HeightFiel
         )
     lines = [np.linspace(low[k] + edge[k], low[k] + edge[k] + (n - 1) * spacing, n) for k, n in enumerate(counts)]
     lines = [np.minimum(line, high[k] - edge[k]) for k, line in enumerate(lines)]
+    _check_cover(triangles, spacing, label)
     heights = np.full(tuple(counts), -np.inf)
     for corners in triangles:
         _raise_to(heights, lines[0], lines[1], corners)
@@ -205,6 +181,16 @@ def _seen_from_above(triangles: Array, spacing: float, label: str) -> HeightFiel
             f"({lines[0][i]:.3f}, {lines[1][j]:.3f}) m, {len(holes)} of {heights.size} grid points"
         )
     return HeightField(lines[0], lines[1], heights, label)
+
+
+def _check_cover(triangles: Array, spacing: float, label: str) -> None:
+    """Raise InvalidInput for triangles that lie over one another so often that reading them takes minutes."""
+    spans = np.ptp(triangles[:, :, :2], axis=1) / spacing + 1.0
+    covered = float(np.prod(spans, axis=1).sum())
+    if covered > MOST_COVERED:
+        raise InvalidInput(
+            f"{label}: expected triangles over {MOST_COVERED:g} grid points in all or fewer, got {covered:.3g}"
+        )
 
 
 def _raise_to(heights: Array, x: Array, y: Array, corners: Array) -> None:

@@ -45,6 +45,8 @@ class HeightField:
             object.__setattr__(self, axis, _grid_lines(getattr(self, axis), f"{where}: {axis}"))
         heights = np.asarray(self.heights_m)
         shape = (len(self.x_m), len(self.y_m))
+        if heights.size > MOST_POINTS:
+            raise InvalidInput(f"{where}: expected {MOST_POINTS} grid points or fewer, got {heights.size}")
         if heights.ndim == 2 and heights.dtype.kind == "f" and not np.all(np.isfinite(heights)):
             raise InvalidInput(_hole(heights, f"{where}: heights_m"))
         object.__setattr__(self, "heights_m", frozen(heights, shape, f"{where}: heights_m"))

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..outcome import InvalidInput
+from .mesh_file import read_corners
 from .patch import Patch
 from .surfaces import SMALLEST_M, shear_of, width
 
@@ -38,8 +38,11 @@ def read_mesh(
     Raises InvalidInput for a file that is missing or no mesh, for an empty mesh, for one that is not a surface (an edge
     of three triangles, or of two that face opposite ways) and for one of an unlikely size.
     """
-    mesh = _loaded(Path(path))
-    corners, triangles = _welded(np.asarray(mesh.vertices, dtype=np.float64) * unit_m, np.asarray(mesh.faces))
+    if Path(path).suffix.lower() not in FORMATS:
+        raise InvalidInput(f"{path}: expected a mesh file, {', '.join(FORMATS)}")
+    corners, triangles = read_corners(path)
+    with np.errstate(all="ignore"):  # absurd magnitudes end as no area
+        corners, triangles = _welded(corners * unit_m, triangles)
     if len(triangles) == 0:
         raise InvalidInput(f"{path}: expected a mesh with triangles, got an empty one")
     if len(triangles) > MOST_TRIANGLES:
@@ -55,27 +58,8 @@ def read_mesh(
     return tuple(patches)
 
 
-def _loaded(path: Path) -> Any:
-    """The file as trimesh has it. Raises InvalidInput."""
-    try:
-        import trimesh
-    except ImportError:
-        raise InvalidInput("terrain: a mesh needs trimesh: pip install 'stancekit[viz]'") from None
-    if path.suffix.lower() not in FORMATS:
-        raise InvalidInput(f"{path}: expected a mesh file, {', '.join(FORMATS)}")
-    if not path.is_file():
-        raise InvalidInput(f"{path}: expected a mesh file, found nothing there")
-    try:
-        return trimesh.load(path, force="mesh", process=False)
-    except Exception as error:  # trimesh's readers raise whatever struck them
-        told = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidInput(f"{path}: expected a mesh, which trimesh cannot read: {told:.120}") from None
-
-
 def _welded(corners: Array, triangles: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
     """Corners and triangles without corners given twice and triangles without an area."""
-    if len(corners) == 0 or not np.all(np.isfinite(corners)):
-        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int_)
     _, first, name = np.unique(np.round(corners / WELD_M), axis=0, return_index=True, return_inverse=True)
     corners, triangles = corners[first], name.reshape(-1)[triangles]
     a, b, c = (corners[triangles[:, i]] for i in range(3))

@@ -13,6 +13,9 @@ from ..outcome import InvalidInput
 FLATNESS = 2e-3
 """Vertices may leave the plane by this share of the patch's diameter: room for rounded files, not for a bent patch."""
 
+MOST_VERTICES = 512
+"""More make no difference to a foot, and checks of a polygon take the square of their number."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Patch:
@@ -38,8 +41,9 @@ class Patch:
             lambda: put(self, "shear_reference", _unit(self.shear_reference, "shear_reference", any_length=True)),
             lambda: put(self, "friction", checked(self.friction, "friction", least=0.0)),
         )
-        if len(self.vertices_m) < 3:
-            raise InvalidInput(f"vertices_m: expected 3 or more vertices, got {len(self.vertices_m)}")
+        if not 3 <= len(self.vertices_m) <= MOST_VERTICES:
+            told = "3 or more vertices" if len(self.vertices_m) < 3 else f"{MOST_VERTICES} vertices or fewer"
+            raise InvalidInput(f"vertices_m: expected {told}, got {len(self.vertices_m)}")
         if abs(self.normal @ self.shear_reference) > 1.0 - 5e-7:
             raise InvalidInput(
                 f"shear_reference: expected a direction not along the normal, got {self.shear_reference.tolist()}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, checked, frozen
+from ..arrays import Array, checked, checked_name, frozen
 from ..outcome import InvalidInput
 
 
@@ -23,6 +23,7 @@ class Limb:
     reach_m: float
 
     def __post_init__(self) -> None:
+        checked_name(self.name, "limb name")
         object.__setattr__(self, "shoulder_m", frozen(self.shoulder_m, (3,), f"limb {self.name}: shoulder_m"))
         object.__setattr__(self, "reach_m", checked(self.reach_m, f"limb {self.name}: reach_m", above=0.0))
 
@@ -36,6 +37,7 @@ class Robot:
     limbs: tuple[Limb, ...]
 
     def __post_init__(self) -> None:
+        checked_name(self.name, "robot name")
         object.__setattr__(self, "mass_kg", checked(self.mass_kg, f"robot {self.name}: mass_kg", above=0.0))
         names = [limb.name for limb in self.limbs]
         if len(set(names)) != len(names) or not names:

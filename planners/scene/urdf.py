@@ -7,6 +7,7 @@ Paper E takes the centre of mass at the body's origin: nearly all of the mass is
 from __future__ import annotations
 
 from dataclasses import dataclass
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
@@ -87,7 +88,7 @@ def hexapod_urdf(robot: Robot, servo: Servo = Servo(), *, rotors_in_links: bool 
     side, axial = mass * (3.0 * radius**2 + BODY_HEIGHT_M**2) / 12.0, mass * radius**2 / 2.0
     body = _link("body", mass, (side, side, axial), 0.0, f'<cylinder radius="{radius:.9g}" length="{BODY_HEIGHT_M}"/>')
     limbs = [part for limb in robot.limbs for part in _limb(limb, robot.mass_kg, servo, rotor)]
-    return "\n".join(['<?xml version="1.0"?>', f'<robot name="{robot.name}">', body, *limbs, "</robot>", ""])
+    return "\n".join(['<?xml version="1.0"?>', f"<robot name={_quoted(robot.name)}>", body, *limbs, "</robot>", ""])
 
 
 def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
@@ -111,14 +112,16 @@ def _limb(limb: Limb, mass_kg: float, servo: Servo, rotor: float) -> list[str]:
     for i, joint in enumerate(JOINTS):
         x, y, z = limb.shoulder_m if joint == "yaw" else (lengths[0] if joint == "knee" else 0.0, 0.0, 0.0)
         parts.append(
-            f'<joint name="{name}_{joint}" type="revolute"><parent link="{chain[i]}"/><child link="{chain[i + 1]}"/>'
+            f'<joint name={_quoted(f"{name}_{joint}")} type="revolute"><parent link={_quoted(chain[i])}/>'
+            f"<child link={_quoted(chain[i + 1])}/>"
             f'<origin xyz="{x:.12g} {y:.12g} {z:.12g}" rpy="0 0 {outward_rad(limb) if i == 0 else 0.0:.15g}"/>'
             f'<axis xyz="{axes[i]}"/>'
             f'<limit lower="{servo.lower_rad[i]}" upper="{servo.upper_rad[i]}" effort="{servo.torque_nm}" '
             f'velocity="{servo.velocity_rad_s}"/></joint>'
         )
     parts.append(
-        f'<joint name="{name}_tip" type="fixed"><parent link="{chain[-1]}"/><child link="{name}_foot"/>'
+        f'<joint name={_quoted(f"{name}_tip")} type="fixed"><parent link={_quoted(chain[-1])}/>'
+        f"<child link={_quoted(f'{name}_foot')}/>"
         f'<origin xyz="{lengths[1]:.12g} 0 0"/></joint>'
     )
     return parts
@@ -130,8 +133,13 @@ def _link(name: str, mass: float, inertia: tuple[float, ...], middle: float, sha
     origin = f'<origin xyz="{middle:.12g} 0 0"{lies}/>'
     xx, yy, zz = inertia
     return (
-        f'<link name="{name}"><inertial><origin xyz="{middle:.12g} 0 0"/><mass value="{mass:.12g}"/>'
+        f'<link name={_quoted(name)}><inertial><origin xyz="{middle:.12g} 0 0"/><mass value="{mass:.12g}"/>'
         f'<inertia ixx="{xx:.9g}" ixy="0" ixz="0" iyy="{yy:.9g}" iyz="0" izz="{zz:.9g}"/></inertial>'
         f"<visual>{origin}<geometry>{shape}</geometry></visual>"
         f"<collision>{origin}<geometry>{shape}</geometry></collision></link>"
     )
+
+
+def _quoted(name: str) -> str:
+    """A name as the value of an attribute, quotes included."""
+    return quoteattr(name, {'"': "&quot;", "'": "&apos;"})

@@ -155,7 +155,7 @@ def sag(polygon: Array) -> float:
     while at < len(kept) and len(kept) > 3:
         if turn(kept[at - 1], kept[at], kept[(at + 1) % len(kept)]) < 0.0:
             del kept[at]
-            at = 0
+            at = max(at - 1, 0) if at < len(kept) else 0
         else:
             at += 1
     depth = 0.0

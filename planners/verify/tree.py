@@ -18,6 +18,8 @@ Node = tuple[Index, Array, Array]
 """The piece that each slot still has, and the force boxes."""
 Replayed = tuple[list[Node], Array]
 """The leaves in preorder and their multipliers."""
+MOST_CORNERS = 1_000_000
+"""Of all pieces that a tree cuts, each of which takes about a kilobyte to bound."""
 
 
 class Forest:
@@ -32,6 +34,7 @@ class Forest:
         self._pieces = patches  # (U, 3) each, Q·T to begin with
         self._sags: dict[int, float] = {}
         self._roots: list[int] = []  # the whole patch of every further piece
+        self._corners = 0  # of all further pieces
 
     @staticmethod
     def of_course(course: Course) -> Forest:
@@ -183,6 +186,9 @@ class Forest:
             )
         children: list[Node] = []
         for part in cut(polygon, first, second):
+            self._corners += len(part)
+            if self._corners > MOST_CORNERS:
+                raise InvalidInput(f"{where}: expected {MOST_CORNERS} corners of pieces or fewer, got more")
             child = pieces.copy()
             child[slot] = len(self._pieces)
             self._roots.append(own if own < roots else self._roots[own - roots])

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..archive import read_archive
 from ..arrays import Array, checked, frozen
 from ..files import write_bytes
 from ..outcome import InvalidInput
@@ -230,13 +231,7 @@ class SplineMap:
     @classmethod
     def from_file(cls, path: str | Path) -> SplineMap:
         """Read what ``to_file`` wrote. Raises InvalidInput."""
-        try:
-            with np.load(path, allow_pickle=False) as arrays:
-                data: dict[str, Any] = {key: arrays[key] for key in arrays.files}
-        except FileNotFoundError:
-            raise InvalidInput(f"{path}: expected a file, found nothing there") from None
-        except Exception as error:  # zip and numpy raise many kinds on broken files
-            raise InvalidInput(f"{path}: expected a map, cannot read it: {type(error).__name__}") from None
+        data = read_archive(path)
         try:
             return cls.from_arrays(data)
         except InvalidInput as error:

@@ -13,15 +13,14 @@ from hypothesis import strategies as st
 
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.contact.twostage import TwoStagePlanner
+from stancekit.planners.documents import parse_json, read_text
 from stancekit.planners.files import (
     UNBOUNDED,
     answer_from_json,
     json_records,
     outcome_to_json,
-    parse_json,
     read_envelopes,
     read_problems,
-    read_text,
     write_bytes,
     write_text,
 )
@@ -142,7 +141,11 @@ def test_only_line_ends_end_a_line(separator):
     assert [item for _, item in records(text)] == [{"a": f"x{separator}y"}] * 2
 
 
-@given(st.lists(st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False)), min_size=2, max_size=5))
+@given(
+    st.lists(
+        st.dictionaries(st.text(max_size=5), st.floats(allow_nan=False, allow_infinity=False)), min_size=2, max_size=5
+    )
+)
 def test_lines_arrays_and_indented_arrays_hold_the_same(items):
     lines = "\r\n".join(json.dumps(item) for item in items)
     for text in (lines, json.dumps(items), json.dumps(items, indent=2)):

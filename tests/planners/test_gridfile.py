@@ -120,11 +120,11 @@ def written(path, content):
         ("h.csv", b"1,2,3,4\n", {}, "h.csv: x_m: expected 4 or more grid lines, got 1"),
         ("h.csv", b"# nothing\n", {}, "expected rows of numbers, got none"),
         ("h.csv", b"\xff\xfe1", {}, "expected UTF-8 text, byte 0 is not"),
-        ("h.npy", b"no", {}, "expected a .npy terrain, cannot read it"),
+        ("h.npy", b"no", {}, "h.npy: expected arrays without pickle: "),
         ("h.npy", b"", {}, "expected a terrain, the file is empty"),
         ("h.png", b"no", {"height_m": (0.0, 1.0)}, "expected a .png picture, cannot read it"),
         ("h.png", b"no", {}, "expected height_m with a .png, the heights of black and white [m], got none"),
-        ("h.stl", b"no", {}, "expected triangles, got none"),
+        ("h.stl", b"no", {}, "expected a mesh with triangles, got an empty one"),
         ("h.tif", b"no", {}, ".png, .stl, .obj, .ply, .off, .glb, got .tif"),
         ("h.csv", b"1", {"height_m": (0.0, 1.0)}, "height_m: expected a .png with it"),
     ],
@@ -146,5 +146,7 @@ def test_a_picture_with_transparent_pixels_has_holes(tmp_path):
 
 def test_a_pickle_is_not_opened(tmp_path):
     np.save(tmp_path / "object.npy", np.array([[None] * 5] * 5), allow_pickle=True)
-    with pytest.raises(InvalidInput, match=r"expected a \.npy terrain, cannot read it"):
+    with pytest.raises(
+        InvalidInput, match=r"object\.npy: expected arrays without pickle: expected numbers or texts, got object"
+    ):
         read_heights(tmp_path / "object.npy")

@@ -171,4 +171,4 @@ def test_a_file_without_a_mesh_is_refused_in_one_line(name, content, told, tmp_p
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    assert refusal(tmp_path / "no.stl") == f"{tmp_path / 'no.stl'}: expected a mesh file, found nothing there"
+    assert refusal(tmp_path / "no.stl") == f"{tmp_path / 'no.stl'}: expected a file, found nothing there"

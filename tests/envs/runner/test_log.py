@@ -143,7 +143,7 @@ def test_what_is_no_log_is_refused_in_one_line(tmp_path: Path, content: bytes, s
 
 
 def test_a_log_that_is_missing_or_cannot_be_written_is_bad_input(tmp_path: Path) -> None:
-    with pytest.raises(InvalidInput, match="cannot be read"):
+    with pytest.raises(InvalidInput, match="expected a file, found nothing there"):
         read_log(tmp_path / "none.mcap")
     with pytest.raises(InvalidInput, match="expected an existing folder"):
         McapLog(tmp_path / "no" / "run.mcap")

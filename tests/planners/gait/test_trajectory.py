@@ -199,16 +199,16 @@ def test_samples_with_holes_or_objects_are_refused(written):
     _packed(written, torso_m=holes)
     assert refusal(written).startswith("walk.npz: torso_m: expected finite numbers")
     _packed(written, torso_m=np.array([{"a": 1}], dtype=object))
-    assert refusal(written) == "walk.npz: expected arrays in .npz form, without pickled objects"
+    assert refusal(written) == "walk.npz: expected arrays without pickle: expected numbers or texts, got object"
 
 
 def test_samples_that_are_missing_cut_or_no_archive_are_refused(written):
     samples = written.with_suffix(".npz")
     whole = samples.read_bytes()
-    expected = "walk.npz: expected arrays in .npz form, without pickled objects"
+    expected = "walk.npz: expected arrays without pickle: "
     for content in (whole[: len(whole) // 2], b"", b"no archive", whole[:-200]):
         samples.write_bytes(content)
-        assert refusal(written) == expected
+        assert refusal(written).startswith(expected)
     middle = len(whole) // 3
     samples.write_bytes(whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :])
     assert refusal(written).startswith("walk.npz: ")

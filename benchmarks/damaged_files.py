@@ -1,0 +1,157 @@
+"""Damaged files: every reader of the command under thousands of mutated files, in process and as processes.
+
+``python benchmarks/damaged_files.py --in-process 1500 --processes 80 --out out/damage``. A file is right to be taken as
+``tests/damage/cases.py`` says: 0 where it still means the same or is valid, 1 where its content parses and the verifier
+refuses it, 2 for everything else; one line, no traceback, no more than 10 s of a processor and 1 GB.
+What was wrong is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import signal
+import sys
+import time
+import zlib
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stancekit.cli.main import main, parse, run
+from tests.damage.cases import Case, cases, command, fault, said
+from tests.damage.files import make_files
+
+LONGEST_S, MOST_BYTES = 10, 1_000_000_000
+
+
+class Overdue(BaseException):
+    """A run that took longer than it may."""
+
+
+def overdue(*_: Any) -> None:
+    """Answers the alarm."""
+    raise Overdue
+
+
+def in_process(case: Case, count: int, seed: int, out: Path) -> None:
+    """Run a verb over mutated files in this process, which does nothing else, and write the row of its reader."""
+    whole, rng = Path(case.file).read_bytes(), np.random.default_rng([seed, zlib.crc32(case.name.encode())])
+    command(case.arguments)
+    verb = parse(list(case.arguments))
+    signal.signal(signal.SIGPROF, overdue)
+    codes, wrong, slowest = Counter[int](), list[str](), 0.0
+    began_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    for index in range(count):
+        content, right = case.damaged(whole, rng)
+        Path(case.file).write_bytes(content)
+        began = time.process_time()
+        signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
+        try:
+            code, _, err = said(lambda: run(verb))
+            told = fault(case, code, err, right)
+        except Overdue:
+            code, told = -1, f"more than {LONGEST_S} s"
+        except BaseException as error:
+            code, told = -1, f"{type(error).__name__}: {error}"
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        slowest = max(slowest, time.process_time() - began)
+        codes[code] += 1
+        if told:
+            wrong.append(told)
+            (out / f"{case.name.replace(' ', '-')}-{index}").write_bytes(content)
+    grown_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - began_kb
+    row = {"reader": case.name, "files": count, "codes": codes, "wrong": len(wrong), "first": wrong[:5],
+           "slowest_s": round(slowest, 2), "grown_mb": round(grown_kb / 1e3)}  # fmt: skip
+    (out / f"{case.name.replace(' ', '-')}.json").write_text(json.dumps(row))
+
+
+def process(case: Case, where: Path) -> tuple[int, str, float, float]:
+    """The command as a process with limits of its own: exit code, standard error, CPU seconds, megabytes grown."""
+    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    child = os.fork()
+    if child == 0:
+        for number, name in ((1, "out"), (2, "err")):
+            os.dup2(os.open(where / name, os.O_WRONLY | os.O_CREAT | os.O_TRUNC), number)
+        sys.stdout, sys.stderr = os.fdopen(1, "w", closefd=False), os.fdopen(2, "w", closefd=False)
+        held = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        resource.setrlimit(resource.RLIMIT_AS, (held + MOST_BYTES, held + MOST_BYTES))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        spent_s = int(time.process_time())
+        resource.setrlimit(resource.RLIMIT_CPU, (spent_s + LONGEST_S, spent_s + LONGEST_S + 1))
+        signal.alarm(12 * LONGEST_S)
+        code: Any = 1
+        try:
+            main(list(case.arguments))
+            code = 0
+        except SystemExit as end:
+            code = end.code or 0
+        except BaseException:
+            import traceback
+
+            traceback.print_exc()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(int(code))
+    _, status, used = os.wait4(child, 0)
+    err = (where / "err").read_text(errors="replace")
+    return os.waitstatus_to_exitcode(status), err, used.ru_utime + used.ru_stime, (used.ru_maxrss - before_kb) / 1e3
+
+
+def as_processes(every: list[Case], count: int, seed: int, out: Path) -> dict[str, Any]:
+    """The same with a process a file, forked from one that has imported everything."""
+    rng, wrong, codes, slowest, grown = np.random.default_rng(seed), list[str](), Counter[int](), 0.0, 0.0
+    for case in every:
+        whole = Path(case.file).read_bytes()
+        command(case.arguments)
+        for index in range(count):
+            content, right = case.damaged(whole, rng)
+            Path(case.file).write_bytes(content)
+            code, err, seconds, megabytes = process(case, out)
+            told = fault(case, code, err, right)
+            codes[code] += 1
+            slowest, grown = max(slowest, seconds), max(grown, megabytes)
+            if told:
+                wrong.append(f"{case.name}: {told}")
+                (out / f"process-{case.name.replace(' ', '-')}-{index}").write_bytes(content)
+        Path(case.file).write_bytes(whole)
+    return {"processes": sum(codes.values()), "codes": codes, "wrong": len(wrong), "first": wrong[:20],
+            "slowest_s": round(slowest, 2), "grown_mb": round(grown)}  # fmt: skip
+
+
+def main_() -> None:
+    """Make the files, damage them, and print a row a reader."""
+    asked = argparse.ArgumentParser(description=__doc__)
+    asked.add_argument("--in-process", type=int, default=1500)
+    asked.add_argument("--processes", type=int, default=80)
+    asked.add_argument("--seed", type=int, default=0)
+    asked.add_argument("--only", default="")
+    asked.add_argument("--out", type=Path, default=Path("out/damage"))
+    given = asked.parse_args()
+    out = given.out.resolve()
+    folder = out / "files"
+    folder.mkdir(parents=True, exist_ok=True)
+    os.chdir(folder)
+    if not (folder / "terrain.glb").exists():
+        make_files(folder)
+    every = [case for case in cases() if not given.only or case.name in given.only.split(",")]
+    for case in every if given.in_process else ():
+        whole = Path(case.file).read_bytes()
+        child = os.fork()
+        if child == 0:
+            in_process(case, given.in_process, given.seed, out)
+            os._exit(0)
+        _, status = os.waitpid(child, 0)
+        Path(case.file).write_bytes(whole)
+        row = out / f"{case.name.replace(' ', '-')}.json"
+        print(row.read_text() if status == 0 else f"{case.name}: ended by {status}", flush=True)
+    if given.processes:
+        print(json.dumps(as_processes(every, given.processes, given.seed + 1, out)), flush=True)
+
+
+if __name__ == "__main__":
+    main_()

@@ -1,0 +1,165 @@
+"""A file for every reader, small and sound."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import trimesh
+import yaml
+from PIL import Image
+
+from stancekit.configs import config_path
+from stancekit.envs.expert import expert_envelopes
+from stancekit.envs.runner.log import McapLog, read_log
+from stancekit.envs.terrains import distribution
+from stancekit.envs.worlds.calibration import nominal
+from stancekit.envs.worlds.ros_setup import same_names
+from stancekit.learners.labelling import LabelPlan, label
+from stancekit.learners.policy_file import PolicyShape, TrainedPolicy
+from stancekit.learners.selectors.chooser import Chooser
+from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
+from stancekit.learners.selectors.neural import NeuralSelector
+from stancekit.planners.files import write_envelopes
+from stancekit.planners.gait.judge import check_trajectory
+from stancekit.planners.gait.record import write_trajectory
+from stancekit.planners.gait.robot import GaitRobot, hexapod_walker
+from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
+from stancekit.planners.plan_file import write_plan
+from stancekit.planners.proof_file import write_proof
+from stancekit.planners.scene import hexapod
+from stancekit.planners.scene.course_json import course_to_json
+from stancekit.planners.scene.course_spec import read_course, spec_from
+from stancekit.planners.scene.heightfield import HeightField
+from stancekit.planners.scene.layout import lay_out
+from stancekit.planners.scene.urdf import hexapod_urdf, joint_names
+from stancekit.planners.verify_plan import check_plan
+
+from .cases import command
+
+SMALL = Architecture(width=8, layers=1, heads=2, corner_width=4)
+
+
+def make_files(folder: Path) -> None:
+    """Fill the folder, which has to be the current one. Paths in the files are relative to it."""
+    _postures(folder)
+    _plans(folder)
+    _gaits(folder)
+    _robots(folder)
+    _selectors(folder)
+    _terrains(folder)
+
+
+def _postures(folder: Path) -> None:
+    rng = np.random.default_rng(1)
+    problems = [distribution("wall-3").sample(rng).to_json() for _ in range(3)]
+    (folder / "problems.jsonl").write_text("".join(json.dumps(problem) + "\n" for problem in problems))
+    (folder / "one.json").write_text(json.dumps(problems[0]))
+    command(("solve", "problems.jsonl", "--certificate", "--out", "answers.jsonl"))
+    write_envelopes(folder / "envelope.json", expert_envelopes("wall"))
+    label(LabelPlan(distribution="wall-3", feasible=2, infeasible=2, shard_size=4, seed=2), folder / "data")
+    quota = {"feasible": 2, "infeasible": 2}
+    train = yaml.safe_load(config_path("train-selection.yaml").read_text())
+    (folder / "train.yaml").write_text(yaml.safe_dump(train))
+    bench = {
+        "problems": ["wall-3"], "train": {**quota, "seed": 0}, "test": {**quota, "seed": 1}, "methods": ["heuristic"],
+        "projections": ["fix-p"], "fit": {"share": 0.3},
+    }  # fmt: skip
+    (folder / "bench.yaml").write_text(yaml.safe_dump(bench))
+    (folder / "fit.yaml").write_text("genetic: {population: 20, generations: 5}\n")
+    (folder / "full").write_text("a file where a folder is wanted\n")
+
+
+def _plans(folder: Path) -> None:
+    spec = yaml.safe_load((config_path("courses/walls.yaml")).read_text()) | {"frames": 1}
+    (folder / "course.yaml").write_text(yaml.safe_dump(spec))
+    course = read_course(folder / "course.yaml")
+    (folder / "course.json").write_text(json.dumps(course_to_json(course)))
+    plan = TwoStageCoursePlanner().solve(read_course(folder / "course.yaml", 2)).plan
+    assert plan is not None
+    write_plan(folder / "plan.json", plan, check_plan(plan))
+    icy = lay_out(spec_from({**spec, "terrain": {**spec["terrain"], "friction": 0.0}}), folder)
+    refuted = TwoStageCoursePlanner().solve(icy).certificate
+    assert refuted is not None
+    write_proof(folder / "proof.json", icy, refuted)
+    command(("run", "plan.json", "--world", "mujoco", "--rate-hz", "10", "--pace", "4", "--log", "long.mcap"))
+    _shortened(folder / "long.mcap", folder / "run.mcap")
+    joints = joint_names(plan.course.robot)
+    nominal(joints, port="/dev/none").write(folder / "servos.yaml")
+    same_names(joints, host="127.0.0.1", port=1, timeout_s=0.1).write(folder / "ros.yaml")
+
+
+def _shortened(log: Path, short: Path) -> None:
+    """A log with the first measurements and commands alone, and the rest."""
+    counts = Counter[str]()
+    with McapLog(short) as written:
+        for message in read_log(log).messages:
+            counts[message.topic] += 1
+            if counts[message.topic] <= 5 or message.topic == "verdict":
+                written.write(message.topic, message.content)
+
+
+def _gaits(folder: Path) -> None:
+    robot = hexapod_walker()
+    terrain = HeightField.from_function(lambda x, y: 0.0 * x, 1.0, 0.5, name="level")
+    at, count = np.array([0.0, 0.0, robot.stand_height_m]), 21
+    still = Trajectory(
+        times_s=0.005 * np.arange(count), torso_m=np.tile(at, (count, 1)), rotation=np.tile(np.eye(3), (count, 1, 1)),
+        feet_m=np.tile([foot.nominal_m + at for foot in robot.feet], (count, 1, 1)),
+        forces_n=np.tile([0.0, 0.0, robot.weight_n / 6.0], (count, 6, 1)), contact=np.ones((count, 6), dtype=bool),
+        robot=robot, terrain=terrain, friction=0.7, adhesive=np.zeros(6, dtype=bool), start_xy_m=at[:2],
+        goal_xy_m=at[:2], provenance={},
+    )  # fmt: skip
+    write_trajectory(folder / "gait.json", still, check_trajectory(still))
+
+
+def _robots(folder: Path) -> None:
+    (folder / "robot.yaml").write_text(config_path("robots/anymal.yaml").read_text())
+    robot = hexapod()
+    (folder / "robot.urdf").write_text(hexapod_urdf(robot))
+    measured = {
+        "urdf": "robot.urdf", "feet": [f"{limb.name}_foot" for limb in robot.limbs],
+        "steps": 5, "voxel_m": 0.06, "ranges_rad": [[0.3, 0.3]] * 4,
+        "posture_rad": [0.0, 0.5, 0.0, 1.2] * 6,
+        "trunk_half_m": [0.1, 0.1, 0.05], "name": "measured",
+    }  # fmt: skip
+    (folder / "measured.yaml").write_text(yaml.safe_dump(measured))
+    GaitRobot.from_yaml(folder / "measured.yaml")
+
+
+def _selectors(folder: Path) -> None:
+    envelopes = expert_envelopes("wall")
+    shape = PolicyShape(environment="stancekit/EnvelopeSelection-v0", problem="wall-3", hidden=(4,))
+    TrainedPolicy(shape, shape.build(), envelopes.envelopes[0].to_vector(), steps=1).save(folder / "policy.safetensors")
+    NeuralSelector(
+        BoxNetwork(SMALL), problem_class="wall-3", legs=envelopes.legs, force_scale_n=envelopes.force_scale_n,
+        length_scale_m=envelopes.length_scale_m,
+    ).save(folder / "neural.safetensors")  # fmt: skip
+    Chooser(ChoiceNetwork(SMALL, len(envelopes.envelopes)), envelopes).save(folder / "chooser.safetensors")
+
+
+def _terrains(folder: Path) -> None:
+    x = np.linspace(-1.0, 1.0, 9)
+    heights = 0.05 * np.sin(2.0 * x)[:, None] * np.cos(x)
+    np.save(folder / "terrain.npy", heights)
+    np.savez_compressed(folder / "terrain.npz", x_m=x, y_m=x, heights_m=heights)
+    np.savetxt(folder / "terrain.csv", heights, delimiter=",", fmt="%.5f")
+    Image.fromarray(np.uint8(127.0 + 1000.0 * heights)).save(folder / "terrain.png")
+    grid = np.stack([*np.meshgrid(x, x, indexing="ij"), heights], axis=-1).reshape(-1, 3)
+    cell = np.arange(72).reshape(8, 9)[:, :8].ravel()
+    faces = np.concatenate([np.stack([cell, cell + 9, cell + 10], 1), np.stack([cell, cell + 10, cell + 1], 1)])
+    surface = trimesh.Trimesh(grid, faces, process=False)
+    for suffix in ("stl", "obj", "ply", "off", "glb"):
+        surface.export(folder / f"terrain.{suffix}")
+    spec = yaml.safe_load((folder / "course.yaml").read_text())
+    walls = trimesh.util.concatenate([
+        trimesh.creation.box((2.4, 0.1, 2.0), trimesh.transformations.translation_matrix((0.0, side * 0.43, 0.4)))
+        for side in (-1.0, 1.0)
+    ])  # fmt: skip
+    for suffix in ("stl", "obj", "ply"):
+        walls.export(folder / f"mesh.{suffix}")
+        terrain = {"kind": "mesh", "file": f"mesh.{suffix}", "friction": 1.0}
+        (folder / f"mesh-{suffix}.yaml").write_text(yaml.safe_dump({**spec, "terrain": terrain}))
