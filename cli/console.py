@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,8 @@ def emit(record: Mapping[str, Any]) -> None:
 def complain(message: str) -> None:
     """Print one plain line on standard error."""
     plain = "".join(letter if letter.isprintable() else " " if letter.isspace() else "?" for letter in message)
-    err.print(" ".join(plain.split()), markup=False)
+    with suppress(OSError):  # nobody is there to read it; the exit code says it, too
+        err.print(" ".join(plain.split()), markup=False)
 
 
 def text_of(name: str | Path) -> str:

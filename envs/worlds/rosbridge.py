@@ -6,14 +6,18 @@ for targets of a robot is the last thing wanted. What it cannot read it only log
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import socket
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.outcome import HardwareFault, InvalidInput
 
+from .latch import StopLatch
+
+Answer = TypeVar("Answer")
 Message = dict[str, Any]
 SILENT = logging.NullHandler()
 """What comes while a connection is closed is nobody's fault, and not for standard error either."""
@@ -86,6 +90,26 @@ class RosLink:
         if topic not in self._topics:
             self._topics[topic] = self._module.Topic(self.ros, topic, kind, queue_size=1, reconnect_on_close=False)
         self._topics[topic].publish(message)
+
+    def through(self, latch: StopLatch, hand_over: Callable[[], Answer]) -> Answer:
+        """Hand over what moves the robot, and wait until it was written. Raises Stopped, and HardwareFault in time.
+
+        roslibpy writes from a thread of its own, in order, at its next turn. The latch is asked there, at the last
+        moment, and held until that turn is over.
+        """
+
+        async def sent() -> Answer:
+            with latch.sending():
+                answer = hand_over()
+                await asyncio.sleep(0)
+                return answer
+
+        future = asyncio.run_coroutine_threadsafe(sent(), self.ros.factory.manager.loop)
+        try:
+            return future.result(self._timeout_s)
+        except TimeoutError:
+            future.cancel()  # or it would be sent whenever that thread goes on
+            raise HardwareFault(f"rosbridge {self.url}: nothing could be sent for {self._timeout_s:g} s") from None
 
     def send(self, message: Message) -> None:
         """Send an operation as it is; nothing where the connection is lost."""
