@@ -114,7 +114,11 @@ class RosWorld(LatchedWorld):
             raise InvalidInput(f"targets_rad: expected {len(self.joints)} finite numbers")
         self._check()
         self._sent = self.sendable(targets)
-        self._robot.stream(self._sent)
+        try:
+            self._robot.stream(self._sent)
+        except HardwareFault:
+            self.armed = False
+            raise
         self._wait()
         self._check()
         return self._state()

@@ -40,7 +40,7 @@ class RosLink:
         self.url, self._address, self._timeout_s = f"ws://{host}:{port}", (host, port), timeout_s
         self._lost, self._wrong = threading.Event(), list[str]()
         self._topics: dict[str, Any] = {}
-        self._ears = _Complaints(self.complain)
+        self._ears = _Complaints(self.complain, self._lost.set)
         self.ros: Any = None
 
     def open(self) -> None:
@@ -98,8 +98,12 @@ class RosLink:
         moment, and held until that turn is over.
         """
 
+        given_up = threading.Event()
+
         async def sent() -> Answer:
             with latch.sending():
+                if given_up.is_set():  # nobody waits for it any more
+                    raise TimeoutError
                 answer = hand_over()
                 await asyncio.sleep(0)
                 return answer
@@ -108,7 +112,7 @@ class RosLink:
         try:
             return future.result(self._timeout_s)
         except TimeoutError:
-            future.cancel()  # or it would be sent whenever that thread goes on
+            given_up.set()  # or it would be sent whenever that thread goes on
             raise HardwareFault(f"rosbridge {self.url}: nothing could be sent for {self._timeout_s:g} s") from None
 
     def send(self, message: Message) -> None:
@@ -138,15 +142,17 @@ class RosLink:
 
 
 class _Complaints(logging.Handler):
-    """What roslibpy logs about messages that it could not read."""
+    """What roslibpy logs about messages that it could not read, or not send: then the connection was just lost."""
 
-    def __init__(self, complain: Callable[[str], None]) -> None:
+    def __init__(self, complain: Callable[[str], None], lose: Callable[[], None]) -> None:
         super().__init__(level=logging.ERROR)
-        self._say = complain
+        self._say, self._lose = complain, lose
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
-        if error is not None and '"status"' in str(error):
+        if record.getMessage().startswith("Failed to send"):
+            self._lose()
+        elif error is not None and '"status"' in str(error):
             self._say("it reported an error of its own; roslibpy does not pass on which: see the rosbridge's log")
         else:
             what = f"{type(error).__name__}: {error}" if error is not None else record.getMessage()
