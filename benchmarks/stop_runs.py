@@ -258,6 +258,8 @@ def judged(
     outside = what in ("host killed", "host frozen", "cable unplugged")
     latched = words.get("time_s")
     from_s = did_s if outside else latched
+    if what == "cable unplugged" and state["happened"]:
+        from_s = state["happened"][0][1]  # by the bus's own clock
     if "log" in state:
         moved_s = [when for told, when in state["log"] if told in ("stream", "goal")]
         torque, moving = [state["on"]], np.abs(state["rate_rad_s"]).max() > STILL_RAD_S

@@ -245,11 +245,14 @@ class ClosedLoop:
         world = self.runner.world
         if not world.real or world.dry:
             return work()
-        with ThreadPoolExecutor(1) as pool:
+        pool = ThreadPoolExecutor(1)
+        try:
             future = pool.submit(work)
             while not future.done():
                 self.runner.send(world.last_rad, world.last_rad)
             return future.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)  # the ending of a run that is stopped waits for no planner
 
     def _astray(self, target: Target, state: State) -> bool:
         """Feet slide, or all stand and the robot is not where it should be; where anything is done about it."""

@@ -152,10 +152,12 @@ class SafeWorld:
         proven(content, digest, "arming")
         self._ask()
         if isinstance(self._to, Actuator):
-            self.interrupted = True
             self.watchdog.guard()
-            self._to.torque(True)
-            self.interrupted = False
+            try:
+                self._to.torque(True)
+            except BaseException:
+                self.interrupted = not self._to.armed
+                raise
 
     def step(self, targets_rad: Array) -> State:
         """Send what of the targets is within limits. Raises Stopped after a stop, and with the command that causes one;

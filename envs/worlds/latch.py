@@ -15,7 +15,7 @@ from stancekit.planners.outcome import StancekitError
 
 Source = Callable[[], str | None]
 """Asked again and again; says why to stop, or None."""
-PATIENCE_S = 0.1
+PATIENCE_S = 0.25
 """A source that answers no faster is none."""
 
 

@@ -54,7 +54,9 @@ class Follower:
             if self._fed.is_set():
                 self._fed.clear()
                 heard()
-            why = self._robot.trouble() or self._robot.latch.reason or None
+            why = self._robot.trouble()
+            if why is None and self._robot.latch.tripped:
+                why = self._robot.latch.reason
             if why is None and self._stop.is_set():
                 why = "trajectory: stopped on the way"
             if why is None and time.monotonic() > end:

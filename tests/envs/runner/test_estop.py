@@ -127,7 +127,7 @@ def test_a_source_that_hangs_does_not_keep_the_watch_from_ending(monkeypatch: py
     with watched(latch):
         time.sleep(0.02)
     latch.poll()  # the loop asks while another thread waits for the answer
-    assert latch.reason == "a source of stops did not answer for 0.1 s"
+    assert latch.reason == "a source of stops did not answer for 0.25 s"
     hung.set()
 
 
