@@ -58,8 +58,8 @@ def end(world: SafeWorld, ending: Ending, home: Sequence[Array] | None, speed_ra
         elif ending == "home" and home is not None:
             message = _homeward(world, home, speed_rad_s)
         left, message = _held(world, message)
-        if left == "held" and world.interrupted:
-            left, message = "as it was", "arming was interrupted"
+        if left == "held" and not world.armed:
+            left, message = "as it was", "it was not armed"
         if ending == "home" and left == "held" and not message:
             left = "home"
     world.watchdog.rest()

@@ -97,8 +97,8 @@ class SafeWorld:
 
     dry: nothing is sent to anything real; a ``NullWorld`` answers what would have been sent. A simulation is nothing
     real. latch: the world's. sources: asked before every command. sent, clipped, refused: numbers of commands that went
-    through, that were changed on the way, and that came after the stop. interrupted: an arming did not come to its end.
-    guardian: told of every command.
+    through, that were changed on the way, and that came after the stop. armed: an arming came to its end, or none is
+    needed. guardian: told of every command.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class SafeWorld:
         self.real = isinstance(world, Actuator)
         self.dry = dry and self.real
         self.sent = self.clipped = self.refused = 0
-        self.interrupted = False
+        self.armed = not self.real
         self.watchdog = Watchdog(world.latch, limits.silent_s if self.real else float("inf"), clock, guardian)
         self.latch.listen(*sources, self.watchdog.look)
         self._to: World = world
@@ -155,9 +155,8 @@ class SafeWorld:
             self.watchdog.guard()
             try:
                 self._to.torque(True)
-            except BaseException:
-                self.interrupted = not self._to.armed
-                raise
+            finally:
+                self.armed = self._to.armed
 
     def step(self, targets_rad: Array) -> State:
         """Send what of the targets is within limits. Raises Stopped after a stop, and with the command that causes one;
@@ -178,6 +177,7 @@ class SafeWorld:
         except HardwareFault as error:
             self.latch.trip(str(error))
             raise
+        self.armed = True
         self.sent += 1
         self.clipped += int(np.any(np.abs(given - targets) > 1e-9))
         self._last = np.array(state.sent_rad, dtype=float)

@@ -104,12 +104,12 @@ class DynamixelWorld(LatchedWorld):
             self._found = self._watched()[:, 0] > 0
             try:
                 self._arm()
+                self._found, self._due_s = None, time.monotonic()
             except BaseException:
                 self.armed = False
                 with suppress(HardwareFault):  # what goes wrong now goes wrong in ``hold``, too, and is told there
                     self._disarm()
                 raise
-        self._found, self._due_s = None, time.monotonic()
 
     def step(self, targets_rad: Array) -> State:
         """Send targets, wait for the end of the control period, measure.

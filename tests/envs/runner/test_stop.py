@@ -256,6 +256,7 @@ def test_a_bug_on_the_way_home_ends_in_hold(accepted: Accepted) -> None:
     with SafeWorld(world, dry=False) as safe:
         safe.reset((), START, np.zeros(3), np.eye(3))
         world.torque(True)
+        safe.step(START)
         world.fault = bug
         ended = end(safe, "home", [START + 0.3], 0.5)
     assert (ended.left, ended.message) == ("held", "stopped on the way home: ZeroDivisionError: a bug")
