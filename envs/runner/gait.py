@@ -120,8 +120,12 @@ class PreparedGait(Playable):
 
 def prepared_gait(accepted: AcceptedGait, world: SafeWorld, timing: Timing, feel: Feel, *, hung: bool) -> PreparedGait:
     """A gait for a world that it fits. Raises InvalidInput for one whose joints cannot do it, before anything moves."""
-    check_joints(accepted.source, accepted.robot, world)
     trajectory = proven(accepted.trajectory, accepted.digest, accepted.source)
+    accepted = AcceptedGait(
+        trajectory=trajectory, robot=walker(trajectory.robot), digest=accepted.digest, source=accepted.source,
+        gravity_m_s2=accepted.gravity_m_s2,
+    )  # fmt: skip
+    check_joints(accepted.source, accepted.robot, world)
     motion, sees = GaitMotion(trajectory), sees_feet(world)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
     seen = look(motion, kinematics, hung=hung)
