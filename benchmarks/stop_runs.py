@@ -272,6 +272,8 @@ def judged(
     spare = int(what == "servo unplugged")  # nobody reaches that one: its own watchdog stops it
     if helpless:  # what its torque was, and its own watchdog
         right = on in (0, len(torque))
+    elif arming and "log" in state and ending == "hold":  # found on; off again if the arming had switched it
+        right = True
     elif arming or ending == "torque-off":
         right = on <= spare
     else:
