@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import os
-import signal
-import subprocess
 import sys
 import tempfile
 import threading
@@ -23,10 +19,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np
 
 from stancekit.envs.runner.acceptance import Accepted
-from stancekit.envs.runner.estop import StopLatch, Stopped, file_source, on_signals
 from stancekit.envs.runner.runner import Runner, RunSettings
 from stancekit.envs.worlds.calibration import nominal
 from stancekit.envs.worlds.dynamixel import DynamixelWorld
+from stancekit.envs.worlds.latch import Stopped
 from stancekit.envs.worlds.world import State
 from stancekit.planners.arrays import Array
 from stancekit.planners.outcome import StancekitError
@@ -37,12 +33,12 @@ from tests.emulators.servo_bus import BusProcess
 from tests.emulators.slipping import SlippingWorld
 
 OF_BUS = ("silent servo", "corrupted packets", "delay", "overload", "power loss", "cable pulled", "wrong calibration")
-OF_HOST = ("nan command", "limit exceeded", "e-stop signal", "e-stop file", "slow host", "clock jump")
-KINDS = (*OF_BUS, *OF_HOST, "host killed", "plan edited", "friction lost", "rosbridge gone")
+OF_HOST = ("nan command", "limit exceeded", "slow host", "clock jump")
+FAULTS = (*OF_BUS, *OF_HOST, "plan edited", "friction lost", "rosbridge gone")
 BEGIN_S, LATEST_S = 0.9, 2.0
 """While limbs lift, swing and are put down."""
-LATE_S = 0.002
-"""A command may be on its way for so long."""
+CYCLE_S = 0.02
+"""A command may be on its way for a control period of the bus."""
 ASKED_ON = 10
 STILL_RAD_S = STILL_M_S = 0.02
 
@@ -86,36 +82,31 @@ def on_bus(kind: str, path: Path, ending: Any, rng: np.random.Generator) -> dict
     accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
     joints = joint_names(accepted.plan.course.robot)
     start = first_pose(accepted)
-    with BusProcess(start.tolist(), seed=int(rng.integers(1 << 30))) as bus, tempfile.TemporaryDirectory() as folder:
+    with BusProcess(start.tolist(), seed=int(rng.integers(1 << 30))) as bus:
         calibration = nominal(joints, port=bus.path)
         rest = {name: replace(calibration.joints[name], rest_rad=float(start[i])) for i, name in enumerate(joints)}
         calibration = replace(calibration, joints=rest)
         if kind == "wrong calibration":
             calibration, _ = spoiled(calibration, rng)
-        if kind == "host killed":
-            return killed(path, bus, at_s, Path(folder))
-        stop_file, latch = Path(folder) / "stop", StopLatch()
         runner = FaultyRunner(
-            DynamixelWorld(accepted.plan.course.robot, calibration), latch=latch, dry=False,
-            sources=[file_source(stop_file)], at_s=at_s, fault=host_fault(kind, stop_file, bus),
-            settings=RunSettings(hung=True, ending=ending),
+            DynamixelWorld(accepted.plan.course.robot, calibration), dry=False, at_s=at_s,
+            fault=host_fault(kind, bus), settings=RunSettings(hung=True, ending=ending),
         )  # fmt: skip
         jumps = mock.patch("time.time", side_effect=lambda: float(rng.uniform(0.0, 4e9)))
-        with on_signals(latch), jumps if kind == "clock jump" else nullcontext():
+        with jumps if kind == "clock jump" else nullcontext():
             found = outcome(runner, accepted)
-        over_s = time.monotonic()
         ask_on(runner)
         time.sleep(0.6)
         state = bus.state()
         happened = state["happened"][0][1] if state["happened"] else runner.happened_s
         return found | {
             "stop_s": None if not found["stopped"] or happened is None else max(0.0, found["over_s"] - happened),
-            "after": sum(sent > over_s + LATE_S for sent in state["goal_packets_s"]),
+            "after": sum(sent > runner.latch.time_s + CYCLE_S for sent in state["goal_packets_s"]),
             "state": servos(state),
         }
 
 
-def host_fault(kind: str, stop_file: Path, bus: BusProcess) -> Callable[[Array], Array]:
+def host_fault(kind: str, bus: BusProcess) -> Callable[[Array], Array]:
     """What goes wrong, by kind; whatever is the bus's own is injected there."""
 
     def act(targets: Array) -> Array:
@@ -125,10 +116,6 @@ def host_fault(kind: str, stop_file: Path, bus: BusProcess) -> Callable[[Array],
             targets = np.where(np.arange(len(targets)) == 7, np.nan, targets)
         elif kind == "limit exceeded":
             targets = targets + 3.0
-        elif kind == "e-stop signal":
-            os.kill(os.getpid(), signal.SIGUSR1)
-        elif kind == "e-stop file":
-            stop_file.touch()
         elif kind == "slow host":
             time.sleep(0.6)
         return targets
@@ -145,26 +132,6 @@ def outcome(runner: Runner, accepted: Accepted) -> dict[str, Any]:
     return {
         "stopped": not report.succeeded, "moved": report.sent > 0, "message": report.message,
         "left": report.ended.left, "over_s": time.monotonic(), "clipped": report.clipped,
-    }  # fmt: skip
-
-
-def killed(path: Path, bus: BusProcess, at_s: float, folder: Path) -> dict[str, Any]:
-    """kill -9 to a host that is a process of its own; the bus's watchdogs are all that is left."""
-    (folder / "host.json").write_text(json.dumps({"plan": str(path), "port": bus.path}))
-    command = [sys.executable, str(Path(__file__).with_name("faults.py")), "--host", str(folder / "host.json")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as child:
-        assert child.stdout is not None
-        child.stdout.readline()
-        time.sleep(at_s)
-        child.kill()
-        child.wait()
-        killed_s = time.monotonic()
-        time.sleep(1.0)
-        state = bus.state()
-    return {
-        "stopped": True, "moved": True, "message": "kill -9", "left": "to its bus watchdogs",
-        "stop_s": max(0.0, state["still_s"] - killed_s), "state": servos(state),
-        "after": sum(sent > killed_s + LATE_S for sent in state["goal_packets_s"]),
     }  # fmt: skip
 
 
@@ -240,7 +207,7 @@ def bridgeless(path: Path, ending: Any, rng: np.random.Generator) -> dict[str, A
         time.sleep(0.6)
         got = [when for what, when in bridge.log if what in ("stream", "goal")]
         return found | {
-            "stop_s": stop, "after": sum(when > found["over_s"] + LATE_S for when in got),
+            "stop_s": stop, "after": sum(when > runner.latch.time_s + CYCLE_S for when in got),
             "state": controlled(bridge.state()),
         }  # fmt: skip
 

@@ -5,13 +5,16 @@
 The runner runs one step of the course ``walls``, and the fault happens while the joints move. Kinds of the host and of
 the bus happen on 24 emulated servos in a process of their own, the robot hung in a stand, at 50 Hz; half of the runs
 end in hold, half in torque off. A plan is edited by flipping one bit of one of its two files, and handed to servos in
-memory. Feet slip in MuJoCo: all surfaces lose 60 % of their friction. The rosbridge is an emulated one. The host is
-killed as a process of its own. ``bus_faults`` looks at the same faults of a bus from closer by, at the driver alone.
+memory. Feet slip in MuJoCo: all surfaces lose 60 % of their friction. The rosbridge is an emulated one. Stops from
+outside (``stop_runs``) come from another process at random times, half of them while the robot is armed, to the command
+``stancekit run`` itself. ``bus_faults`` looks at the same faults of a bus from closer by, at the driver alone.
 
-stop: from the fault (or from the latch, where the fault is the host's) until the ending was done, in simulation in
-simulated time. after: commands that the device, the emulated robot or the simulation got later than 2 ms after the end
-of the run (in simulation: after the stop), while the host goes on asking ten times more. left: what the runner says,
-and in brackets what the device is in then; the simulation goes on for half a second with what it was told last.
+stop: from the fault until the ending was done, in simulation in simulated time; of stops from outside, until the latch.
+after: commands that the device, the emulated robot or the simulation got later than a control period of the bus (20 ms)
+after the latch (in simulation: after it), in most kinds while the host goes on asking ten times more. late: the last
+command that the device got, counted from the latch. written: commands that were on their way at the latch, and when
+their write had returned, by the host's own count. left: what the runner says, or was asked for, and in brackets what
+the device is in then; the simulation goes on for half a second with what it was told last.
 --log keeps every finished run in FILE, as JSON lines, and takes those in there for done. --realtime gives host and
 devices a real-time priority (SCHED_FIFO, as root): on a machine that is busy with other things the rest finds those.
 """
@@ -24,24 +27,24 @@ import os
 import sys
 import tempfile
 from collections import Counter
+from functools import cache
 from pathlib import Path
 from typing import Any
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
-from fault_runs import KINDS, FaultyRunner, bridgeless, edited, on_bus, slipped
+from fault_runs import FAULTS, bridgeless, edited, first_pose, on_bus, slipped
+from stop_runs import STOPS, stopped
 
 from stancekit.envs.runner.acceptance import Accepted
-from stancekit.envs.runner.runner import RunSettings
-from stancekit.envs.worlds.calibration import nominal
-from stancekit.envs.worlds.dynamixel import DynamixelWorld
 from stancekit.planners.arrays import Array
 from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan_file import write_plan
 from stancekit.planners.scene.course_spec import read_course
-from stancekit.planners.scene.urdf import joint_names
 from stancekit.planners.verify import check_plan
+
+KINDS = (*FAULTS, *STOPS)
 
 
 def main() -> None:
@@ -53,11 +56,7 @@ def main() -> None:
     parser.add_argument("--log", type=Path, default=None)
     parser.add_argument("--realtime", action="store_true")
     parser.add_argument("--json", action="store_true")
-    parser.add_argument("--host", type=Path, default=None, help=argparse.SUPPRESS)
     asked = parser.parse_args()
-    if asked.host is not None:
-        host(asked.host)
-        return
     if asked.realtime:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
     done = finished(asked.log)
@@ -71,7 +70,7 @@ def main() -> None:
             for k in range(asked.count):
                 rng = np.random.default_rng([asked.seed, KINDS.index(kind), k])
                 key = (asked.seed, kind, k)
-                run = done.get(key) or once(kind, path, ("hold", "torque-off")[k % 2], rng)
+                run = done.get(key) or once(kind, path, k, rng)
                 runs.append({"seed": asked.seed, "kind": kind, "index": k} | run)
                 if asked.log is not None and key not in done:
                     with asked.log.open("a") as file:
@@ -90,8 +89,11 @@ def finished(log: Path | None) -> dict[tuple[int, str, int], dict[str, Any]]:
     return {(run["seed"], run["kind"], run["index"]): run for run in runs}
 
 
-def once(kind: str, path: Path, ending: Any, rng: np.random.Generator) -> dict[str, Any]:
+def once(kind: str, path: Path, index: int, rng: np.random.Generator) -> dict[str, Any]:
     """One fault."""
+    if kind in STOPS:
+        return stopped(kind, path, start_of(path), index, rng)
+    ending: Any = ("hold", "torque-off")[index % 2]
     if kind == "plan edited":
         return edited(path, rng)
     if kind == "friction lost":
@@ -101,18 +103,10 @@ def once(kind: str, path: Path, ending: Any, rng: np.random.Generator) -> dict[s
     return on_bus(kind, path, ending, rng)
 
 
-def host(path: Path) -> None:
-    """The process that is killed: says when its first command goes out."""
-    given = json.loads(path.read_text())
-    accepted = Accepted.from_file(given["plan"])
-    robot = accepted.plan.course.robot
-
-    def say(targets: Array) -> Array:
-        print("moving", flush=True)
-        return targets
-
-    world = DynamixelWorld(robot, nominal(joint_names(robot), port=given["port"]))
-    FaultyRunner(world, dry=False, settings=RunSettings(hung=True), at_s=0.0, fault=say).run(accepted)
+@cache
+def start_of(path: Path) -> Array:
+    """Joint angles at the beginning of the plan."""
+    return first_pose(Accepted.from_file(path))
 
 
 def table(kind: str, runs: list[dict[str, Any]]) -> str:
@@ -125,6 +119,15 @@ def table(kind: str, runs: list[dict[str, Any]]) -> str:
     counted = [run["after"] for run in runs if run["after"] is not None]
     lines.append(f"  commands after the stop: {sum(counted)} in {len(counted)} runs")
     left = Counter(f"{run['left']} ({run['state']})" if "state" in run else run["left"] for run in runs)
+    if "phase" in runs[0]:
+        phases = Counter(run["phase"] for run in runs)
+        told = [run["written_s"] for run in runs if run["written"]]
+        lines += [
+            f"  when: {', '.join(f'{count} {phase}' for phase, count in phases.most_common())}",
+            f"  late: {1e3 * max(run['late_s'] for run in runs):.1f} ms at most at the device; written: {len(told)}, "
+            f"{1e3 * max(told, default=0.0):.1f} ms at most",
+            f"  left as asked for: {sum(run['as_asked'] for run in runs)} of {len(runs)}",
+        ]
     lines += [f"  left: {count} × {state}" for state, count in left.most_common(5)]
     lines.append(f"  e.g. {next((run['message'] for run in runs if run['message']), 'it went on')}")
     return "\n".join(lines)

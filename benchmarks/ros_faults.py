@@ -29,8 +29,8 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 import numpy as np
 
 from stancekit.envs.runner.ending import ENDINGS, Ending, end
-from stancekit.envs.runner.estop import StopLatch, Stopped
 from stancekit.envs.runner.safety import SafeWorld
+from stancekit.envs.worlds.latch import StopLatch, Stopped
 from stancekit.envs.worlds.ros import RosWorld
 from stancekit.envs.worlds.ros_setup import same_names
 from stancekit.planners.arrays import Array
@@ -80,18 +80,18 @@ def tried(kind: str, at_s: float, ros: Literal[1, 2], ending: Ending) -> dict[st
 
 def driven(bridge: RosBridge, kind: str, at_s: float, ros: Literal[1, 2], ending: Ending) -> dict[str, Any]:
     """Swing until the fault stops it, and then try to go on."""
-    latch, message, stop_s = StopLatch(), "nothing stopped it", float("nan")
+    message, stop_s = "nothing stopped it", float("nan")
     setup = same_names(JOINTS, port=bridge.port, ros=ros, estop="/e_stop", controller_manager="/controller_manager")
     device = CountedWorld(ROBOT, setup)
-    with SafeWorld(device, latch=latch, dry=False) as world:
+    with SafeWorld(device, dry=False) as world:
         world.reset((), START, np.zeros(3), np.eye(3))
-        world.arm()
+        device.torque(True)
         begin = time.monotonic()
         if kind in FAULTS:
             bridge.inject(kind, at_s)
         try:
             while (passed := time.monotonic() - begin) < at_s + 4.0:
-                world.step(spoiled(kind, passed > at_s, swing(passed), latch))
+                world.step(spoiled(kind, passed > at_s, swing(passed), world.latch))
         except (Stopped, HardwareFault) as error:
             message, stop_s = str(error), time.monotonic()
         sent = device.streamed + 1  # and the one that armed

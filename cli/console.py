@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -58,7 +58,8 @@ def complain(message: str) -> None:
     """Print one plain line on standard error, cut where it is longer than anybody reads."""
     cut = message[:LONGEST_COMPLAINT] + (" …" if len(message) > LONGEST_COMPLAINT else "")
     plain = "".join(letter if letter.isprintable() else " " if letter.isspace() else "?" for letter in cut)
-    err.print(" ".join(plain.split()))
+    with suppress(OSError):  # nobody is there to read it; the exit code says it, too
+        err.print(" ".join(plain.split()))
 
 
 def text_of(name: str | Path) -> str:

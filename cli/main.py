@@ -99,7 +99,13 @@ def main(arguments: Sequence[str] | None = None) -> None:
     except BrokenPipeError:  # `stancekit VERB --help | head`
         _close_output()
         sys.exit(0)
-    sys.exit(run(verb))
+    code = run(verb)
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:  # nobody reads it any more
+        _close_output()
+    sys.exit(code)
 
 
 def overview() -> str:

@@ -21,11 +21,11 @@ from .run_table import loop_table, run_table
 
 if TYPE_CHECKING:
     from stancekit.envs.runner.acceptance import Accepted
-    from stancekit.envs.runner.estop import Source
     from stancekit.envs.runner.gait import AcceptedGait
     from stancekit.envs.runner.guardian import Guardian
     from stancekit.envs.runner.log import Log
     from stancekit.envs.runner.runner import Runner, RunSettings
+    from stancekit.envs.worlds.latch import Source
     from stancekit.envs.worlds.world import World
     from stancekit.planners.scene import Patch
     from stancekit.planners.scene.course import Course
@@ -40,8 +40,8 @@ class Run:
 
     Only a plan that the verifier accepted is run, unchanged since, on the robot that it was made for. Joints, limits
     and the way to the first pose are checked before anything moves. Without --arm nothing is sent to anything real: it
-    is a dry run that says what would have been sent. Any key, Ctrl-C, SIGTERM, SIGUSR1, the stop file and the stop
-    topic stop the robot; after a stop nothing is sent any more.
+    is a dry run that says what would have been sent. Any key, Ctrl-C, SIGTERM, SIGHUP, SIGQUIT, SIGUSR1, a terminal
+    that is gone, the stop file and the stop topic stop the robot; after a stop nothing is sent any more.
 
     With --policy the loop is closed: the coming key frames are observed, a selector chooses envelopes for them, they
     are planned, verified and run, and planned anew from the measured pose where body or feet are off the plan. PLAN may
@@ -98,27 +98,25 @@ class Run:
     def run(self) -> int:
         """Check, run, report."""
         from stancekit.envs.runner.acceptance import Accepted
-        from stancekit.envs.runner.estop import StopLatch, on_signals
+        from stancekit.envs.runner.estop import on_signals
         from stancekit.envs.runner.runner import Runner
         from stancekit.envs.runner.worlds import make_run_world
 
         self._check()
         asked = self._asked()
-        latch = StopLatch()
         with ExitStack() as stack:
             made_for = asked.plan.course if isinstance(asked, Accepted) else asked
             with as_options("speed_rad_s", "setup", "rate_hz"):
                 settings = self._settings()
                 world = make_run_world(self.world, made_for, setup=self.setup, rate_hz=self.rate_hz)
             stack.callback(world.close)
-            stack.enter_context(on_signals(latch))
+            stack.enter_context(on_signals(world.latch))
             sources = stack.enter_context(self._sources(stack))
             log = self._log(stack)
             bar = stack.enter_context(progress(f"run {made_for.name} on {self.world}"))
             guardian = self._guardian(stack, world, settings)
             runner = Runner(
-                world, settings=settings, dry=not self.arm, latch=latch, sources=sources, log=log, progress=bar,
-                guardian=guardian,
+                world, settings=settings, dry=not self.arm, sources=sources, log=log, progress=bar, guardian=guardian,
             )  # fmt: skip
             done = self._done(runner, asked)
         return self._told(*done)
@@ -182,13 +180,17 @@ class Run:
             from stancekit.envs.runner.log import read_log
 
             save(draw_tracking(read_log(self.log)), self.picture)
-        if self.json:
-            emit({"plan": str(self.plan), **record})
-        else:
-            out.print(table)
-            for path in (self.log, self.picture):
-                if path is not None:
-                    out.print(f"written: {path}")
+        try:
+            if self.json:
+                emit({"plan": str(self.plan), **record})
+            else:
+                out.print(table)
+                for path in (self.log, self.picture):
+                    if path is not None:
+                        out.print(f"written: {path}")
+        except BrokenPipeError:  # nobody reads it, but the exit code is of the robot
+            if succeeded:
+                raise
         return 0 if succeeded else 1
 
     def _settings(self) -> RunSettings:
@@ -264,9 +266,11 @@ class Run:
     @contextmanager
     def _sources(self, stack: ExitStack) -> Iterator[list[Source]]:
         """Keys, the stop file, the stop topic."""
-        from stancekit.envs.runner.estop import file_source, key_source, raw_keys
+        from stancekit.envs.runner.estop import file_source, key_source, raw_keys, reader_source
 
         sources: list[Source] = [] if self.stop_file is None else [file_source(self.stop_file)]
+        if self.arm:
+            sources.append(reader_source(*(stream for stream in (1, 2) if _is_open(stream))))
         if self.stop_topic is not None:
             from stancekit.envs.runner.stop_topic import StopTopic
 
@@ -279,3 +283,12 @@ class Run:
         err.print("any key stops the robot")
         with raw_keys(sys.stdin.fileno()):
             yield [*sources, key_source(sys.stdin.fileno())]
+
+
+def _is_open(stream: int) -> bool:
+    """Whether the process began with this file descriptor."""
+    try:
+        os.fstat(stream)
+    except OSError:
+        return False
+    return True

@@ -1,19 +1,20 @@
 """How a run ends: what state the robot is left in, and how long that took.
 
-After a stop nothing moves any more: of the endings only hold and torque-off are left then, and home becomes hold.
+After a stop nothing moves any more: of the endings only hold and torque-off are left then, and home becomes hold. Where
+an arming was interrupted, no torque is on that was off before, whatever was asked for.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
 from stancekit.planners.arrays import Array
 from stancekit.planners.outcome import HardwareFault
 
-from .estop import Stopped
+from ..worlds.latch import Stopped
 from .safety import SafeWorld, Stoppable
 from .start import soft_motion
 
@@ -38,7 +39,7 @@ class Ended:
 
 
 def end(world: SafeWorld, ending: Ending, home: Sequence[Array] | None, speed_rad_s: float) -> Ended:
-    """Bring the robot into the state that was asked for; it never raises for what a device does.
+    """Bring the robot into the state that was asked for; it never raises for what goes wrong on the way.
 
     home: joint angles on the way there, home last, shape (J,) [rad] each, gone along at this speed; None where there is
     no way.
@@ -57,6 +58,8 @@ def end(world: SafeWorld, ending: Ending, home: Sequence[Array] | None, speed_ra
         elif ending == "home" and home is not None:
             message = _homeward(world, home, speed_rad_s)
         left, message = _held(world, message)
+        if left == "held" and not world.armed:
+            left, message = "as it was", "it was not armed"
         if ending == "home" and left == "held" and not message:
             left = "home"
     world.watchdog.rest()
@@ -71,16 +74,18 @@ def _homeward(world: SafeWorld, home: Sequence[Array], speed_rad_s: float) -> st
                 world.step(targets)
     except (Stopped, HardwareFault) as error:
         return f"stopped on the way home: {error}"
+    except Exception as error:
+        world.latch.trip(f"{type(error).__name__}: {error}")
+        return f"stopped on the way home: {world.latch.reason}"
     return ""
 
 
 def _held(world: SafeWorld, message: str) -> tuple[Left, str]:
     device = world.world
     if isinstance(device, Stoppable):
-        try:
-            device.hold()
-        except HardwareFault as error:
-            return "left to the device", f"{message}; {error}" if message else str(error)
+        wrong = _done(device.hold)
+        if wrong:
+            return "left to the device", f"{message}; {wrong}" if message else wrong
     return "held", message
 
 
@@ -88,8 +93,19 @@ def _relaxed(world: SafeWorld) -> tuple[Left, str]:
     device = world.world
     if not isinstance(device, Stoppable):
         return "held", f"world {world.name} has no switch for its torque"
-    try:
-        device.relax()
-    except HardwareFault as error:
-        return "left to the device", str(error)
-    return "torque off", ""
+    wrong = _done(device.relax)
+    return ("left to the device", wrong) if wrong else ("torque off", "")
+
+
+def _done(verb: Callable[[], None]) -> str:
+    """Have a device do it, once more where that is cut off (by a second Ctrl-C); what went wrong, empty if nothing."""
+    wrong = ""
+    for _ in range(2):
+        try:
+            verb()
+            return ""
+        except HardwareFault as error:
+            return str(error)
+        except BaseException as error:
+            wrong = f"{type(error).__name__}: {error}"
+    return wrong

@@ -1,4 +1,4 @@
-"""The emergency stop: one latch that anybody may trip, and the ways to trip it: signal, file, key, callable."""
+"""The ways to trip a stop latch: signal, file, key, a terminal that is gone, any callable."""
 
 from __future__ import annotations
 
@@ -7,66 +7,17 @@ import select
 import signal
 import sys
 import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
-from stancekit.planners.outcome import StancekitError
+from ..worlds.latch import Source, StopLatch
 
-Source = Callable[[], str | None]
-"""Asked again and again; says why to stop, or None."""
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGUSR1)
-
-
-class Stopped(StancekitError):
-    """The stop was tripped: nothing more is sent. The message says why."""
-
-
-class StopLatch:
-    """Once tripped it stays so; the first reason counts. For any thread, and for signal handlers.
-
-    clock: in seconds, never set back.
-    """
-
-    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
-        self._clock = clock
-        self._first: list[tuple[float, str]] = []
-
-    def trip(self, reason: str) -> None:
-        """Stop. Takes no lock, which a signal handler could wait for for ever: appending to a list is atomic."""
-        self._first.append((self._clock(), reason))
-
-    @property
-    def tripped(self) -> bool:
-        """Whether it was."""
-        return bool(self._first)
-
-    @property
-    def reason(self) -> str:
-        """Why; empty before."""
-        return self._first[0][1] if self._first else ""
-
-    @property
-    def time_s(self) -> float:
-        """When, on the latch's clock; NaN before."""
-        return self._first[0][0] if self._first else float("nan")
-
-    def check(self) -> None:
-        """Raise Stopped once it is tripped."""
-        if self._first:
-            raise Stopped(self.reason)
-
-    def poll(self, sources: Sequence[Source]) -> None:
-        """Ask the sources. One that fails trips it, too: a stop button that cannot be read is no stop button."""
-        for source in sources:
-            try:
-                reason = source()
-            except Exception as error:
-                reason = f"a source of stops failed: {type(error).__name__}: {error}"
-            if reason and not self._first:
-                self.trip(reason)
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1)
+JOIN_S = 1.0
+"""A source that hangs is not waited for longer: its thread ends with the process."""
 
 
 def file_source(path: Path) -> Source:
@@ -75,16 +26,27 @@ def file_source(path: Path) -> Source:
 
 
 def key_source(stream: int | None = None) -> Source:
-    """Stop at any key. stream: file descriptor of a terminal, standard input's where None; where that is no terminal
-    nothing is ever read."""
+    """Stop at any key, and where the terminal is gone. stream: file descriptor of a terminal, standard input's where
+    None; where that is no terminal nothing is ever read."""
     number = sys.stdin.fileno() if stream is None and sys.stdin is not None and sys.stdin.isatty() else stream
 
     def pressed() -> str | None:
         if number is None or not select.select([number], [], [], 0.0)[0]:
             return None
-        return "a key was pressed" if os.read(number, 64) else None
+        return "a key was pressed" if os.read(number, 64) else "the terminal is gone"
 
     return pressed
+
+
+def reader_source(*streams: int) -> Source:
+    """Stop where nobody reads any more what is written to one of these: a closed terminal, or the end of a pipe.
+
+    streams: file descriptors. Nothing is written, so that a stop does not wait for the next line.
+    """
+    watch = select.poll()
+    for stream in streams:
+        watch.register(stream, 0)  # what is gone is always told
+    return lambda: "the terminal is gone, or whoever read the output" if watch.poll(0) else None
 
 
 @contextmanager
@@ -98,14 +60,16 @@ def raw_keys(stream: int) -> Iterator[None]:
     try:
         yield
     finally:
-        termios.tcsetattr(stream, termios.TCSADRAIN, before)
+        with suppress(termios.error):  # the terminal is gone
+            termios.tcsetattr(stream, termios.TCSADRAIN, before)
 
 
 @contextmanager
 def on_signals(latch: StopLatch, signals: Sequence[signal.Signals] = SIGNALS) -> Iterator[None]:
     """Let these signals trip the latch in place of ending the process; those before come back afterwards.
 
-    Does nothing outside the main thread, where Python takes no handlers.
+    A hang-up that is ignored stays so: that is what ``nohup`` asks for. Does nothing outside the main thread, where
+    Python takes no handlers.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -114,29 +78,30 @@ def on_signals(latch: StopLatch, signals: Sequence[signal.Signals] = SIGNALS) ->
     def trip(number: int, frame: FrameType | None) -> None:
         latch.trip(f"signal {signal.Signals(number).name}")
 
-    before = [(each, signal.signal(each, trip)) for each in signals]
+    kept = [each for each in signals if (each, signal.getsignal(each)) != (signal.SIGHUP, signal.SIG_IGN)]
+    before = dict[signal.Signals, Any]()
     try:
+        for each in kept:
+            before[each] = signal.signal(each, trip)
         yield
     finally:
-        for each, handler in before:
+        for each, handler in before.items():
             signal.signal(each, handler)
 
 
 @contextmanager
-def watched(latch: StopLatch, sources: Sequence[Source], period_s: float = 0.005) -> Iterator[None]:
-    """Ask the sources in a thread of their own, so that a loop that waits for a device does not delay a stop."""
+def watched(latch: StopLatch, period_s: float = 0.005) -> Iterator[None]:
+    """Ask the latch's sources in a thread of its own, so that a loop that waits for a device delays no stop."""
     over = threading.Event()
 
     def ask() -> None:
         while not over.wait(period_s) and not latch.tripped:
-            latch.poll(sources)
+            latch.poll()
 
     thread = threading.Thread(target=ask, name="stops", daemon=True)
-    if sources:
-        thread.start()
+    thread.start()
     try:
         yield
     finally:
         over.set()
-        if sources:
-            thread.join()
+        thread.join(JOIN_S)

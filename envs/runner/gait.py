@@ -20,7 +20,7 @@ from ..execution import Execution, Tolerance, compared, traced
 from ..motion import Timing
 from ..tracking import Feel, Tracker
 from ..worlds.world import Ground, Solids, Terrain
-from .acceptance import check_joints
+from .acceptance import check_joints, proven
 from .gait_motion import GaitMotion
 from .pace import ACCELERATION_RAD_S2, BLIND, Look, check_still, look, uses_of
 from .prepared import Playable, sees_feet
@@ -93,6 +93,11 @@ class PreparedGait(Playable):
     walked: GaitMotion
 
     @property
+    def content(self) -> Trajectory:
+        """Its motion's trajectory."""
+        return self.walked.trajectory
+
+    @property
     def terrain(self) -> Terrain:
         """Heights."""
         return self.ground
@@ -115,8 +120,13 @@ class PreparedGait(Playable):
 
 def prepared_gait(accepted: AcceptedGait, world: SafeWorld, timing: Timing, feel: Feel, *, hung: bool) -> PreparedGait:
     """A gait for a world that it fits. Raises InvalidInput for one whose joints cannot do it, before anything moves."""
+    trajectory = proven(accepted.trajectory, accepted.digest, accepted.source)
+    accepted = AcceptedGait(
+        trajectory=trajectory, robot=walker(trajectory.robot), digest=accepted.digest, source=accepted.source,
+        gravity_m_s2=accepted.gravity_m_s2,
+    )  # fmt: skip
     check_joints(accepted.source, accepted.robot, world)
-    motion, sees = GaitMotion(accepted.trajectory), sees_feet(world)
+    motion, sees = GaitMotion(trajectory), sees_feet(world)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
     seen = look(motion, kinematics, hung=hung)
     check_still(seen, kinematics, world.capabilities, SHARE)
@@ -126,7 +136,7 @@ def prepared_gait(accepted: AcceptedGait, world: SafeWorld, timing: Timing, feel
     return PreparedGait(
         digest=accepted.digest, source=accepted.source, name=accepted.name, motion=motion, kinematics=kinematics,
         tracker=tracker, first=tracker.start(), sees=sees, pace=1.0, bound_by="", clearance_m=timing.clearance_m,
-        total=motion.seconds, trajectory=accepted.trajectory, ground=accepted.ground(), walked=motion,
+        total=motion.seconds, trajectory=trajectory, ground=accepted.ground(), walked=motion,
     )  # fmt: skip
 
 

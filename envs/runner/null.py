@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
 from stancekit.planners.arrays import Array
 
-from ..worlds.world import State, Terrain, World
+from ..worlds.world import LatchedWorld, State, Terrain, World
 
 
-class NullWorld:
+class NullWorld(LatchedWorld):
     """In place of a world that was reset: no command goes through. Its joints are where they would have been sent.
 
-    first: what the world measured. The body is where it was, and its feet feel nothing.
+    first: what the world measured. The body is where it was, and its feet feel nothing. The latch is the world's.
     """
 
     def __init__(self, world: World, first: State) -> None:
-        self.name, self.robot, self.servo = world.name, world.robot, world.servo
+        self.latch, self.name, self.robot, self.servo = world.latch, world.name, world.robot, world.servo
         self.joints, self.rate_hz = world.joints, world.rate_hz
         self._state = replace(first, sent_rad=np.array(first.angles_rad))
         self.steps = 0
@@ -31,7 +29,8 @@ class NullWorld:
 
     def step(self, targets_rad: Array) -> State:
         """Send nothing; the joints are at the targets, shape (J,) [rad]."""
-        self.steps += 1
+        with self.latch.sending():
+            self.steps += 1
         before, period_s = self._state, 1.0 / self.rate_hz
         self._state = replace(
             before,
@@ -44,11 +43,3 @@ class NullWorld:
 
     def close(self) -> None:
         """Nothing is held."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()

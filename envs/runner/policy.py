@@ -27,11 +27,11 @@ from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course import Course
 
 from ..tracking import Continued, Target
+from ..worlds.latch import Stopped
 from ..worlds.world import State
 from .acceptance import Accepted
 from .catch import Catcher, SlideWatch
 from .ending import Ended
-from .estop import Stopped, watched
 from .observed import com_of, deviation_m, felt_friction, standing_of
 from .prepared import Prepared
 from .report import Rows
@@ -135,7 +135,7 @@ class ClosedLoop:
         prepared = runner.prepare(self._planned(None) if first is None else first)
         self._plans = 1
         message = ""
-        with runner.world, watched(runner.latch, runner.sources):
+        with runner.watched():
             try:
                 runner.begin(prepared, terrain)
                 prepared = self._walk(prepared)
@@ -245,11 +245,14 @@ class ClosedLoop:
         world = self.runner.world
         if not world.real or world.dry:
             return work()
-        with ThreadPoolExecutor(1) as pool:
+        pool = ThreadPoolExecutor(1)
+        try:
             future = pool.submit(work)
             while not future.done():
                 self.runner.send(world.last_rad, world.last_rad)
             return future.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)  # the ending of a run that is stopped waits for no planner
 
     def _astray(self, target: Target, state: State) -> bool:
         """Feet slide, or all stand and the robot is not where it should be; where anything is done about it."""

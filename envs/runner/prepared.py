@@ -8,15 +8,16 @@ from typing import Any, ClassVar, Literal
 
 from stancekit.planners.arrays import Array
 from stancekit.planners.force_share import shared_forces
+from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.kinematics import Kinematics
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.plan import Plan
 
 from ..execution import Execution, Tolerance, judged, traced
-from ..motion import Followed, Timing
+from ..motion import Followed, Motion, Timing
 from ..tracking import Feel, Target, Tracker
 from ..worlds.world import Solids, Terrain
-from .acceptance import Accepted
+from .acceptance import Accepted, proven
 from .pace import BLIND, expected, paced
 from .report import Rows
 from .safety import SafeWorld
@@ -43,6 +44,11 @@ class Playable(ABC):
     clearance_m: float
     total: float
     counted: ClassVar[Literal["key frames", "seconds"]] = "key frames"
+
+    @property
+    @abstractmethod
+    def content(self) -> Plan | Trajectory:
+        """What its motion plays."""
 
     @property
     @abstractmethod
@@ -75,8 +81,14 @@ class Playable(ABC):
 class Prepared(Playable):
     """A plan of key frames."""
 
+    motion: Motion
     plan: Plan
     solids: Solids
+
+    @property
+    def content(self) -> Plan:
+        """Its motion's plan."""
+        return self.motion.plan
 
     @property
     def terrain(self) -> Terrain:
@@ -101,9 +113,10 @@ class Prepared(Playable):
 def prepared_plan(
     accepted: Accepted, world: SafeWorld, timing: Timing, feel: Feel, *, hung: bool, kinematics: Kinematics | None
 ) -> Prepared:
-    """A plan, timed for a world that it fits. Raises InvalidInput for one that does not."""
+    """A plan, timed for a world that it fits. Raises InvalidInput where it does not, or is not what was accepted."""
+    plan, sees = proven(accepted.plan, accepted.digest, accepted.source), sees_feet(world)
+    accepted = Accepted(plan=plan, digest=accepted.digest, source=accepted.source)
     accepted.check_fits(world)
-    plan, sees = accepted.plan, sees_feet(world)
     course = plan.course
     kinematics = kinematics or Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
     timed = paced(plan, kinematics, world.capabilities, timing, forces_n=shared_forces(plan), hung=hung)

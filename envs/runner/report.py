@@ -44,7 +44,8 @@ class RunReport:
     joint_worst_rad, joint_rms_rad: measured against planned angles, NaN, and joint_worst empty, where the motion never
     began. cycle_s: median and 99th percentile of the control period, from one command to the next. execution: as in a
     simulation, where body and forces are measured. replay_rad: largest difference of a command from that in the log
-    which is replayed.
+    which is replayed. stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine
+    share, None where it was not; after: commands on their way at that moment, whose write returned up to after_s later.
     """
 
     world: str
@@ -69,6 +70,9 @@ class RunReport:
     wall_s: float
     execution: Execution | None
     replay_rad: float | None = None
+    stopped_s: float | None = None
+    after: int = 0
+    after_s: float = 0.0
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready."""
@@ -89,6 +93,7 @@ def reported(prepared: Playable, world: SafeWorld, rows: Rows, ended: Ended, mes
         message = message or execution.message
     angles = np.array([state.angles_rad for _, state in rows.pairs]).reshape(-1, len(world.joints))
     away = np.abs(angles - np.array([target.angles_rad for target, _ in rows.pairs]).reshape(angles.shape))
+    latch = world.latch
     cycles = np.diff(rows.began_s) if len(rows.began_s) > 1 else np.array([np.nan])
     return RunReport(
         world=world.name,
@@ -113,4 +118,7 @@ def reported(prepared: Playable, world: SafeWorld, rows: Rows, ended: Ended, mes
         wall_s=wall_s,
         execution=execution,
         replay_rad=world.world.worst_rad if isinstance(world.world, ReplayWorld) else None,
+        stopped_s=latch.time_s if latch.tripped else None,
+        after=latch.after,
+        after_s=latch.after_s,
     )

@@ -8,7 +8,8 @@ lift and loaded after they land, as ``Motion`` has it. Whatever happens, it ends
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import count
 
@@ -16,14 +17,15 @@ import numpy as np
 
 from stancekit.planners.arrays import Array, checked, gathered
 from stancekit.planners.kinematics import Kinematics, rotation_of
-from stancekit.planners.outcome import HardwareFault, InvalidInput
+from stancekit.planners.outcome import HardwareFault
 
 from ..motion import Timing
 from ..tracking import Feel, Target
+from ..worlds.latch import Source, Stopped
 from ..worlds.world import State, Terrain, World
 from .acceptance import Accepted
 from .ending import Ended, Ending, end
-from .estop import Source, StopLatch, Stopped, watched
+from .estop import on_signals, watched
 from .gait import AcceptedGait, PreparedGait, prepared_gait
 from .guardian import Guardian
 from .log import FORMAT, Log, NoLog, state_json
@@ -62,10 +64,10 @@ class RunSettings:
 
 
 class Runner:
-    """Runs plans and gaits on one world. A context manager; it closes the world.
+    """Runs plans and gaits on one world, once; it closes the world.
 
-    dry: send nothing to anything real. sources: of stops, beside the latch. log: of everything. progress: called with
-    (key frames done, all). guardian: entered already; it acts where this process cannot.
+    dry: send nothing to anything real. sources: of stops, beside whoever trips the world's latch. log: of everything.
+    progress: called with (key frames done, all). guardian: entered already; it acts where this process cannot.
     """
 
     def __init__(
@@ -74,18 +76,15 @@ class Runner:
         *,
         settings: RunSettings = RunSettings(),
         dry: bool = True,
-        latch: StopLatch | None = None,
         sources: Sequence[Source] = (),
         log: Log = NoLog(),
         progress: Progress = lambda done, total: None,
         guardian: Guardian | None = None,
     ) -> None:
         self.settings, self.log = settings, log
-        self.latch = StopLatch() if latch is None else latch
-        self.sources, self._progress = (*sources, *(() if guardian is None else (guardian.gone,))), progress
-        self.world = SafeWorld(
-            world, latch=self.latch, limits=settings.limits, dry=dry, sources=self.sources, guardian=guardian
-        )
+        self.latch, self._progress = world.latch, progress
+        sources = (*sources, *(() if guardian is None else (guardian.gone,)))
+        self.world = SafeWorld(world, limits=settings.limits, dry=dry, sources=sources, guardian=guardian)
         self._found: Array | None = None
         self._counted = Playable.counted
         self.state: State | None = None
@@ -100,7 +99,7 @@ class Runner:
         prepared: Playable
         prepared = self.prepare(accepted) if isinstance(accepted, Accepted) else self.prepare_gait(accepted)
         rows, message = Rows(), ""
-        with self.world, watched(self.latch, self.sources):
+        with self.watched():
             try:
                 self.begin(prepared, terrain)
                 self.follow(prepared, rows)
@@ -115,6 +114,12 @@ class Runner:
         report = reported(prepared, self.world, rows, ended, message, time.perf_counter() - begin)
         self.log.write("verdict", report.to_json())
         return report
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """The world open, signals and sources heard: what a run is within."""
+        with on_signals(self.latch), self.world, watched(self.latch):
+            yield
 
     def prepare(self, accepted: Accepted, kinematics: Kinematics | None = None) -> Prepared:
         """Check that the plan fits the world, and time it. Raises InvalidInput."""
@@ -152,7 +157,7 @@ class Runner:
         way = self._way(prepared, state, first.angles_rad)
         if self.world.real and not self.world.dry:
             self.decide("armed", "torque on, at the measured pose")
-        self.world.arm()
+        self.world.arm(prepared.content, prepared.digest)
         far = float(np.abs(state.angles_rad - first.angles_rad).max())
         self.decide("soft start", f"{far:.3f} rad to the first pose, over {len(way)} pose{'s' * (len(way) > 1)}")
         self.go(way)
@@ -208,19 +213,22 @@ class Runner:
         self.log.write("decision", {"what": what, "why": why})
 
     def finish(self, prepared: Playable, message: str) -> Ended:
-        """Leave the robot as it should be left."""
+        """Leave the robot as it should be left, and only then say so: a log may be what failed."""
         home: Sequence[Array] | None = None
+        lost = ""
+        if message:
+            self.latch.trip(message)
         if self._found is None:
             return Ended(left="as it was", message="nothing was sent", seconds=0.0)
-        if message:
-            self.decide("stop", message)
-            self.latch.trip(message)
-        elif self.settings.ending == "home" and self.state is not None:
+        if self.settings.ending == "home" and self.state is not None and not self.latch.tripped:
             try:
                 home = self._way(prepared, self.state, self._found)
-            except InvalidInput as error:
-                self.decide("no way home", str(error))
+            except Exception as error:
+                lost = str(error)
         ended = end(self.world, self.settings.ending, home, self.settings.speed_rad_s)
+        for what, why in (("stop", message), ("no way home", lost)):
+            if why:
+                self.decide(what, why)
         self.decide("end", f"{ended.left} after {ended.seconds:.3f} s{': ' * bool(ended.message)}{ended.message}")
         return ended
 

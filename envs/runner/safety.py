@@ -1,7 +1,7 @@
 """Every world behind the same guard: clipping, refusal of what is no number, the stop latch, the watchdog, deviation.
 
 What was really sent comes back in ``State.sent_rad``. After a stop nothing is sent any more; what is asked for then is
-counted and refused.
+counted and refused. What is real is armed for a plan only, and the plan is verified then, from its own numbers.
 """
 
 from __future__ import annotations
@@ -15,11 +15,14 @@ from typing import NoReturn, Protocol, Self, runtime_checkable
 import numpy as np
 
 from stancekit.planners.arrays import Array, checked, gathered
+from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.outcome import HardwareFault, InvalidInput
+from stancekit.planners.plan import Plan
 
 from ..worlds.capabilities import WorldCapabilities
+from ..worlds.latch import Source, StopLatch, Stopped
 from ..worlds.world import State, Terrain, World
-from .estop import Source, StopLatch, Stopped
+from .acceptance import proven
 from .guardian import Guardian
 from .null import NullWorld
 from .watchdog import Watchdog
@@ -32,7 +35,10 @@ class Stoppable(Protocol):
     """A world that can be left in a state: standing as it is, or without torque."""
 
     def hold(self) -> None:
-        """Send nothing any more; the joints keep what they were told last."""
+        """Send nothing any more; the joints keep what they were told last.
+
+        Where an arming was interrupted, it makes sure that the torque is as it was before, or raises HardwareFault.
+        """
         ...
 
     def relax(self) -> None:
@@ -47,7 +53,8 @@ class Actuator(Stoppable, Protocol):
     armed: bool
 
     def torque(self, on: bool) -> None:
-        """Arm, at the measured pose; or let go."""
+        """Arm, at the measured pose; or let go. An arming that is interrupted, by whatever it raises, leaves no torque
+        on that was off before."""
         ...
 
 
@@ -89,30 +96,32 @@ class SafeWorld:
     """A world with a guard, itself a world. It owns the world, and closes it.
 
     dry: nothing is sent to anything real; a ``NullWorld`` answers what would have been sent. A simulation is nothing
-    real. sources: asked before every command. sent, clipped, refused: numbers of commands that went through, that were
-    changed on the way, and that came after the stop. guardian: told of every command.
+    real. latch: the world's. sources: asked before every command. sent, clipped, refused: numbers of commands that went
+    through, that were changed on the way, and that came after the stop. armed: an arming came to its end, or none is
+    needed. guardian: told of every command.
     """
 
     def __init__(
         self,
         world: World,
         *,
-        latch: StopLatch,
         limits: Limits = Limits(),
         dry: bool = True,
         sources: Sequence[Source] = (),
         clock: Callable[[], float] = time.monotonic,
         guardian: Guardian | None = None,
     ) -> None:
-        self.world, self.latch, self.limits = world, latch, limits
+        self.world, self.limits = world, limits
+        self.latch: StopLatch = world.latch
         self.name, self.robot, self.servo = world.name, world.robot, world.servo
         self.joints, self.rate_hz = world.joints, world.rate_hz
         self.capabilities = capabilities_of(world)
         self.real = isinstance(world, Actuator)
         self.dry = dry and self.real
         self.sent = self.clipped = self.refused = 0
-        self.watchdog = Watchdog(latch, limits.silent_s if self.real else float("inf"), clock, guardian)
-        self._sources = tuple(sources)
+        self.armed = not self.real
+        self.watchdog = Watchdog(world.latch, limits.silent_s if self.real else float("inf"), clock, guardian)
+        self.latch.listen(*sources, self.watchdog.look)
         self._to: World = world
         self._last: Array | None = None
         self._away = 0
@@ -133,11 +142,21 @@ class SafeWorld:
             raise InvalidInput("world: expected reset before anything else")
         return self._last
 
-    def arm(self) -> None:
-        """Let something real move: its torque is switched on at the pose where it is. Nothing to do for others."""
+    def arm(self, content: Plan | Trajectory, digest: str) -> None:
+        """Let something real move: its torque is switched on at the pose where it is. Nothing to do for others.
+
+        content: what is going to move it; digest: of the verdict on it. Raises InvalidInput unless the verifier accepts
+        it now, as the digest says, whatever object it comes in; Stopped, HardwareFault, after which no torque is on
+        that was off before.
+        """
+        proven(content, digest, "arming")
         self._ask()
         if isinstance(self._to, Actuator):
-            self._to.torque(True)
+            self.watchdog.guard()
+            try:
+                self._to.torque(True)
+            finally:
+                self.armed = self._to.armed
 
     def step(self, targets_rad: Array) -> State:
         """Send what of the targets is within limits. Raises Stopped after a stop, and with the command that causes one;
@@ -149,15 +168,18 @@ class SafeWorld:
             self.trip(f"command refused: expected {len(last)} finite targets, got {_wrong(targets, self.joints)}")
         given = self.within(targets)
         self.watchdog.kick()
-        self._ask()
-        self.sent += 1
-        self.clipped += int(np.any(np.abs(given - targets) > 1e-9))
         try:
             state = self._to.step(given)
             self._check_measured(state)
+        except Stopped:
+            self.refused += 1
+            raise
         except HardwareFault as error:
             self.latch.trip(str(error))
             raise
+        self.armed = True
+        self.sent += 1
+        self.clipped += int(np.any(np.abs(given - targets) > 1e-9))
         self._last = np.array(state.sent_rad, dtype=float)
         self._check_deviation(state)
         return state
@@ -194,12 +216,11 @@ class SafeWorld:
 
     def _ask(self) -> None:
         """Raise Stopped where somebody wants it."""
-        if not self.latch.tripped:
-            self.latch.poll(self._sources)
-            self.watchdog.look()
-        if self.latch.tripped:
+        try:
+            self.latch.check()
+        except Stopped:
             self.refused += 1
-            raise Stopped(self.latch.reason)
+            raise
 
     def _check_measured(self, state: State) -> None:
         for name in ("angles_rad", "rates_rad_s", "forces_n", "position_m"):

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -15,12 +14,12 @@ from stancekit.planners.scene.posture import GRAVITY_M_S2
 from stancekit.planners.scene.solid import Solid
 from stancekit.planners.scene.urdf import Servo, foot_names, hexapod_urdf, joint_names
 
-from .world import SPACING_M, Ground, State, Terrain, sendable
+from .world import SPACING_M, Ground, LatchedWorld, State, Terrain, sendable
 
 PHYSICS_S = 1e-3
 
 
-class BulletWorld:
+class BulletWorld(LatchedWorld):
     """One robot on one terrain in PyBullet. Raises InvalidInput where PyBullet is not installed.
 
     PyBullet's own position control is a rigid constraint that leaves contact forces to chance; here the joints are
@@ -32,6 +31,7 @@ class BulletWorld:
     def __init__(
         self, robot: Robot, servo: Servo = Servo(), *, rate_hz: float = 200.0, gravity_m_s2: float = GRAVITY_M_S2
     ) -> None:
+        super().__init__()
         try:
             import pybullet
         except ImportError:
@@ -63,7 +63,9 @@ class BulletWorld:
     def step(self, targets_rad: Array) -> State:
         """One control period with these position targets, shape (J,) [rad]."""
         bullet, client, servo = self._bullet, self._client, self.servo
-        self._sent = sendable(targets_rad, self._sent, servo, 1.0 / self.rate_hz)
+        targets = sendable(targets_rad, self._sent, servo, 1.0 / self.rate_hz)
+        with self.latch.sending():
+            self._sent = targets
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
         for _ in range(self._substeps):
             angles, rates = self._joint_state()
@@ -82,14 +84,6 @@ class BulletWorld:
         if self._client >= 0:
             self._bullet.disconnect(physicsClientId=self._client)
             self._client = -1
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _begin(self) -> None:
         """An empty world. The order of contacts is fixed, or two runs differ."""

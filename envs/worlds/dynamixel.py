@@ -2,14 +2,13 @@
 
 Servos run in current-based position control, so that their current, and with it their torque, is limited. Each has its
 bus watchdog set: when nothing is heard of the host for a while, it stops where it is and holds, whatever has happened
-to the host.
+to the host. After a stop no packet leaves but those that read, and those that switch the torque off.
 """
 
 from __future__ import annotations
 
 import time
-from types import TracebackType
-from typing import Self
+from contextlib import suppress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +24,7 @@ from .calibration import Calibration, Turning
 from .capabilities import WorldCapabilities
 from .servo_bus import ServoBus, signed
 from .servo_setup import check_servos, configure
-from .world import State, Terrain
+from .world import LatchedWorld, State, Terrain
 
 REST_RAD = 0.35
 """A robot at rest, its torque off, has its joints this near to where the calibration says."""
@@ -35,7 +34,7 @@ SLACK_RAD = 0.05
 """A joint measured this far beyond its limits is at its stop; one that is farther beyond is calibrated wrong."""
 
 
-class DynamixelWorld:
+class DynamixelWorld(LatchedWorld):
     """Servos on a bus. ``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves; not thread-safe.
 
     The body is not measured: ``State`` repeats the pose given to ``reset``, the feet are where that pose and the
@@ -49,6 +48,7 @@ class DynamixelWorld:
     def __init__(
         self, robot: Robot, calibration: Calibration, servo: Servo = Servo(), *, rate_hz: float = 50.0
     ) -> None:
+        super().__init__()
         self.robot, self.servo, self.rate_hz, self.calibration = robot, servo, rate_hz, calibration
         self.joints = joint_names(robot)
         calibration.check(self.joints)
@@ -56,10 +56,13 @@ class DynamixelWorld:
         self._turning, self._kind = Turning(self._servos), calibration.kind
         self._current = np.array([round(each.current_a / table.AMPERE) for each in self._servos])
         ids = [each.id for each in self._servos]
-        self.bus = ServoBus(calibration.port, calibration.baud, ids, self.joints, latency_ms=calibration.latency_ms)
+        self.bus = ServoBus(
+            calibration.port, calibration.baud, ids, self.joints, latency_ms=calibration.latency_ms, latch=self.latch
+        )
         self.capabilities, self._kinematics = self._capable(), Kinematics(robot, servo)
         self.armed, self.late, self.bus_s = False, 0, 0.0
         self._open, self._sent = False, np.zeros(len(self.joints))
+        self._found: NDArray[np.bool_] | None = None  # which torques were on before an arming that did not end well
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Connect, check every servo, measure; nothing moves, and the torque stays as it was.
@@ -89,6 +92,8 @@ class DynamixelWorld:
         """Arm: hold the measured pose, with current limits and watchdogs set; or let go of the robot.
 
         A servo in a shutdown stays off and raises HardwareFault. Arming clears watchdogs that have stopped their servo.
+        The latch is asked for every packet, and after the last. However an arming is interrupted, the torque is off
+        afterwards; only a robot that was held before, all of it, is held on. ``hold`` makes sure of that.
         """
         if not on:
             self.relax()
@@ -96,12 +101,15 @@ class DynamixelWorld:
         if not self._open:
             raise InvalidInput("world: expected reset before torque")
         with self.bus.patient():
+            self._found = self._watched()[:, 0] > 0
             try:
                 self._arm()
-            except HardwareFault:
+                self._found, self._due_s = None, time.monotonic()
+            except BaseException:
                 self.armed = False
+                with suppress(HardwareFault):  # what goes wrong now goes wrong in ``hold``, too, and is told there
+                    self._disarm()
                 raise
-        self._due_s = time.monotonic()
 
     def step(self, targets_rad: Array) -> State:
         """Send targets, wait for the end of the control period, measure.
@@ -139,34 +147,35 @@ class DynamixelWorld:
     def hold(self) -> None:
         """Send nothing any more: servos keep the last target they were sent, and no step is taken until armed again.
 
-        A goal of its own would only give up what the servos lean on; their watchdogs hold them where they are.
+        A goal of its own would only give up what the servos lean on; their watchdogs hold them where they are. After an
+        arming that was interrupted the torque is as ``torque`` says; raises HardwareFault where it is not.
         """
         self.armed = False
+        if self._found is not None:
+            self._disarm()
 
     def relax(self) -> None:
         """Torque off everywhere, and make sure of it. Raises HardwareFault that names those that did not say so."""
         self.armed = False
         if not self._open:
             return
-        for _ in range(2):
-            self._everywhere(table.TORQUE_ENABLE, 0)
-            rows = self.bus.read_all(table.TORQUE_ENABLE.address, 1, alerts=False)
-            if not rows.any():
-                return
+        for again in (True, False):
+            self._everywhere(table.TORQUE_ENABLE, 0, stopping=True)
+            try:
+                rows = self.bus.read_all(table.TORQUE_ENABLE.address, 1, alerts=False)
+            except HardwareFault:
+                if not again:
+                    raise
+            else:
+                if not rows.any():
+                    self._found = None
+                    return
         self.bus.refuse(rows[:, 0] > 0, "its torque did not go off")
 
     def close(self) -> None:
         """Give the port back. Torque stays as it is, and a servo whose torque is on is stopped by its watchdog."""
         self.armed = self._open = False
         self.bus.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _capable(self) -> WorldCapabilities:
         limbs = len(self.robot.limbs)
@@ -191,11 +200,24 @@ class DynamixelWorld:
         state = self._measured(self._watched())
         self._check_angles(state.angles_rad)
         self._send(state.angles_rad)
-        self._everywhere(table.TORQUE_ENABLE, 1)
-        self._everywhere(table.BUS_WATCHDOG, units)
-        self.armed = True
+        self._everywhere(table.BUS_WATCHDOG, units)  # before the torque: a host that dies here leaves none without
         rows = self._watched()
         self.bus.refuse(rows[:, 2] != units, f"expected a bus watchdog of {20 * units} ms, got another")
+        self._everywhere(table.TORQUE_ENABLE, 1)
+        self.armed = True
+        self._watched()
+        self.latch.check()
+
+    def _disarm(self) -> None:
+        """Torque off after an arming that was interrupted; a robot that was held before goes on holding."""
+        if self._found is None or not self._found.all():
+            self.relax()
+            return
+        units = self.calibration.watchdog_units
+        self._everywhere(table.BUS_WATCHDOG, units, stopping=True)
+        rows = self.bus.read_all(table.BUS_WATCHDOG.address, 1, alerts=False)
+        self.bus.refuse(rows[:, 0] != units, "its bus watchdog could not be set")
+        self._found = None
 
     def _check_angles(self, angles: Array) -> None:
         can = self.capabilities
@@ -257,5 +279,5 @@ class DynamixelWorld:
             sent_rad=self._sent.copy(),
         )
 
-    def _everywhere(self, register: table.Register, value: int) -> None:
-        self.bus.write_all(register, np.full(len(self.joints), value))
+    def _everywhere(self, register: table.Register, value: int, *, stopping: bool = False) -> None:
+        self.bus.write_all(register, np.full(len(self.joints), value), stopping=stopping)

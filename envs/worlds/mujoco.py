@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from stancekit.planners.scene.posture import GRAVITY_M_S2
 from stancekit.planners.scene.solid import Solid
 from stancekit.planners.scene.urdf import Servo, foot_names, hexapod_urdf, joint_names
 
-from .world import SPACING_M, Ground, State, Terrain, sendable
+from .world import SPACING_M, Ground, LatchedWorld, State, Terrain, sendable
 
 PHYSICS_S = 1e-3
 CONTACT_S, CONTACT_DAMPING = 0.004, 1.0
@@ -27,7 +26,7 @@ ICE = 1e-6
 """At and below this friction a contact has no friction rows at all."""
 
 
-class MujocoWorld:
+class MujocoWorld(LatchedWorld):
     """One robot on one terrain in MuJoCo. Raises InvalidInput where MuJoCo is not installed."""
 
     name = "mujoco"
@@ -35,6 +34,7 @@ class MujocoWorld:
     def __init__(
         self, robot: Robot, servo: Servo = Servo(), *, rate_hz: float = 200.0, gravity_m_s2: float = GRAVITY_M_S2
     ) -> None:
+        super().__init__()
         try:
             import mujoco
         except ImportError:
@@ -62,8 +62,9 @@ class MujocoWorld:
 
     def step(self, targets_rad: Array) -> State:
         """One control period with these position targets, shape (J,) [rad]."""
-        self._sent = sendable(targets_rad, self._sent, self.servo, 1.0 / self.rate_hz)
-        self._data.ctrl[:] = self._sent
+        targets = sendable(targets_rad, self._sent, self.servo, 1.0 / self.rate_hz)
+        with self.latch.sending():
+            self._sent = self._data.ctrl[:] = targets
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
         for _ in range(self._substeps):
             self._mujoco.mj_step(self._model, self._data)
@@ -73,14 +74,6 @@ class MujocoWorld:
     def close(self) -> None:
         """Drop the model."""
         self._model = self._data = None
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _compiled(self, terrain: Terrain) -> Any:
         kinds = self._mujoco

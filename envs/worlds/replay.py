@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 
@@ -14,10 +13,10 @@ from stancekit.planners.scene import Robot
 from stancekit.planners.scene.urdf import Servo, joint_names
 
 from .capabilities import WorldCapabilities
-from .world import State, Terrain
+from .world import LatchedWorld, State, Terrain
 
 
-class ReplayWorld:
+class ReplayWorld(LatchedWorld):
     """The measurements of a log, one a step. Nothing moves; commands are compared with those of the log.
 
     worst_rad: largest difference between a command and what was sent at that step of the log. Raises InvalidInput for a
@@ -29,6 +28,7 @@ class ReplayWorld:
     def __init__(self, path: str | Path, robot: Robot, servo: Servo = Servo()) -> None:
         from ..runner.log import read_log, state_from_json, table
 
+        super().__init__()
         recorded = read_log(path)
         plan: dict[str, Any] = recorded.of("plan")[0]
         self.robot, self.servo, self.rate_hz = robot, servo, _rate(plan["rate_hz"], path)
@@ -67,19 +67,12 @@ class ReplayWorld:
         if self._row >= len(self._states) or self._row > len(self._sent):
             raise HardwareFault(f"replay: the log ends after {self._row - 1} commands")
         away = float(np.abs(np.asarray(targets_rad) - self._sent[self._row - 1]).max())
-        self.worst_rad = max(self.worst_rad, away)
+        with self.latch.sending():
+            self.worst_rad = max(self.worst_rad, away)
         return self._states[self._row]
 
     def close(self) -> None:
         """Nothing is held."""
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def _rate(value: float, path: str | Path) -> float:

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from types import TracebackType
-from typing import Self
+from contextlib import suppress
 
 import numpy as np
 
@@ -26,13 +25,13 @@ from .capabilities import WorldCapabilities
 from .ros_follow import Follower
 from .ros_robot import RosRobot
 from .ros_setup import RosSetup
-from .world import State, Terrain
+from .world import LatchedWorld, State, Terrain
 
 SLACK_RAD = 0.05
 """A joint measured this far beyond its limits is taken for one at its stop, farther for one that is mapped wrong."""
 
 
-class RosWorld:
+class RosWorld(LatchedWorld):
     """``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves. ``hold`` may come from another thread.
 
     The body is not measured: ``State`` repeats the pose given to ``reset``, the feet are where that pose and the
@@ -44,13 +43,15 @@ class RosWorld:
     name = "ros"
 
     def __init__(self, robot: Robot, setup: RosSetup, servo: Servo = Servo(), *, rate_hz: float = 50.0) -> None:
+        super().__init__()
         self.robot, self.servo, self.rate_hz, self.setup = robot, servo, rate_hz, setup
         self.joints = joint_names(robot)
         self._kinematics = Kinematics(robot, servo)
         self.capabilities = self._capable()
-        self._robot, self._open = RosRobot(setup, self.joints), False
+        self._robot, self._open = RosRobot(setup, self.joints, self.latch), False
         self._follower = Follower(self._robot)
         self.armed, self.late = False, 0
+        self._switched = False  # on, by an arming that did not end well
         self._sent = np.zeros(len(self.joints))
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
@@ -61,7 +62,7 @@ class RosWorld:
         limits, and an e-stop that is pressed.
         """
         self.close()
-        self._robot = RosRobot(self.setup, self.joints)
+        self._robot = RosRobot(self.setup, self.joints, self.latch)
         self._follower = Follower(self._robot)
         try:
             self._robot.connect()
@@ -81,19 +82,23 @@ class RosWorld:
         return self._robot.pressed
 
     def torque(self, on: bool) -> None:
-        """Arm: hold the measured pose, the controller switched on if the setup names its manager; or switch it off."""
+        """Arm: hold the measured pose, the controller switched on if the setup names its manager; or switch it off.
+
+        However an arming is interrupted, the controller is off again if it was switched on; ``hold`` makes sure of it.
+        """
         if not on:
             self.relax()
             return
         if not self._open:
             raise InvalidInput("world: expected reset before torque")
         self._check()
-        if self.setup.controller_manager is not None:
-            self._robot.switch(True)
-        self._sent = self._robot.states.read()[0]
-        self._follower.ready()
-        self._robot.stream(self._sent)
-        self.armed, self._due_s = True, time.monotonic()
+        try:
+            self._arm()
+        except BaseException:
+            with suppress(HardwareFault):  # what goes wrong now goes wrong in ``hold``, too, and is told there
+                self.hold()
+            raise
+        self.armed, self._switched, self._due_s = True, False, time.monotonic()
 
     def step(self, targets_rad: Array) -> State:
         """Stream targets, wait for the end of the control period, measure.
@@ -109,7 +114,11 @@ class RosWorld:
             raise InvalidInput(f"targets_rad: expected {len(self.joints)} finite numbers")
         self._check()
         self._sent = self.sendable(targets)
-        self._robot.stream(self._sent)
+        try:
+            self._robot.stream(self._sent)
+        except HardwareFault:
+            self.armed = False
+            raise
         self._wait()
         self._check()
         return self._state()
@@ -148,29 +157,29 @@ class RosWorld:
         return self._state()
 
     def hold(self) -> None:
-        """Cancel a trajectory that is on its way; otherwise send nothing: the controller holds its last target."""
+        """Cancel a trajectory that is on its way; otherwise send nothing: the controller holds its last target.
+
+        After an arming that was interrupted it is switched off; raises HardwareFault where that cannot be done.
+        """
         self.armed = False
         self._follower.stop()
+        if self._switched:
+            self._robot.switch(False)
+            self._switched = False
 
     def relax(self) -> None:
         """Switch the controller off. Raises HardwareFault where that cannot be done."""
-        self.hold()
+        self.armed = False
+        self._follower.stop()
         if self._open:
             self._robot.switch(False)
+            self._switched = False
 
     def close(self) -> None:
         """Disconnect; the robot holds."""
-        self.hold()
-        self._open = False
+        self.armed = self._open = False
+        self._follower.stop()
         self._robot.link.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _capable(self) -> WorldCapabilities:
         count, limbs = len(self.joints), len(self.robot.limbs)
@@ -179,6 +188,16 @@ class RosWorld:
             upper_rad=np.tile(self.servo.upper_rad, limbs), velocity_rad_s=np.full(count, self.servo.velocity_rad_s),
             torque_nm=np.full(count, self.servo.torque_nm), has_body_pose=False, has_contact_forces=False,
         )  # fmt: skip
+
+    def _arm(self) -> None:
+        if self.setup.controller_manager is not None:
+            self.latch.check()
+            self._switched = True
+            self._robot.switch(True)
+        self._sent = self._robot.states.read()[0]
+        self._follower.ready()
+        self._robot.stream(self._sent)
+        self.latch.check()
 
     def _check(self) -> None:
         """Raise HardwareFault for whatever is wrong now; the world is not armed then."""

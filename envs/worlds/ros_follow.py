@@ -41,7 +41,7 @@ class Follower:
         """Send a trajectory and wait for its end. first_rad: where the robot is held now, shape (J,).
 
         heard: called after feedback. Raises InvalidInput where the robot does not cancel goals, HardwareFault
-        for one that did not succeed, after cancelling it.
+        for one that did not succeed, after cancelling it; Stopped after a stop, before it was sent.
         """
         if not self._cancels:
             self._probe(first_rad)
@@ -55,6 +55,8 @@ class Follower:
                 self._fed.clear()
                 heard()
             why = self._robot.trouble()
+            if why is None and self._robot.latch.tripped:
+                why = self._robot.latch.reason
             if why is None and self._stop.is_set():
                 why = "trajectory: stopped on the way"
             if why is None and time.monotonic() > end:
@@ -93,7 +95,7 @@ class Follower:
                 self._fed.set()
 
         goal = followed(path, robot.mapping.names, setup.path_rad, setup.goal_rad, setup.goal_s, setup.ros)
-        return robot.goals.send(goal, fed)
+        return robot.link.through(robot.latch, lambda: robot.goals.send(goal, fed))
 
     def _cancelled(self, goal: Goal) -> str:
         """Cancel, over a new connection if the old one is of no use; what to say of that."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from stancekit.planners.outcome import HardwareFault, InvalidInput
 from stancekit.planners.refusals import shown
 
 from .joint_states import JointStates
+from .latch import StopLatch
 from .ros_goal import Goals, trajectory
 from .ros_setup import Mapping, RosSetup
 from .rosbridge import RosLink
@@ -25,12 +27,13 @@ LOOK_S = 0.1
 class RosRobot:
     """One connection to one robot. ``listen`` first; a robot that is lost stays lost. J joints.
 
-    pressed: whether the e-stop was pressed since; letting go of the button changes nothing. Raises InvalidInput for a
+    latch: whatever moves it passes this. pressed: whether the e-stop was pressed since; letting go of the button
+    changes nothing. Raises InvalidInput for a
     setup that lacks joints, and without roslibpy.
     """
 
-    def __init__(self, setup: RosSetup, joints: Sequence[str]) -> None:
-        self.setup, self.mapping = setup, Mapping(setup, joints)
+    def __init__(self, setup: RosSetup, joints: Sequence[str], latch: StopLatch) -> None:
+        self.setup, self.mapping, self.latch = setup, Mapping(setup, joints), latch
         self.states = JointStates(self.mapping, joints)
         self.link = RosLink(setup.host, setup.port, setup.timeout_s)
         self.goals: Goals
@@ -89,14 +92,19 @@ class RosRobot:
         return found
 
     def stream(self, targets_rad: Array) -> None:
-        """Publish a trajectory of one point, shape (J,), ``lead_s`` ahead; it replaces the one before."""
+        """Publish a trajectory of one point, shape (J,), ``lead_s`` ahead; it replaces the one before.
+
+        Raises Stopped after a stop, HardwareFault where it cannot be sent.
+        """
         topic = "joint_trajectory" if self.setup.ros == 2 else "command"
-        told = self.mapping.to_ros(targets_rad)[None, :]
-        path = trajectory(self.mapping.names, np.array([self.setup.lead_s]), told, None, self.setup.ros)
-        self.link.publish(f"{self.setup.controller}/{topic}", self.kind("trajectory_msgs", "JointTrajectory"), path)
+        point = self.mapping.to_ros(targets_rad)[None, :]
+        path = trajectory(self.mapping.names, np.array([self.setup.lead_s]), point, None, self.setup.ros)
+        told = f"{self.setup.controller}/{topic}", self.kind("trajectory_msgs", "JointTrajectory"), path
+        self.link.through(self.latch, lambda: self.link.publish(*told))
 
     def switch(self, on: bool) -> None:
-        """Switch the controller on or off. Raises HardwareFault where that is refused, or nobody is there to ask."""
+        """Switch the controller on or off. Raises HardwareFault where that is refused, or nobody is there to ask; and
+        Stopped after a stop, for on."""
         manager, controller = self.setup.controller_manager, self.setup.controller.rsplit("/", 1)[-1]
         if manager is None:
             raise HardwareFault("torque: cannot be switched, the setup names no controller_manager; the robot holds")
@@ -104,7 +112,8 @@ class RosRobot:
         lists = {f"{verb}_controllers": [controller] if on == (k == 0) else [] for k, verb in enumerate(verbs)}
         kind = "controller_manager_msgs/" + ("srv/" if self.setup.ros == 2 else "") + "SwitchController"
         try:
-            answer = self.link.call(f"{manager}/switch_controller", kind, lists | {"strictness": 1})
+            with self.latch.sending() if on else nullcontext():
+                answer = self.link.call(f"{manager}/switch_controller", kind, lists | {"strictness": 1})
         except InvalidInput as error:
             raise HardwareFault(f"torque: {error}") from None
         if answer.get("ok") is not True:

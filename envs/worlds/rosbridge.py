@@ -6,14 +6,18 @@ for targets of a robot is the last thing wanted. What it cannot read it only log
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import socket
 import threading
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.outcome import HardwareFault, InvalidInput
 
+from .latch import StopLatch
+
+Answer = TypeVar("Answer")
 Message = dict[str, Any]
 SILENT = logging.NullHandler()
 """What comes while a connection is closed is nobody's fault, and not for standard error either."""
@@ -36,7 +40,7 @@ class RosLink:
         self.url, self._address, self._timeout_s = f"ws://{host}:{port}", (host, port), timeout_s
         self._lost, self._wrong = threading.Event(), list[str]()
         self._topics: dict[str, Any] = {}
-        self._ears = _Complaints(self.complain)
+        self._ears = _Complaints(self.complain, self._lost.set)
         self.ros: Any = None
 
     def open(self) -> None:
@@ -87,6 +91,30 @@ class RosLink:
             self._topics[topic] = self._module.Topic(self.ros, topic, kind, queue_size=1, reconnect_on_close=False)
         self._topics[topic].publish(message)
 
+    def through(self, latch: StopLatch, hand_over: Callable[[], Answer]) -> Answer:
+        """Hand over what moves the robot, and wait until it was written. Raises Stopped, and HardwareFault in time.
+
+        roslibpy writes from a thread of its own, in order, at its next turn. The latch is asked there, at the last
+        moment, and held until that turn is over.
+        """
+
+        given_up = threading.Event()
+
+        async def sent() -> Answer:
+            with latch.sending():
+                if given_up.is_set():  # nobody waits for it any more
+                    raise TimeoutError
+                answer = hand_over()
+                await asyncio.sleep(0)
+                return answer
+
+        future = asyncio.run_coroutine_threadsafe(sent(), self.ros.factory.manager.loop)
+        try:
+            return future.result(self._timeout_s)
+        except TimeoutError:
+            given_up.set()  # or it would be sent whenever that thread goes on
+            raise HardwareFault(f"rosbridge {self.url}: nothing could be sent for {self._timeout_s:g} s") from None
+
     def send(self, message: Message) -> None:
         """Send an operation as it is; nothing where the connection is lost."""
         if self.trouble() is None:
@@ -114,15 +142,17 @@ class RosLink:
 
 
 class _Complaints(logging.Handler):
-    """What roslibpy logs about messages that it could not read."""
+    """What roslibpy logs about messages that it could not read, or not send: then the connection was just lost."""
 
-    def __init__(self, complain: Callable[[str], None]) -> None:
+    def __init__(self, complain: Callable[[str], None], lose: Callable[[], None]) -> None:
         super().__init__(level=logging.ERROR)
-        self._say = complain
+        self._say, self._lose = complain, lose
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
-        if error is not None and '"status"' in str(error):
+        if record.getMessage().startswith("Failed to send"):
+            self._lose()
+        elif error is not None and '"status"' in str(error):
             self._say("it reported an error of its own; roslibpy does not pass on which: see the rosbridge's log")
         else:
             what = f"{type(error).__name__}: {error}" if error is not None else record.getMessage()

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from stancekit.planners.outcome import HardwareFault, InvalidInput
 
 from .control_table import HARDWARE_ERROR, LATENCY_MS, Register, hardware_errors
+from .latch import StopLatch
 
 Bytes = NDArray[np.uint8]
 ALERT, CORRUPT = 0x80, -3002
@@ -30,7 +31,8 @@ class ServoBus:
     """One port and the servos on it, in one order; S servos. Not for use by several threads at once.
 
     ids, names: of the servos and of their joints. retries: how often a damaged or late answer is asked for again.
-    latency_ms: how long beyond its bytes' own time an answer may take.
+    latency_ms: how long beyond its bytes' own time an answer may take. latch: every write passes it, or is refused with
+    Stopped, but for reading and for what says that it stops the robot.
     ``retried`` counts damaged and late answers. Raises InvalidInput where the SDK is not installed.
     """
 
@@ -43,6 +45,7 @@ class ServoBus:
         *,
         retries: int = 2,
         latency_ms: float = LATENCY_MS,
+        latch: StopLatch | None = None,
     ) -> None:
         try:
             from dynamixel_sdk import PacketHandler
@@ -53,6 +56,7 @@ class ServoBus:
         self.port, self.baud, self.ids, self.names = port, baud, list(ids), list(names)
         self.fast, self.retried = False, 0
         self._retries, self._packets, self._latency_ms = retries, PacketHandler(2.0), latency_ms
+        self._latch = StopLatch() if latch is None else latch
         self._handler: Any = None
 
     def open(self) -> None:
@@ -98,10 +102,10 @@ class ServoBus:
             self._retries = before
 
     def write(self, index: int, register: Register, value: int) -> None:
-        """One field of one servo, and its consent. Raises HardwareFault."""
+        """One field of one servo, and its consent. Raises HardwareFault, Stopped."""
         data = list((value & ((1 << 8 * register.size) - 1)).to_bytes(register.size, "little"))
         for _ in range(1 + self._retries):
-            with self._talking():
+            with self._talking(self._latch):
                 result, error = self._packets.writeTxRx(
                     self._handler, self.ids[index], register.address, register.size, data
                 )
@@ -113,19 +117,22 @@ class ServoBus:
         if error & ~ALERT:
             raise HardwareFault(f"{self.label(index)}: refused {value} for {register.name} (error {error & ~ALERT})")
 
-    def write_all(self, register: Register, values: NDArray[Any] | Sequence[int]) -> None:
-        """One field of all servos at once; nobody answers. Raises HardwareFault where the port is gone."""
+    def write_all(self, register: Register, values: NDArray[Any] | Sequence[int], *, stopping: bool = False) -> None:
+        """One field of all servos at once; nobody answers. Raises HardwareFault where the port is gone, Stopped.
+
+        stopping: it stops the robot, and is sent after a stop, too.
+        """
         table = np.asarray(values, dtype=np.int64)
         rows = np.ascontiguousarray(table.astype("<i8")).view(np.uint8).reshape(len(table), 8)[:, : register.size]
-        self.write_rows(register.address, rows)
+        self.write_rows(register.address, rows, stopping=stopping)
 
-    def write_rows(self, address: int, rows: Bytes) -> None:
+    def write_rows(self, address: int, rows: Bytes, *, stopping: bool = False) -> None:
         """The same bytes' place in all servos, shape (S, any), in as many packets as their length asks for."""
         from dynamixel_sdk import GroupSyncWrite
 
         most = (1024 - 14) // (1 + rows.shape[1])
         for first in range(0, len(rows), most):
-            with self._talking():
+            with self._talking(None if stopping else self._latch):
                 group = GroupSyncWrite(self._handler, self._packets, address, rows.shape[1])
                 for index in range(first, min(first + most, len(rows))):
                     group.addParam(self.ids[index], rows[index].tolist())
@@ -149,7 +156,7 @@ class ServoBus:
 
     def reboot(self, index: int) -> None:
         """Start a servo anew, torque off: the only way out of a shutdown."""
-        with self._talking():
+        with self._talking(self._latch):
             self._packets.reboot(self._handler, self.ids[index])
 
     def refuse(self, wrong: NDArray[np.bool_], why: str) -> None:
@@ -214,11 +221,14 @@ class ServoBus:
         raise HardwareFault(f"port {self.port}: answers come damaged or too late")
 
     @contextmanager
-    def _talking(self) -> Iterator[None]:
-        """Whatever a port can raise becomes a HardwareFault; a conversation that was cut off leaves no mark."""
+    def _talking(self, latch: StopLatch | None = None) -> Iterator[None]:
+        """Whatever a port can raise becomes a HardwareFault; a conversation that was cut off leaves no mark.
+
+        latch: what is written passes it.
+        """
         if self._handler is None or not self._handler.is_open:
             raise HardwareFault(f"port {self.port}: not open")
-        self._handler.is_using = False
+        self._handler.is_using, self._handler.latch = False, latch
         try:
             yield
         except (OSError, termios.error, TypeError) as error:  # TypeError: pyserial on a port closed meanwhile

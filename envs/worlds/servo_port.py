@@ -9,6 +9,7 @@ import time
 from dynamixel_sdk import PortHandler
 
 from .control_table import LATENCY_MS
+from .latch import StopLatch
 
 WAIT_S = 0.002
 """How long a read sleeps for bytes before the SDK looks at its own time limit."""
@@ -17,10 +18,12 @@ WAIT_S = 0.002
 class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
     """As the SDK's, but locked, waiting in the kernel instead of spinning, and timed by the monotonic clock.
 
-    ``latency_ms``: how long beyond the bytes' own time an answer may take.
+    ``latency_ms``: how long beyond the bytes' own time an answer may take. ``latch``: what is written passes it, or is
+    refused with Stopped; None for what moves nothing.
     """
 
     latency_ms = LATENCY_MS
+    latch: StopLatch | None = None
 
     def setupPort(self, cflag_baud: int) -> bool:
         """Open and lock. Raises OSError, BlockingIOError where somebody else has the port."""
@@ -33,6 +36,13 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
         self.ser.exclusive = True
         self.ser.timeout, self.ser.write_timeout = WAIT_S, 0.1
         return True
+
+    def writePort(self, packet: list[int]) -> int:
+        """Hand a packet to the kernel: the last moment at which it can be kept back."""
+        if self.latch is None:
+            return int(super().writePort(packet))
+        with self.latch.sending():
+            return int(super().writePort(packet))
 
     def getCurrentTime(self) -> float:
         """Milliseconds; the SDK takes the wall clock, which jumps."""

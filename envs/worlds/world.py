@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
@@ -14,6 +15,8 @@ from stancekit.planners.scene import Patch, Robot
 from stancekit.planners.scene.heightfield import HeightField
 from stancekit.planners.scene.solid import Solid
 from stancekit.planners.scene.urdf import Servo
+
+from .latch import StopLatch
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,9 +70,13 @@ SPACING_M = 0.025
 
 
 class World(Protocol):
-    """Three verbs, and what it can do. A context manager; ``reset`` may be called again."""
+    """Three verbs, and what it can do. A context manager; ``reset`` may be called again.
+
+    latch: what it sends to the robot goes through ``latch.sending()``; tripped, it sends nothing any more.
+    """
 
     name: str
+    latch: StopLatch
     robot: Robot
     servo: Servo
     joints: tuple[str, ...]
@@ -92,6 +99,25 @@ class World(Protocol):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
+
+
+class LatchedWorld(ABC):
+    """What the worlds here have in common: a latch, and that they close at the end of a ``with`` block."""
+
+    def __init__(self) -> None:
+        self.latch = StopLatch()
+
+    @abstractmethod
+    def close(self) -> None:
+        """Give everything back; once is enough."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
 
 
 def sendable(targets: Array, before: Array, servo: Servo, period_s: float) -> Array:

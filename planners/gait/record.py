@@ -111,6 +111,13 @@ def is_trajectory(data: Any) -> bool:
     return isinstance(data, dict) and data.get("format") == FORMAT
 
 
+def copied(trajectory: Trajectory) -> Trajectory:
+    """The same, made anew of what would be written to a file. Raises InvalidInput where that is none."""
+    header = trajectory.header() | {"verified": False, "verdict": {}, "trajectory": "", "digest": "", "format": FORMAT}
+    arrays = {name: np.array(array) for name, array in trajectory.arrays().items()}
+    return _assemble(_Header.model_validate(header), arrays)
+
+
 def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
     robot = robot_from_json(header.robot)
     missing = [name for name in SAMPLES if name not in arrays]

@@ -36,7 +36,7 @@ from stancekit.planners.scene.course_spec import read_course, spec_from
 from stancekit.planners.scene.heightfield import HeightField
 from stancekit.planners.scene.layout import lay_out
 from stancekit.planners.scene.urdf import hexapod_urdf, joint_names
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 
 from .cases import command
 

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from types import TracebackType
-from typing import Self
 
 import numpy as np
 
 from stancekit.envs.worlds.capabilities import WorldCapabilities
-from stancekit.envs.worlds.world import State
+from stancekit.envs.worlds.world import LatchedWorld, State
 from stancekit.planners.arrays import Array
 from stancekit.planners.outcome import HardwareFault, InvalidInput
 from stancekit.planners.scene import Patch, Robot, hexapod
@@ -22,7 +20,7 @@ from stancekit.planners.scene.urdf import Servo, joint_names
 FREQUENCY_RAD_S = 60.0
 
 
-class MemoryWorld:
+class MemoryWorld(LatchedWorld):
     """An ``Actuator``. found_rad: where the joints are at first, shape (J,); the given angles where None.
 
     Faults: ``stuck`` joints do not move; ``fault`` is called before every command, and may raise, sleep or change the
@@ -32,6 +30,7 @@ class MemoryWorld:
     name = "memory"
 
     def __init__(self, robot: Robot | None = None, *, found_rad: Array | None = None, rate_hz: float = 100.0) -> None:
+        super().__init__()
         self.robot, self.servo, self.rate_hz = robot or hexapod(), Servo(), rate_hz
         self.joints = joint_names(self.robot)
         limbs, count = len(self.robot.limbs), len(self.joints)
@@ -59,7 +58,17 @@ class MemoryWorld:
 
     def torque(self, on: bool) -> None:
         """Arm, or let go."""
-        self.armed = self.torque_on = on
+        if not on:
+            self.relax()
+            return
+        with self.latch.sending():
+            self.torque_on = True
+        try:
+            self.latch.check()
+        except BaseException:
+            self.relax()
+            raise
+        self.armed = True
 
     def hold(self) -> None:
         """Keep the last target."""
@@ -74,7 +83,8 @@ class MemoryWorld:
         self.fault(self)
         if not self.armed:
             raise InvalidInput("memory: expected torque(True) before step")
-        self.commands.append((time.monotonic(), np.array(targets_rad)))
+        with self.latch.sending():
+            self.commands.append((time.monotonic(), np.array(targets_rad)))
         self._sent = np.array(targets_rad, dtype=float)
         free = np.ones(len(self.joints))
         free[self.stuck] = 0.0
@@ -97,14 +107,6 @@ class MemoryWorld:
     def close(self) -> None:
         """Counted."""
         self.closed += 1
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def silent(world: MemoryWorld) -> None:

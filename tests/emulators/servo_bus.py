@@ -38,6 +38,7 @@ class ServoBus(threading.Thread):
     """Servos on a pseudo-terminal; ``path`` is the port to open.
 
     position_rad: of the shafts at first, from tick 2048. wire: bytes take as long as at the port's baud rate.
+    goal_packets_s, torque_packets_s: when a packet with goals came, and one that switches torques on.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class ServoBus(threading.Thread):
         super().__init__(daemon=True)
         self.servos = Servos(ids, position_rad, stops_rad)
         self.goal_packets_s: list[float] = []
+        self.torque_packets_s: list[float] = []
         self.instructions = 0
         self._wire, self._rng = wire, np.random.default_rng(seed)
         self._master, self._slave = os.openpty()
@@ -78,7 +80,7 @@ class ServoBus(threading.Thread):
                 "hardware_error": [servos.get(i, 70) for i in n], "goal_writes": servos.goal_writes,
                 "last_goal_s": servos.last_goal_s, "refused_goals": servos.refused_goals, "still_s": servos.moved_s,
                 "instructions": self.instructions, "happened": list(self._happened),
-                "goal_packets_s": self.goal_packets_s[-100:],
+                "goal_packets_s": self.goal_packets_s[-100:], "torque_packets_s": self.torque_packets_s[-100:],
             }  # fmt: skip
 
     def close(self) -> None:
@@ -132,6 +134,9 @@ class ServoBus(threading.Thread):
             if address <= 116 < address + size:
                 self.goal_packets_s.append(time.monotonic())
             rows = [given[k : k + 1 + size] for k in range(4, len(given), 1 + size)]
+            torque = 1 + 64 - address
+            if 0 < torque <= size and any(row[torque : torque + 1] == b"\1" for row in rows):
+                self.torque_packets_s.append(time.monotonic())
             for row in rows:
                 for index in asked:
                     if servos.ids[index] == row[0] and len(row) == 1 + size:

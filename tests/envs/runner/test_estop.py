@@ -11,17 +11,15 @@ from pathlib import Path
 
 import pytest
 
-from stancekit.envs.runner.estop import (
-    SIGNALS,
-    StopLatch,
-    Stopped,
-    file_source,
-    key_source,
-    on_signals,
-    raw_keys,
-    watched,
-)
+from stancekit.envs.runner.estop import SIGNALS, file_source, key_source, on_signals, raw_keys, reader_source, watched
 from stancekit.envs.runner.watchdog import Watchdog
+from stancekit.envs.worlds.latch import Source, StopLatch, Stopped
+
+
+def listening(*sources: Source) -> StopLatch:
+    latch = StopLatch()
+    latch.listen(*sources)
+    return latch
 
 
 def wait_for(latch: StopLatch, limit_s: float = 5.0) -> None:
@@ -29,19 +27,6 @@ def wait_for(latch: StopLatch, limit_s: float = 5.0) -> None:
     while not latch.tripped and time.monotonic() < end:
         time.sleep(0.001)
     assert latch.tripped
-
-
-def test_a_latch_keeps_its_first_reason_and_never_opens_again() -> None:
-    now = [3.0]
-    latch = StopLatch(lambda: now[0])
-    latch.check()
-    assert (latch.tripped, latch.reason) == (False, "")
-    latch.trip("first")
-    now[0] = 4.0
-    latch.trip("second")
-    assert (latch.tripped, latch.reason, latch.time_s) == (True, "first", 3.0)
-    with pytest.raises(Stopped, match="first"):
-        latch.check()
 
 
 @pytest.mark.parametrize("number", SIGNALS)
@@ -68,8 +53,9 @@ def test_outside_the_main_thread_signals_are_left_alone() -> None:
 
 
 def test_a_file_that_appears_stops_within_milliseconds(tmp_path: Path) -> None:
-    latch, path = StopLatch(), tmp_path / "stop"
-    with watched(latch, [file_source(path)]):
+    path = tmp_path / "stop"
+    latch = listening(file_source(path))
+    with watched(latch):
         time.sleep(0.02)
         assert not latch.tripped
         made = time.monotonic()
@@ -86,25 +72,71 @@ def test_a_dangling_link_is_a_stop_file_too(tmp_path: Path) -> None:
 
 def test_a_single_key_stops_without_return() -> None:
     main, terminal = pty.openpty()
-    latch, source = StopLatch(), key_source(terminal)
+    latch = listening(key_source(terminal))
     with raw_keys(terminal):
-        latch.poll([source])
+        latch.poll()
         assert not latch.tripped
         os.write(main, b" ")
-        with watched(latch, [source]):
+        with watched(latch):
             wait_for(latch)
     assert latch.reason == "a key was pressed"
     os.close(main)
     os.close(terminal)
 
 
-def test_a_source_that_fails_stops() -> None:
-    latch = StopLatch()
+def test_a_terminal_that_is_gone_stops_and_its_keys_are_put_back_without_complaint() -> None:
+    main, terminal = pty.openpty()
+    keys, output = listening(key_source(terminal)), listening(reader_source(terminal))
+    with raw_keys(terminal):
+        for latch in (keys, output):
+            latch.poll()
+            assert not latch.tripped
+        os.close(main)
+        for latch in (keys, output):
+            latch.poll()
+    assert keys.reason == "the terminal is gone"
+    assert output.reason == "the terminal is gone, or whoever read the output"
+    os.close(terminal)
 
+
+def test_output_that_nobody_reads_any_more_stops_before_anything_is_written() -> None:
+    reader, writer = os.pipe()
+    latch = listening(reader_source(writer))
+    latch.poll()
+    assert not latch.tripped
+    os.close(reader)
+    latch.poll()
+    assert latch.reason == "the terminal is gone, or whoever read the output"
+    os.close(writer)
+
+
+def test_a_hang_up_that_nohup_ignores_stays_ignored() -> None:
+    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    try:
+        with on_signals(StopLatch()):
+            assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
+            assert callable(signal.getsignal(signal.SIGTERM))
+    finally:
+        signal.signal(signal.SIGHUP, before)
+
+
+def test_a_source_that_hangs_does_not_keep_the_watch_from_ending(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stancekit.envs.runner.estop.JOIN_S", 0.01)
+    hung = threading.Event()
+    latch = listening(lambda: str(hung.wait(5.0)))
+    with watched(latch):
+        time.sleep(0.02)
+    latch.poll()  # the loop asks while another thread waits for the answer
+    assert latch.reason == "a source of stops did not answer for 0.25 s"
+    hung.set()
+
+
+def test_a_source_that_fails_stops() -> None:
     def broken() -> str | None:
         raise OSError("gone")
 
-    latch.poll([broken])
+    latch = listening(broken)
+    latch.poll()
     assert latch.reason == "a source of stops failed: OSError: gone"
 
 
@@ -134,3 +166,16 @@ def test_a_loop_that_rests_is_not_watched() -> None:
     now[0] = 10.2
     dog.look()
     assert latch.tripped
+
+
+def test_a_process_that_stood_still_is_stopped_before_anything_is_sent_again() -> None:
+    now, latch = [0.0], StopLatch()
+    with Watchdog(latch, 1.0, lambda: now[0]) as dog:
+        dog.guard()
+        now[0] = 0.9
+        dog.look()
+        assert not latch.tripped
+        now[0] = 2.5  # SIGSTOP, and SIGCONT later: its own thread did not run, either
+        latch.listen(dog.look)
+        with pytest.raises(Stopped, match=r"the process stood still for [12]\.\d+ s, limit 1 s"), latch.sending():
+            raise AssertionError("it was let through")

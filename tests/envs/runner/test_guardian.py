@@ -16,9 +16,9 @@ pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
-from stancekit.envs.runner.estop import StopLatch
 from stancekit.envs.runner.guardian import ANSWER_S, BUS, ROUNDS, Guardian, _cancelled
 from stancekit.envs.runner.watchdog import Watchdog
+from stancekit.envs.worlds.latch import StopLatch
 from stancekit.envs.worlds.ros_setup import same_names
 from stancekit.envs.worlds.rosbridge import RosLink
 from stancekit.planners.outcome import InvalidInput
@@ -102,11 +102,12 @@ def test_for_servos_it_opens_nothing_and_says_who_stops_them(capfd: pytest.Captu
 def test_a_guardian_that_is_killed_is_a_reason_to_stop() -> None:
     latch = StopLatch()
     with Guardian(1.0) as guardian:
-        latch.poll([guardian.gone])
+        latch.listen(guardian.gone)
+        latch.poll()
         assert not latch.tripped
         os.kill(guardian.pid, signal.SIGKILL)
         until(lambda: guardian.gone() is not None, 5.0)
-        latch.poll([guardian.gone])
+        latch.poll()
     assert latch.reason == "the guardian process is gone"
 
 

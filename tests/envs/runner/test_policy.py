@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput, PlanningFailed
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course_spec import read_course
+from tests.emulators.memory_world import MemoryWorld
 from tests.emulators.slipping import SlippingWorld
 
 FAST = RunSettings(timing=Timing().at_pace(2.0))
@@ -51,6 +53,25 @@ def test_windows_are_walked_one_after_the_other_from_where_the_robot_stands() ->
     away = np.linalg.norm(state.feet_m - standing.toes_m, axis=1)
     np.testing.assert_allclose(away, 0.012, atol=1e-3)  # a foot's radius from the surface on which it stands
     assert report.deviation_m < 0.01
+
+
+def test_the_ending_of_a_loop_that_is_stopped_waits_for_no_planner() -> None:
+    course, world, over = read_course("walls", frames=3), MemoryWorld(), threading.Event()
+    windows = list[int]()
+
+    def policy(observation: Observation) -> CoursePlanner:
+        windows.append(observation.frame)
+        if observation.frame:
+            world.latch.trip("button")
+            over.wait(30.0)  # a planner that thinks
+        return PLANNER
+
+    runner = Runner(world, settings=replace(FAST, ending="torque-off"), dry=False)
+    report = ClosedLoop(course, runner, policy, LoopSettings(horizon=1)).run()
+    over.set()
+    assert windows == [0, 1]
+    assert (report.message, report.ended.left, world.torque_on) == ("button", "torque off", False)
+    assert report.ended.seconds < 5.0
 
 
 def test_less_friction_than_planned_is_felt_by_feet_that_slide_and_planned_with() -> None:

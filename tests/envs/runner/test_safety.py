@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stancekit.envs.runner.ending import end
-from stancekit.envs.runner.estop import StopLatch, Stopped
 from stancekit.envs.runner.safety import Actuator, Limits, SafeWorld, Stoppable, capabilities_of
+from stancekit.envs.worlds.latch import Stopped
 from stancekit.envs.worlds.world import World
 from stancekit.planners.outcome import HardwareFault, InvalidInput
 from tests.emulators.memory_world import MemoryWorld, silent
@@ -21,9 +21,10 @@ POSE = np.array([0.0, 0.0, 0.2]), np.eye(3)
 
 
 def guarded(world: MemoryWorld, *, dry: bool = False, limits: Limits = Limits(), **options: object) -> SafeWorld:
-    safe = SafeWorld(world, latch=StopLatch(), dry=dry, limits=limits, **options)  # type: ignore[arg-type]
+    safe = SafeWorld(world, dry=dry, limits=limits, **options)  # type: ignore[arg-type]
     safe.reset((), START, *POSE)
-    safe.arm()
+    if not dry:
+        world.torque(True)
     return safe
 
 
@@ -199,7 +200,7 @@ def test_a_world_is_an_actuator_by_what_it_can_do() -> None:
         can = capabilities_of(simulated)
         assert can.joints == simulated.joints
         assert can.has_body_pose
-        safe = SafeWorld(simulated, latch=StopLatch(), dry=True)
+        safe = SafeWorld(simulated, dry=True)
         assert (safe.real, safe.dry) == (False, False)
 
 

@@ -10,8 +10,9 @@ import pytest
 pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 
-from stancekit.envs.runner.estop import StopLatch, watched
+from stancekit.envs.runner.estop import watched
 from stancekit.envs.runner.stop_topic import StopTopic
+from stancekit.envs.worlds.latch import StopLatch
 from stancekit.planners.outcome import InvalidInput
 from tests.emulators.rosbridge import RosBridge
 
@@ -25,7 +26,8 @@ def bridge() -> Iterator[RosBridge]:
 def reason(topic: StopTopic, within_s: float = 3.0) -> str:
     """Why the topic stops, as a latch that polls it has it."""
     latch, end = StopLatch(), time.monotonic() + within_s
-    with watched(latch, [topic]):
+    latch.listen(topic)
+    with watched(latch):
         while not latch.tripped and time.monotonic() < end:
             time.sleep(0.005)
     return latch.reason
