@@ -43,7 +43,7 @@ def headed(descr, shape, data=b"\0" * 32):
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        (headed("<f8", "(10**12,)"), "expected arrays without pickle: Cannot parse header: "),
+        (headed("<f8", "(10**12,)"), "expected arrays without pickle: malformed node or string"),
         (headed("<f8", "(1000000000000,)"), "expected 8e+12 bytes of shape (1000000000000,), got 32"),
         (headed("<f8", "(3,)"), "expected 24 bytes of shape (3,), got 32"),
         (headed("|O", "(4,)"), "expected numbers or texts, got object"),

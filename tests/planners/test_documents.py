@@ -29,7 +29,7 @@ def test_yaml_with_a_few_aliases_is_read_as_ever():
         (bombs.aliases().decode(), f"f: expected {MOST_YAML_VALUES} values or fewer, aliases replaced, got more"),
         (bombs.endless_yaml().decode(), "f: expected an anchor before its alias, got *a"),
         (bombs.deep_yaml().decode(), f"f: expected {DEEPEST} levels of nesting or fewer, got more"),
-        ("a: &a [[[[[[[[[[]]]]]]]]]]\n" + "".join(f"b{k}: &a [[[[[[*a]]]]]]\n" for k in range(20)),
+        ("a: &a0 [[[[[[[[[[]]]]]]]]]]\n" + "".join(f"b{k}: &a{k + 1} [[[[[[*a{k}]]]]]]\n" for k in range(20)),
          f"f: expected {DEEPEST} levels of nesting or fewer, got more"),
         ("[1, 2]", "f: expected keys and values, got list"),
     ],
