@@ -129,7 +129,7 @@ def cases() -> list[Case]:
              sealed=True, seal=_sealed("digest")),
         Case(name="gait samples", arguments=("verify", "gait.json"), file="gait.npz", kind="npz", made=NPZ,
              sealed=True),
-        Case(name="course yaml", arguments=("plan", "course.yaml"), file="course.yaml", kind="yaml", made=YAML),
+        Case(name="course yaml", arguments=("plan", "course.yaml", "--frames", "1"), file="course.yaml", kind="yaml", made=YAML),
         Case(name="course json", arguments=("plan", "course.json"), file="course.json", kind="json", made=JSON),
         Case(name="robot yaml", arguments=("gait", "ripple", "--robot", "robot.yaml", *OUTSIDE), file="robot.yaml",
              kind="yaml", made=YAML, codes=ONLY),
