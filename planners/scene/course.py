@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, checked, checked_name, frozen, gathered
+from ..arrays import Array, checked, frozen, gathered
 from ..outcome import InvalidInput
 from .patch import Patch
 from .posture import GRAVITY_M_S2, TILT_LIMIT_RAD, Contact, PostureProblem
@@ -130,7 +130,6 @@ class Course:
 
     def __post_init__(self) -> None:
         frames, put = len(self.lifts), object.__setattr__
-        checked_name(self.name, "name")
         if not 1 <= frames <= MOST_FRAMES:
             raise InvalidInput(f"frames: expected 1 to {MOST_FRAMES} key frames, got {frames}")
         gathered(

@@ -144,20 +144,16 @@ def test_a_name_is_printed_as_it_is_and_orders_to_the_terminal_are_not(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     spec = yaml.safe_load((folder / "course.yaml").read_text())
-    (folder / "odd.yaml").write_text(yaml.safe_dump({**spec, "name": NAME}))
+    (folder / "odd.yaml").write_text(yaml.safe_dump({**spec, "name": f"{NAME}\x1b[31m\x07"}))
     arguments = ("plan", "odd.yaml", "--picture", "odd.svg", "--html", "odd.html", "--out", "odd.json")
     code, out, err = command(arguments)
     assert code == 0, err
-    assert NAME in out
+    assert f"{NAME}?[31m" in out
     assert "\x1b" not in out + err
     ET.fromstring((folder / "odd.svg").read_bytes())
     page = (folder / "odd.html").read_text()
     assert NAME not in page
     assert "&lt;b a=&quot;1&quot;&gt;" in page
-    (folder / "odd.yaml").write_text(yaml.safe_dump({**spec, "name": "\x1b[31m"}))
-    code, out, err = command(arguments)
-    assert (code, out) == (2, "")
-    assert err == "stancekit: error: odd.yaml: name: expected 1 to 200 printable letters, got '\\x1b[31m'\n"
 
 
 def test_a_robot_of_any_name_is_a_whole_urdf() -> None:
