@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import os
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,6 +34,8 @@ LEG_COLOURS = ("#0b7285", "#d9730d", "#7048a8", "#3f8f3a", "#b8407a", "#4a6fd0",
 """Colours of the limbs, in the order of the contacts; they repeat after the eighth."""
 MEASURE_COLOURS = ("#27407f", "#e08a2b", "#8fc7b5", "#58a695", "#2c8173", "#125a50", "#9a86c4", "#c9a227")
 COMPONENTS = ("$p_x$", "$p_y$", "$p_z$", "$f_n$", "$f_y$", "$f_z$")
+NO_XML = re.compile(rb"[\x00-\x08\x0b\x0c\x0e-\x1f]")
+"""Letters that names may have, and XML may not."""
 UNDATED: Mapping[str, dict[str, None]] = {".png": {}, ".pdf": {"CreationDate": None}, ".svg": {"Date": None}}
 
 
@@ -294,4 +297,5 @@ def save(figure: Figure, path: str | os.PathLike[str]) -> None:
     drawn = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "stancekit"}):
         figure.savefig(drawn, format=suffix[1:], dpi=figure.dpi, metadata=UNDATED[suffix])
-    write_bytes(target, drawn.getvalue())
+    content = drawn.getvalue()
+    write_bytes(target, NO_XML.sub(b"?", content) if suffix == ".svg" else content)

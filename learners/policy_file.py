@@ -190,8 +190,14 @@ class TrainedPolicy:
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = True,
     ) -> tuple[NDArray[Any], Any]:
-        """Return (action, state): an action of the environment, or a row an observation of a batch."""
-        found, _ = self.policy.predict(dict(observation), deterministic=deterministic)
+        """Return (action, state): an action of the environment, or a row an observation of a batch.
+
+        Raises InvalidInput where its numbers are so large that they overflow.
+        """
+        try:
+            found, _ = self.policy.predict(dict(observation), deterministic=deterministic)
+        except ValueError as error:
+            raise InvalidInput(f"policy: expected finite actions, got none: {shown(str(error))}") from None
         return (moved(self.base, self.shape.offset, found) if self.shape.selects else found), state
 
     def save(self, path: str | Path) -> None:

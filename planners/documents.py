@@ -190,6 +190,8 @@ class _Once(_Parser):  # type: ignore[misc]
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         seen = set[Any]()
         for key, _ in node.value:
+            if key.tag == "tag:yaml.org,2002:merge":
+                continue
             name = self.construct_object(key, deep=True) if isinstance(key, yaml.ScalarNode) else None
             if name is None:
                 raise yaml.constructor.ConstructorError(None, None, "expected texts as keys", key.start_mark)

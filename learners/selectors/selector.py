@@ -125,6 +125,6 @@ def _safetensors_format(path: Path) -> str | None:
         header = b"{" + file.read(size - 1)
     try:
         head = parse_json(decoded(header, "header"), "header")
-        return str(parse_json(head["__metadata__"]["stancekit"], "header")["format"])
+        return str(parse_json(str(head["__metadata__"]["stancekit"]), "header")["format"])
     except (ValueError, TypeError, KeyError):
         return "a safetensors file of something else"

@@ -51,6 +51,8 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str,
     if said != kind:
         raise InvalidInput(f"{path}: expected format {kind}, got {'none' if said is None else str(said)[:60]}")
     for name, tensor in tensors.items():
+        if tensor.ndim > 8:
+            raise InvalidInput(f"{path}: tensor {name}: expected 8 dimensions or fewer, got {tensor.ndim}")
         if tensor.dtype not in DTYPES:
             raise InvalidInput(f"{path}: tensor {name}: expected single or double precision, got {tensor.dtype}")
         if not bool(torch.isfinite(tensor).all()):

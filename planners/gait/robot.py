@@ -183,7 +183,7 @@ def _measured(data: dict[str, Any], folder: Path) -> GaitRobot:
         options["ranges_rad"] = frozen(data["ranges_rad"], (None, 2), "ranges_rad").tolist()
     return GaitRobot.from_urdf(
         folder / data["urdf"], feet, frozen(data["posture_rad"], (None,), "posture_rad").tolist(),
-        trunk_half_m=data["trunk_half_m"], name=name, steps=steps, **options,
+        trunk_half_m=_sides(data["trunk_half_m"], "trunk_half_m").tolist(), name=name, steps=steps, **options,
     )  # fmt: skip
 
 

@@ -73,7 +73,8 @@ def measured(
     q = np.concatenate([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], np.asarray(posture, dtype=np.float64)])
     pin.ccrba(model, data, q, np.zeros(model.nv))
     mass, inertia, centre = float(data.Ig.mass), np.array(data.Ig.inertia), np.array(data.com[0])
-    if not mass > 0.0 or not np.linalg.eigvalsh(inertia)[0] > 0.0:
+    sound = bool(np.isfinite([mass, *centre, *inertia.ravel()]).all())
+    if not sound or not mass > 0.0 or not np.linalg.eigvalsh(inertia)[0] > 0.0:
         raise InvalidInput(f"{path}: expected links with mass and inertia, got {mass:g} kg in all")
     measure = _Leg(pin, model, data, q, centre, ranges_rad, steps, voxel_m, ceiling_m, inner_m)
     built = tuple(measure.foot(foot) for foot in feet)

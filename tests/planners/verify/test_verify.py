@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
+import time
 from dataclasses import replace
 
 import cvxpy as cp
@@ -14,6 +16,7 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from stancekit.envs.terrains import DISTRIBUTIONS
+from stancekit.planners import verify
 from stancekit.planners.outcome import Certificate, Posture
 from stancekit.planners.scene import Contact, Patch, PostureProblem
 from stancekit.planners.verify import GROUPS, check_certificate, check_posture, explain
@@ -759,3 +762,43 @@ def test_no_point_of_a_rounded_patch_is_further_from_its_pieces_than_the_sag(see
         assert min(hull_distance(piece, toe) for piece in pieces) <= sag(polygon) + 1e-7
     assert sag(polygon[:3]) == 0.0
     assert sag(polygon) < 6 * 10.0**-places
+
+
+def _by_all_tetrahedra(vertices: np.ndarray, point: np.ndarray) -> float:
+    """Distance from a hull by every tetrahedron at its first corner and every triangle: exact, and cubic in corners."""
+    away = point - vertices[0]
+    corners = vertices[list(itertools.combinations(range(1, len(vertices)), 3))] - vertices[0]
+    corners = corners[np.abs(np.linalg.det(corners)) > 1e-12 * np.ptp(vertices, axis=0).max() ** 3]
+    shares = np.linalg.solve(corners.swapaxes(1, 2), np.broadcast_to(away, (len(corners), 3))[..., None])[..., 0]
+    if np.any((shares.min(axis=1, initial=0.0) >= 0.0) & (shares.sum(axis=1) <= 1.0)):
+        return 0.0
+    triangles = vertices[list(itertools.combinations(range(len(vertices)), 3))]
+    return float(verify._triangle_distances(triangles, point).min())
+
+
+def test_the_distance_from_a_hull_is_that_by_all_its_tetrahedra():
+    rng, seen = np.random.default_rng(0), 0
+    for case in range(400):
+        count, thick = int(rng.integers(4, 12)), rng.choice([0.0, 1e-15, 1e-9, 1e-6, 1e-4, 2e-3, 0.3])
+        angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, count))
+        flat = np.stack([np.cos(angle), np.sin(angle), thick * rng.normal(size=count)], axis=1)
+        turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        size = rng.choice([0.01, 0.3, 10.0])
+        vertices = size * flat @ turn
+        inside = rng.dirichlet(0.3 * np.ones(count)) @ vertices
+        off = [0.0, 1e-9 * turn[2], 1e-7 * rng.normal(size=3), size * rng.normal(size=3), vertices[0] - inside][
+            case % 5
+        ]
+        found, expected = verify._hull_distance(vertices, inside + off), _by_all_tetrahedra(vertices, inside + off)
+        assert abs(found - expected) < 1e-11 * size + 1e-12 * expected
+        seen += expected > 0.0
+    assert seen > 100
+
+
+def test_a_hull_of_many_corners_is_measured_in_a_millisecond():
+    angle = 2.0 * np.pi * np.arange(256) / 256
+    ring = np.stack([np.cos(angle), np.sin(angle), 1e-4 * np.sin(7.0 * angle)], axis=1)
+    began = time.process_time()
+    assert verify._hull_distance(ring, np.array([2.0, 0.0, 0.0])) == pytest.approx(1.0, abs=1e-6)
+    assert verify._hull_distance(ring, np.array([0.3, 0.2, 0.0])) < 1e-12
+    assert time.process_time() - began < 0.05
