@@ -75,25 +75,27 @@ def _encoder(path: Path, first: Frame, fps: float) -> Iterator[Callable[[Frame],
     """
     rows, columns = first.shape[:2]
     options = ["-y", "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{columns}x{rows}", "-r", f"{fps:g}"]
-    options += ["-i", "-", "-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", "10", "-f", "mp4", str(path)]
-    with (
-        TemporaryFile() as said,
-        Popen([_ffmpeg(), *options], stdin=PIPE, stderr=said, start_new_session=True) as process,
-    ):
-        assert process.stdin is not None
-        stream, broken = process.stdin, False
-        try:
-            yield lambda frame: stream.write(np.ascontiguousarray(frame).data)
-            stream.close()
-        except BrokenPipeError:
-            broken = True
-        except BaseException:
-            process.kill()
-            raise
-        finally:
-            with suppress(OSError):
+    options += ["-i", "-", "-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", "10", "-f", "mp4"]
+    failed = True
+    with TemporaryFile() as said, path.open("r+b") as film:
+        # by its descriptor: an ffmpeg that outlives this process makes no file of that name again
+        given, kept = [_ffmpeg(), *options, f"/dev/fd/{film.fileno()}"], (film.fileno(),)
+        with Popen(given, stdin=PIPE, stderr=said, pass_fds=kept, start_new_session=True) as process:
+            assert process.stdin is not None
+            stream = process.stdin
+            try:
+                yield lambda frame: stream.write(np.ascontiguousarray(frame).data)
                 stream.close()
-        if process.wait() or broken:
+                failed = process.wait() != 0
+            except BrokenPipeError:  # it ended early, and says why
+                pass
+            except BaseException:
+                process.kill()
+                raise
+            finally:
+                with suppress(OSError):
+                    stream.close()
+        if failed:
             said.seek(0)
             raise _failure(said.read().decode(errors="replace"))
 
