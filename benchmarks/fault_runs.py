@@ -136,16 +136,12 @@ def outcome(runner: Runner, accepted: Accepted) -> dict[str, Any]:
 
 
 def edited(path: Path, rng: np.random.Generator) -> dict[str, Any]:
-    """One bit of one file flipped, in a copy, and run."""
+    """One bit of the file flipped, in a copy, and run."""
     world = MemoryWorld()
     with tempfile.TemporaryDirectory() as folder:
-        names = [path, path.with_suffix(".npz")]
-        victim = int(rng.integers(2))
-        for index, name in enumerate(names):
-            content = bytearray(name.read_bytes())
-            if index == victim:
-                content[int(rng.integers(len(content)))] ^= 1 << int(rng.integers(7))
-            (Path(folder) / name.name).write_bytes(bytes(content))
+        content = bytearray(path.read_bytes())
+        content[int(rng.integers(len(content)))] ^= 1 << int(rng.integers(7))
+        (Path(folder) / path.name).write_bytes(bytes(content))
         stopped, said = True, ""
         try:
             found = Accepted.from_file(Path(folder) / path.name)

@@ -79,7 +79,7 @@ class Gait:
     raw: bool = False
     """The first feasible point as it is: no second phase that smooths it, no rows added where the verifier refuses."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None
-    """Where to write the trajectory; its samples go to FILE.npz."""
+    """Where to write the trajectory."""
     file: Annotated[TerrainFile, tyro.conf.OmitArgPrefixes] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
     unverified: bool = False
@@ -130,12 +130,12 @@ class Gait:
 
     def _check(self) -> None:
         """Raise InvalidInput for what cannot be written, and for counts out of range, before any work."""
-        from stancekit.planners.gait.record import check_names
+        from stancekit.planners.gait.record import check_name
 
         from .gait_answer import check_pictures
 
         if self.out is not None:
-            check_names(self.out)
+            check_name(self.out)
         if self.unverified and self.out is None:
             raise InvalidInput("--unverified: expected --out with it, got none")
         files = [path for path in (self.picture, self.convergence, self.video, self.html) if path is not None]

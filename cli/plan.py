@@ -80,7 +80,7 @@ class PlanCourse:
     time_limit_s: float = 60.0
     """Limit for the planner; what is not decided by then is undecided [s]."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None
-    """Plan file: .json, and .npz beside it with the numbers; for `stancekit verify` and `stancekit simulate`."""
+    """Plan file, for `stancekit verify`, `stancekit simulate` and `stancekit run`."""
     proof: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None
     """Where the course is infeasible: the proof, for `stancekit verify` and whoever doubts it."""
     picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -149,9 +149,9 @@ class PlanCourse:
             raise InvalidInput("--envelope: expected --relaxation envelope with it, got lift")
         targets: list[tuple[str, Path | None]] = [("--proof", self.proof)]
         if self.out is not None:
-            from stancekit.planners.plan_file import plan_paths
+            from stancekit.planners.plan_file import check_name
 
-            targets += [("--out", target) for target in plan_paths(self.out)]
+            targets.append(("--out", check_name(self.out)))
         for _, target in targets:
             if target is not None:
                 check_writable(target)

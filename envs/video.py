@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import os
-from collections.abc import Iterable, Iterator
-from contextlib import closing, suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from subprocess import PIPE, Popen
+from tempfile import TemporaryFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.files import check_writable
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.writing import replaced
 
 Frame = NDArray[np.uint8]
 
@@ -35,28 +38,19 @@ def write_video(path: str | Path, frames: Iterable[Frame], fps: float = 25.0) ->
     Frames are taken one by one, so a generator needs little memory; an odd last row or column is left out, as the
     format has none. Raises InvalidInput for frames that are none, for no frames, and as ``check_video``.
     """
-    target = check_video(path)
+    check_video(path)
     if not 0.0 < fps <= 1000.0:
         raise InvalidInput(f"fps: expected a number above 0, up to 1000, got {fps:g}")
     checked = _checked(frames)
     first = next(checked, None)
     if first is None:
         raise InvalidInput(f"{path}: expected one or more frames, got none")
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp.mp4")
     count = 1
-    try:
-        with closing(_writer(temporary, first, fps)) as writer:
-            writer.send(None)
-            writer.send(np.ascontiguousarray(first))
-            for frame in checked:
-                writer.send(np.ascontiguousarray(frame))
-                count += 1
-        os.replace(temporary, target)
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be written: {error.strerror or str(error).splitlines()[0]}") from None
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
+    with replaced(path) as temporary, _encoder(temporary, first, fps) as put:
+        put(first)
+        for frame in checked:
+            put(frame)
+            count += 1
     return count
 
 
@@ -73,18 +67,51 @@ def _checked(frames: Iterable[Frame]) -> Iterator[Frame]:
         yield pixels[: shape[0] // 2 * 2, : shape[1] // 2 * 2]
 
 
-def _writer(path: Path, first: Frame, fps: float) -> Any:
-    size = (first.shape[1], first.shape[0])
-    return _ffmpeg().write_frames(
-        str(path), size, fps=fps, codec="libx264", quality=8, macro_block_size=2, ffmpeg_log_level="error"
-    )
+@contextmanager
+def _encoder(path: Path, first: Frame, fps: float) -> Iterator[Callable[[Frame], object]]:
+    """A function that ffmpeg gets frames by. Raises OSError where not all of them are in the file at the end.
+
+    imageio_ffmpeg, which brings ffmpeg, keeps its exit status to itself, and so a disk that is full at the last block.
+    """
+    rows, columns = first.shape[:2]
+    options = ["-y", "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{columns}x{rows}", "-r", f"{fps:g}"]
+    options += ["-i", "-", "-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", "10", "-f", "mp4"]
+    failed = True
+    with TemporaryFile() as said, path.open("r+b") as film:
+        # by its descriptor: an ffmpeg that outlives this process makes no file of that name again
+        given, kept = [_ffmpeg(), *options, f"/dev/fd/{film.fileno()}"], (film.fileno(),)
+        with Popen(given, stdin=PIPE, stderr=said, pass_fds=kept, start_new_session=True) as process:
+            assert process.stdin is not None
+            stream = process.stdin
+            try:
+                yield lambda frame: stream.write(np.ascontiguousarray(frame).data)
+                stream.close()
+                failed = process.wait() != 0
+            except BrokenPipeError:  # it ended early, and says why
+                pass
+            except BaseException:
+                process.kill()
+                raise
+            finally:
+                with suppress(OSError):
+                    stream.close()
+        if failed:
+            said.seek(0)
+            raise _failure(said.read().decode(errors="replace"))
 
 
-def _ffmpeg() -> Any:
-    """The module that runs ffmpeg."""
+def _failure(said: str) -> OSError:
+    """What made ffmpeg fail, by its last words."""
+    known = (number for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO) if os.strerror(number) in said)
+    number = next(known, None)
+    if number is not None:
+        return OSError(number, os.strerror(number))
+    return OSError(f"ffmpeg failed: {said.strip().splitlines()[-1] if said.strip() else 'without a word'}")
+
+
+def _ffmpeg() -> str:
+    """The path of ffmpeg."""
     try:
-        module = import_module("imageio_ffmpeg")
-        module.get_ffmpeg_exe()
+        return str(import_module("imageio_ffmpeg").get_ffmpeg_exe())
     except (ImportError, RuntimeError):
         raise InvalidInput("video: expected ffmpeg; install it with pip install 'stancekit[viz]'") from None
-    return module

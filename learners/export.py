@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import importlib
 import os
-import shutil
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,6 +21,7 @@ from stancekit.envs.scenes import Scene
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.writing import replaced
 
 from .dataset import Dataset, LabelledPosture
 
@@ -84,25 +84,15 @@ def export(
         episodes.append(_episode(minari, env, index, observation, expert_action(scenes.row, room)))
         if progress is not None:
             progress(index + 1, len(rows))
-    out = out.resolve()
-    partial = out.with_name(f".{out.name}.{os.getpid()}.tmp")
-    try:
-        with _minari_root(partial):
-            minari.create_dataset_from_buffers(
-                dataset_id, episodes, env=_spec(dataset.problem_class),
-                observation_space=env.observation_space, action_space=env.action_space,
-                algorithm_name="stancekit exact planner", requirements=[f"stancekit=={version('stancekit')}"],
-                description=_description(dataset, room),
-            )  # fmt: skip
-        if out.exists():
-            out.rmdir()
-        os.replace(partial, out)
-    except OSError as error:
-        raise InvalidInput(f"{out}: cannot be written: {error.strerror}") from None
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with replaced(out, folder=True) as partial, _minari_root(partial):
+        minari.create_dataset_from_buffers(
+            dataset_id, episodes, env=_spec(dataset.problem_class),
+            observation_space=env.observation_space, action_space=env.action_space,
+            algorithm_name="stancekit exact planner", requirements=[f"stancekit=={version('stancekit')}"],
+            description=_description(dataset, room),
+        )  # fmt: skip
     return Exported(
-        root=out,
+        root=out.resolve(),
         dataset_id=dataset_id,
         episodes=len(episodes),
         mean_reward=float(np.mean([episode.rewards[0] for episode in episodes])),

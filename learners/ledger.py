@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field, fields
 from functools import cached_property
@@ -21,6 +20,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from stancekit.planners import writing
 from stancekit.planners.documents import read_json
 from stancekit.planners.files import write_bytes
 from stancekit.planners.outcome import InvalidInput
@@ -272,22 +272,8 @@ def read_tally(path: Path, header: Header) -> Tally:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove what killed runs were writing; what a living process of this machine writes stays."""
-    for name in (HEADER, "shard-*", "timing-*"):
-        for path in folder.glob(f".{name}.*.tmp"):
-            writer = path.name.split(".")[-2]
-            if not (writer.isdecimal() and _alive(int(writer))):
-                path.unlink(missing_ok=True)
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (PermissionError, OverflowError):
-        return True
-    return True
+    """Remove what killed runs were writing; what a living process writes stays."""
+    writing.remove_leftovers(folder, lambda name: name == HEADER or name.startswith(("shard-", "timing-")))
 
 
 def shard_name(shard: int) -> str:

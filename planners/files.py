@@ -1,12 +1,9 @@
-"""The house's JSON files, records of problems and answers among them, and writing that is atomic."""
+"""Reading the house's JSON files, with clear errors, and making their text; ``writing`` puts it in place."""
 
 from __future__ import annotations
 
-import errno
 import json
-import os
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +11,9 @@ from .contact.envelope import EnvelopeSet
 from .documents import parse_json, read_json
 from .outcome import Certificate, InvalidInput, Outcome, Posture
 from .scene import PostureProblem, Robot
+from .writing import check_writable as check_writable
+from .writing import write_bytes as write_bytes
+from .writing import write_text as write_text
 
 MOST_RECORDS = 500_000
 """Of a file of JSON lines."""
@@ -109,52 +109,6 @@ def answer_from_json(data: Any) -> Posture | Certificate | None:
         return Posture(**{name: data[name] for name in names})
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(f"{', '.join(names)}: expected lists of numbers") from None
-
-
-def write_text(path: str | Path, text: str) -> None:
-    """Write a file whole or not at all."""
-    write_bytes(path, text.encode("utf-8"))
-
-
-def write_bytes(path: str | Path, content: bytes) -> None:
-    """Write a file whole or not at all, also when the machine stops: beside it first, then renamed.
-
-    What a killed process leaves beside it is named ``.NAME.PID.tmp``. A link stays a link, and a device or a pipe is
-    written to as it is. Raises InvalidInput where nothing can be written.
-    """
-    path = Path(path)
-    target = check_writable(path)
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.tmp")
-    try:
-        if path.exists() and not path.is_file():
-            path.write_bytes(content)
-            return
-        with open(temporary, "wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        os.replace(temporary, target)
-    except OSError as error:
-        raise InvalidInput(f"{path}: cannot be written: {error.strerror}") from None
-    finally:
-        with suppress(OSError):
-            temporary.unlink(missing_ok=True)
-
-
-def check_writable(path: str | Path) -> Path:
-    """The file behind a path, asked for before the work whose result goes there. Raises InvalidInput if none can be."""
-    path = Path(path)
-    try:
-        target = path.resolve()
-        if path.is_dir():
-            raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EISDIR)}")
-        if not path.parent.is_dir():
-            raise InvalidInput(f"{path}: expected an existing folder {path.parent}")
-        if not os.access(path if path.exists() and not path.is_file() else target.parent, os.W_OK):
-            raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EACCES)}")
-    except (OSError, RuntimeError) as error:  # RuntimeError: links that lead back to themselves
-        raise InvalidInput(f"{path}: cannot be written: {getattr(error, 'strerror', '') or error}") from None
-    return target
 
 
 def write_envelopes(path: str | Path, envelopes: EnvelopeSet) -> None:

@@ -1,12 +1,12 @@
-"""Plan files ``stancekit/plan/1``: NAME.json with course, verdict and digest, and NAME.npz with the numbers beside it.
+"""Plan files ``stancekit/plan/2``: one JSON file with course, verdict and digest, and the numbers as an archive in it.
 
-Both carry a SHA-256 of what was written, so that a file that was edited by hand is refused and not obeyed.
+It carries a SHA-256 of what was written, so that a file that was edited by hand is refused and not obeyed. Files of
+``stancekit/plan/1`` have their numbers in NAME.npz beside them, and are read as ever.
 """
 
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from .archive import unpacked
 from .documents import read_bytes, read_json
-from .files import check_writable, write_bytes
+from .embedded import embedded, extracted
+from .files import check_writable, write_text
 from .outcome import InvalidInput
 from .plan import Plan
 from .refusals import shown
@@ -27,16 +28,18 @@ from .scene.course_json import course_from_json, course_to_json
 from .verify import Report, check_plan
 from .verify.report import plan_arrays, plan_digest, plan_shapes
 
-__all__ = ["FORMAT", "FileCheck", "check_file", "is_plan_file", "plan_paths", "read_plan", "write_plan"]
+__all__ = ["FORMAT", "FileCheck", "check_file", "check_name", "is_plan_file", "plan_paths", "read_plan", "write_plan"]
 
-FORMAT = "stancekit/plan/1"
+FORMAT = "stancekit/plan/2"
+PAIRED = "stancekit/plan/1"
 KEYS = ("format", "verified", "verdict", "provenance", "course", "arrays", "sha256")
 PARTS: dict[str, dict[str, type]] = {
     "verdict": {"accepted": bool, "tolerance": float, "digest": str},
     "provenance": {},
-    "arrays": {"file": str, "sha256": str},
 }
 """What the objects in the header hold at least."""
+ARRAYS: dict[str, dict[str, type]] = {FORMAT: {"npz": str}, PAIRED: {"file": str, "sha256": str}}
+"""And where the numbers are, by format."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,7 +79,10 @@ class FileCheck:
 
 
 def plan_paths(path: str | Path) -> tuple[Path, Path]:
-    """NAME.json and NAME.npz of a plan called either. Raises InvalidInput for a name that ends otherwise."""
+    """NAME.json of a plan, and NAME.npz where an older one has its numbers, of a plan called either.
+
+    Raises InvalidInput for a name that ends otherwise.
+    """
     path = Path(path)
     if path.suffix not in (".json", ".npz"):
         raise InvalidInput(f"{path}: expected a plan's name to end in .json, got {path.suffix or 'no suffix'}")
@@ -84,33 +90,35 @@ def plan_paths(path: str | Path) -> tuple[Path, Path]:
 
 
 def write_plan(path: str | Path, plan: Plan, report: Report) -> None:
-    """Write NAME.npz and then NAME.json, each whole or not at all.
+    """Write NAME.json, whole or not at all.
 
     report: what the verifier said of this very plan; a plan that it rejected is written with ``verified: false``.
     Raises InvalidInput for another plan's report, and where nothing can be written.
     """
-    header, numbers = plan_paths(path)
+    check_name(path)
     if report.answer is not plan:
         raise InvalidInput(f"{path}: expected the verifier's report on this plan, got the one on another")
-    for target in (header, numbers):
-        check_writable(target)
-    buffer = io.BytesIO()
-    arrays: dict[str, Any] = {name: array for name, array in plan_arrays(plan).items() if array is not None}
-    np.savez(buffer, **arrays)
     content = {
         "format": FORMAT,
         "verified": report.accepted,
         "verdict": report.to_json(),
         "provenance": dict(plan.provenance),
         "course": course_to_json(plan.course),
-        "arrays": {"file": numbers.name, "sha256": hashlib.sha256(buffer.getvalue()).hexdigest()},
+        "arrays": {"npz": embedded({name: array for name, array in plan_arrays(plan).items() if array is not None})},
     }
     try:
         text = json.dumps({**content, "sha256": _seal(content)}, indent=1, allow_nan=False)
     except (TypeError, ValueError) as error:
         raise InvalidInput(f"{path}: provenance: expected finite numbers and text: {error}") from None
-    write_bytes(numbers, buffer.getvalue())
-    write_bytes(header, (text + "\n").encode())
+    write_text(path, text + "\n")
+
+
+def check_name(path: str | Path) -> Path:
+    """The name of a plan that is to be written. Raises InvalidInput for one that cannot be."""
+    if Path(path).suffix != ".json":
+        raise InvalidInput(f"{path}: expected a plan's name to end in .json, got {Path(path).suffix or 'no suffix'}")
+    check_writable(path)
+    return Path(path)
 
 
 def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
@@ -121,7 +129,12 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
     """
     header_path, numbers_path = plan_paths(path)
     header = _header(header_path)
-    numbers = _numbers(numbers_path, header["arrays"]["sha256"])
+    if header["format"] == PAIRED:
+        content = _beside(numbers_path, header["arrays"]["sha256"])
+    else:
+        numbers_path = Path(f"{header_path}: arrays")
+        content = extracted(header["arrays"]["npz"], str(numbers_path))
+    numbers = unpacked(content, str(numbers_path))
     try:
         course = course_from_json(header["course"])
     except InvalidInput as error:
@@ -162,28 +175,28 @@ def _header(path: Path) -> dict[str, Any]:
     """The header, as it was written. Raises InvalidInput."""
     data = read_json(path)
     found = data.get("format") if isinstance(data, dict) else type(data).__name__
-    if found != FORMAT:
+    if found not in (FORMAT, PAIRED):
         raise InvalidInput(f"{path}: expected format {FORMAT!r}, got {shown(found)}")
     if set(data) != set(KEYS):
         names = ", ".join(sorted(set(data) ^ set(KEYS)))
         raise InvalidInput(f"{path}: expected the keys {', '.join(KEYS)}; missing or unknown: {names:.120}")
     if _seal({name: data[name] for name in KEYS[:-1]}) != data["sha256"]:
         raise InvalidInput(f"{path}: digest mismatch: the file was changed after it was written")
-    for key, wanted in PARTS.items():
+    for key, wanted in {**PARTS, "arrays": ARRAYS[found]}.items():
         part = data[key]
         if not isinstance(part, dict) or not all(isinstance(part.get(n), kind) for n, kind in wanted.items()):
             raise InvalidInput(f"{path}: {key}: expected an object with {', '.join(wanted) or 'any keys'}")
     return dict(data)
 
 
-def _numbers(path: Path, sha256: str) -> dict[str, NDArray[Any]]:
-    """The arrays, as they were written. Raises InvalidInput."""
+def _beside(path: Path, sha256: str) -> bytes:
+    """The archive beside a header of ``stancekit/plan/1``, as it was written. Raises InvalidInput."""
     if not path.exists():
         raise InvalidInput(f"{path}: expected the plan's numbers beside its .json, found nothing there")
     content = read_bytes(path)
     if hashlib.sha256(content).hexdigest() != sha256:
         raise InvalidInput(f"{path}: digest mismatch: these are not the numbers that the .json was written with")
-    return unpacked(content, str(path))
+    return content
 
 
 def _check_numbers(path: Path, numbers: Mapping[str, NDArray[Any]], course: Course) -> None:

@@ -7,12 +7,15 @@ ended). There are no chunks: a message is in the file as soon as it is written.
 
 from __future__ import annotations
 
+import fcntl
 import io
 import json
 import math
+import os
 import struct
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields
 from importlib.util import find_spec
 from pathlib import Path
@@ -65,23 +68,33 @@ class NoLog:
 class McapLog:
     """An MCAP file. A context manager. Raises InvalidInput where it cannot be written, or without the package mcap.
 
-    A file that is there already is kept until the first message.
+    A log that is there already stays until this one is ended: then this one takes its place, and until then it grows
+    beside it in NAME.partial.mcap. That is where what was written is found after a run that was killed, or that could
+    not write on; the next log of that name begins there anew. Where nothing is there, the log grows in its own place.
+    Two runs at once do not write one log: the second is refused at its first message.
     clock: of the messages, in nanoseconds since 1970; a clock that is set back is no matter, order is the file's.
     """
 
     def __init__(self, path: str | Path, clock: Callable[[], int] = time.time_ns) -> None:
         if find_spec("mcap") is None:
             raise InvalidInput("--log: expected mcap, it is not installed: pip install 'stancekit[log]'")
-        self._path, self._clock = check_writable(path), clock
+        self._path, self._clock = Path(path), clock
+        self._target = self._place = check_writable(path)
         self._counts, self._channels = dict.fromkeys(TOPICS, 0), dict[str, int]()
         self._stream: IO[bytes] | None = None
         self._writer: Any = None
+        self._lost = False
 
     def _begin(self) -> IO[bytes]:
         """The file, with its head."""
         from mcap.writer import CompressionType, IndexType, Writer
 
-        stream = open(self._path, "wb")  # noqa: SIM115
+        if self._target.is_file():
+            os.close(self._claimed(os.O_RDONLY))
+            self._place = self._target.with_suffix(f".partial{self._target.suffix}")
+        self._stream = stream = os.fdopen(self._claimed(os.O_WRONLY | os.O_CREAT), "wb")
+        if self._place.is_file():
+            stream.truncate()
         self._writer = Writer(stream, use_chunking=False, compression=CompressionType.NONE, index_types=IndexType.NONE)
         self._writer.start(profile="", library="stancekit")
         for topic, keys in TOPICS.items():
@@ -93,21 +106,61 @@ class McapLog:
             self._channels[topic] = self._writer.register_channel(topic, "json", number)
         return stream
 
+    def _claimed(self, how: int) -> int:
+        """A descriptor of the file with its lock. Raises InvalidInput where another run has it."""
+        descriptor = os.open(self._place, how, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            raise InvalidInput(f"{self._path}: expected a log of its own, another run is writing to it") from None
+        except OSError:  # a file system without locks
+            pass
+        return descriptor
+
     def write(self, topic: str, content: Mapping[str, Any]) -> None:
-        """Write one message, and hand it to the operating system. Numbers that are not finite become null."""
+        """Write one message, and hand it to the operating system. Numbers that are not finite become null.
+
+        Raises OSError, naming the file, where it cannot be written: what was written before stays, and nothing is
+        written any more, so that an ending is not disturbed by a disk that is full.
+        """
+        if self._lost:
+            return
         data = json.dumps(_plain(content), allow_nan=False, separators=(",", ":")).encode()
-        if self._stream is None:
-            self._stream = self._begin()
-        now = self._clock()
-        self._counts[topic] += 1
-        self._writer.add_message(self._channels[topic], now, data, now, self._counts[topic])
-        self._stream.flush()
+        with self._named():
+            stream = self._stream or self._begin()
+            now = self._clock()
+            self._counts[topic] += 1
+            self._writer.add_message(self._channels[topic], now, data, now, self._counts[topic])
+            stream.flush()
 
     def close(self) -> None:
-        """End the file properly; once is enough."""
-        if self._stream is not None and not self._stream.closed:
+        """End the file properly, and put it in its place; once is enough. Raises OSError as ``write``."""
+        if self._stream is None or self._stream.closed:
+            return
+        with self._named():
             self._writer.finish()
+            self._stream.flush()
+            with suppress(OSError):  # a pipe
+                os.fsync(self._stream.fileno())
+            if self._place != self._target:
+                os.replace(self._place, self._target)
             self._stream.close()
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """An error of the system names the file; it is the end of the log, and of a file without a message."""
+        try:
+            yield
+        except OSError as error:
+            self._lost = True
+            with suppress(OSError):
+                if self._stream is not None:
+                    self._stream.close()
+            if sum(self._counts.values()) <= 1:
+                with suppress(OSError):
+                    self._place.unlink()
+            raise OSError(error.errno, error.strerror, str(self._path)) from None
 
     def __enter__(self) -> Self:
         return self

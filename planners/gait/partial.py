@@ -16,6 +16,7 @@ import numpy as np
 from ..archive import read_archive
 from ..arrays import Array
 from ..files import write_bytes
+from ..writing import remove_leftovers
 from .attempt import Attempt, Attempted
 from .task import GaitSettings, GaitTask
 from .trajectory import robot_to_json
@@ -76,10 +77,13 @@ class Partial:
         self._own = True
 
     def remove(self) -> None:
-        """The run is done: nothing is left of it here; what others left stays."""
-        if self.path is not None and self._own:
+        """The run is done: nothing is left of it here, and of killed writers; what others left whole stays."""
+        if self.path is None:
+            return
+        if self._own:
             with suppress(OSError):
                 self.path.unlink(missing_ok=True)
+        remove_leftovers(self.path.parent, self.path.name.__eq__)
 
     def _read(self, path: Path) -> None:
         """Take up what a run of the same task left; a file that cannot be read counts for nothing."""

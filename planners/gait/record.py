@@ -1,34 +1,35 @@
-"""Files of trajectories, ``stancekit/gait/1``: NAME.json, the header with the verdict, beside NAME.npz, the samples.
+"""Files of trajectories, ``stancekit/gait/2``: JSON, the header with the verdict, and the samples as an archive in it.
 
-The header's digest covers every value of both, so a file changed by hand, or half of a pair that belongs to another
-run, is refused.
+The digest covers every value of both, so a file changed by hand is refused. Files of ``stancekit/gait/1`` have their
+samples in NAME.npz beside them; they are read as ever, and half of a pair that belongs to another run is refused.
 """
 
 from __future__ import annotations
 
 import hashlib
-import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
 
-from ..archive import read_archive
+from ..archive import read_archive, unpacked
 from ..arrays import frozen
 from ..documents import read_json
-from ..files import check_writable, write_bytes, write_text
+from ..embedded import embedded, extracted
+from ..files import check_writable, write_text
 from ..outcome import InvalidInput
 from ..refusals import refusals, shown
 from ..scene.heightfield import HeightField
 from .judge import GaitReport, check_trajectory
 from .trajectory import SAMPLES, Trajectory, robot_from_json
 
-FORMAT = "stancekit/gait/1"
+FORMAT = "stancekit/gait/2"
+PAIRED = "stancekit/gait/1"
 TERRAIN = ("terrain_x_m", "terrain_y_m", "terrain_heights_m")
 
 
@@ -42,44 +43,39 @@ class Record:
 
 
 def write_trajectory(path: str | Path, trajectory: Trajectory, report: GaitReport) -> None:
-    """Write NAME.json and NAME.npz, each whole or not at all, the header last; ``verified`` is the report's verdict.
+    """Write NAME.json, whole or not at all; ``verified`` is the report's verdict.
 
     Raises InvalidInput for a name that does not end in .json, for a report of another trajectory, and where nothing
     can be written.
     """
-    header_path, samples_path = check_names(path)
+    check_name(path)
     if report.trajectory.digest != trajectory.digest:
         raise InvalidInput("report: expected the verdict on this trajectory, got one on another")
-    packed = io.BytesIO()
-    arrays: dict[str, Any] = trajectory.arrays()
-    np.savez_compressed(packed, **arrays)
     header = {
         "format": FORMAT,
         "verified": report.accepted,
         **trajectory.header(),
         "verdict": report.to_json(),
         "trajectory": trajectory.digest,
+        "samples": embedded(trajectory.arrays()),
     }
-    write_bytes(samples_path, packed.getvalue())
-    write_text(header_path, json.dumps(header | {"digest": _seal(header)}, indent=1, allow_nan=False) + "\n")
+    write_text(path, json.dumps(header | {"digest": _seal(header)}, indent=1, allow_nan=False) + "\n")
 
 
-def check_names(path: str | Path) -> tuple[Path, Path]:
-    """The two files of a trajectory, asked for before the work whose result goes there. Raises InvalidInput."""
-    header = Path(path)
-    if header.suffix != ".json" or not header.stem:
-        raise InvalidInput(f"{header}: expected a name that ends in .json; the samples go to .npz beside it")
-    samples = header.with_suffix(".npz")
-    check_writable(header)
-    check_writable(samples)
-    return header, samples
+def check_name(path: str | Path) -> Path:
+    """The file of a trajectory, asked for before the work whose result goes there. Raises InvalidInput."""
+    path = Path(path)
+    if path.suffix != ".json" or not path.stem:
+        raise InvalidInput(f"{path}: expected a name that ends in .json")
+    check_writable(path)
+    return path
 
 
 def read_trajectory(path: str | Path) -> Record:
-    """Read a pair of files. Raises InvalidInput, one line, for whatever is not as it was written."""
+    """Read a file, or an older pair. Raises InvalidInput, one line, for whatever is not as it was written."""
     path = Path(path)
     data = read_json(path)
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
+    if not is_trajectory(data):
         came = data.get("format") if isinstance(data, dict) else type(data).__name__
         raise InvalidInput(f"{path}: expected an object with format {FORMAT!r}, got {shown(came)}")
     try:
@@ -88,10 +84,14 @@ def read_trajectory(path: str | Path) -> Record:
         raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
     if header.digest != _seal({name: value for name, value in data.items() if name != "digest"}):
         raise InvalidInput(f"{path}: its digest does not fit its contents: changed since it was written")
-    samples = path.with_suffix(".npz")
-    if not samples.exists():
-        raise InvalidInput(f"{samples}: expected the samples of the trajectory, found nothing there")
-    arrays = read_archive(samples)
+    if header.samples is None:
+        samples = path.with_suffix(".npz")
+        if not samples.exists():
+            raise InvalidInput(f"{samples}: expected the samples of the trajectory, found nothing there")
+        arrays = read_archive(samples)
+    else:
+        samples = Path(f"{path}: samples")
+        arrays = unpacked(extracted(header.samples, str(samples)), str(samples))
     try:
         trajectory = _assemble(header, arrays)
     except InvalidInput as error:
@@ -108,7 +108,7 @@ def check_file(path: str | Path) -> GaitReport:
 
 def is_trajectory(data: Any) -> bool:
     """Whether a parsed JSON document is the header of a trajectory."""
-    return isinstance(data, dict) and data.get("format") == FORMAT
+    return isinstance(data, dict) and data.get("format") in (FORMAT, PAIRED)
 
 
 def copied(trajectory: Trajectory) -> Trajectory:
@@ -156,7 +156,7 @@ def _seal(header: Mapping[str, Any]) -> str:
 
 class _Header(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
-    format: Literal["stancekit/gait/1"]
+    format: Literal["stancekit/gait/1", "stancekit/gait/2"]
     verified: bool
     robot: dict[str, Any]
     terrain: str
@@ -167,4 +167,11 @@ class _Header(BaseModel):
     provenance: dict[str, str | float]
     verdict: dict[str, Any]
     trajectory: str
+    samples: str | None = None
     digest: str
+
+    @model_validator(mode="after")
+    def _has_its_samples(self) -> Self:
+        if (self.samples is None) != (self.format == PAIRED):
+            raise InvalidInput(f"samples: expected in {FORMAT} and not in {PAIRED}")
+        return self

@@ -41,7 +41,7 @@ def test_an_accepted_walk_is_written_with_its_verdict(gait):
     assert record["verified"]
     assert record["attempt"] == "decoupled"
     assert record["message"] == "accepted: all 19 groups within their limits"
-    assert sorted(os.listdir()) == ["plain.npy", "walk.json", "walk.npz"]
+    assert sorted(os.listdir()) == ["plain.npy", "walk.json"]
     written = read_trajectory("walk.json")
     assert written.verified
     assert check_file("walk.json").digest == record["digest"]
@@ -177,7 +177,7 @@ def test_an_interrupted_run_keeps_its_point_and_goes_on_from_there(gait, watched
     assert code == 0
     assert err == "walk.partial.npz: goes on from what an interrupted run of this command kept\n"
     assert json.loads(out)["attempts"][0]["violations"][0] == pytest.approx(last, rel=1e-9)
-    assert sorted(os.listdir()) == ["plain.npy", "walk.json", "walk.npz"]
+    assert sorted(os.listdir()) == ["plain.npy", "walk.json"]
 
 
 def test_a_run_that_is_killed_while_it_smooths_goes_on_with_what_was_feasible(gait, watched):

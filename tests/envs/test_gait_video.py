@@ -80,6 +80,29 @@ def test_a_video_is_whole_or_absent(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("script", "said"),
+    [
+        ("cat > /dev/null; echo 'av_write_trailer(): No space left on device' >&2; exit 1", "No space left on device"),
+        ("echo 'No space left on device' >&2; exit 1", "No space left on device"),
+        ("cat > /dev/null; echo first >&2; echo last >&2; exit 3", "ffmpeg failed: last"),
+        ("kill -9 $$", "ffmpeg failed: without a word"),
+        ("exec <&-; sleep .1; exit 0", "ffmpeg failed: without a word"),
+    ],
+)
+def test_an_encoder_that_fails_leaves_the_older_film(tmp_path, monkeypatch, script, said):
+    pytest.importorskip("imageio_ffmpeg")
+    (tmp_path / "ffmpeg").write_text(f"#!/bin/sh\n{script}\n")
+    (tmp_path / "ffmpeg").chmod(0o755)
+    monkeypatch.setattr("imageio_ffmpeg.get_ffmpeg_exe", lambda: str(tmp_path / "ffmpeg"))
+    (tmp_path / "a.mp4").write_bytes(b"before")
+    with pytest.raises(InvalidInput) as caught:
+        write_video(tmp_path / "a.mp4", (np.zeros((200, 200, 3), np.uint8) for _ in range(20)))
+    assert str(caught.value) == f"{tmp_path / 'a.mp4'}: cannot be written: {said}"
+    assert (tmp_path / "a.mp4").read_bytes() == b"before"
+    assert sorted(os.listdir(tmp_path)) == ["a.mp4", "ffmpeg"]
+
+
+@pytest.mark.parametrize(
     ("name", "frames", "fps", "message"),
     [
         ("a.gif", [], 25.0, "a.gif: expected a name that ends in .mp4, got .gif"),

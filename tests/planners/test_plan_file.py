@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import io
 import json
@@ -32,22 +33,46 @@ def edited(path, change):
     path.write_text(json.dumps(data))
 
 
+def stored(data):
+    """The arrays in a plan's file."""
+    with np.load(io.BytesIO(base64.b64decode(data["arrays"]["npz"]))) as arrays:
+        return dict(arrays)
+
+
+def archive(arrays):
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def seal(data):
+    """The file with the sum that its content has."""
+    content = {name: value for name, value in data.items() if name != "sha256"}
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return json.dumps(content | {"sha256": hashlib.sha256(text.encode()).hexdigest()})
+
+
 def resealed(path, change_header=lambda data: None, change_arrays=lambda arrays: None):
     """A file that a program changed, sums and all, so that only a look at the content can refuse it."""
     data = json.loads(path.read_text())
-    numbers = path.with_suffix(".npz")
-    with np.load(numbers) as stored:
-        arrays = dict(stored)
+    arrays = stored(data)
     change_arrays(arrays)
+    data["arrays"]["npz"] = base64.b64encode(archive(arrays)).decode()
     change_header(data)
-    buffer = io.BytesIO()
-    np.savez(buffer, **arrays)
-    numbers.write_bytes(buffer.getvalue())
-    if isinstance(data["arrays"], dict):
-        data["arrays"]["sha256"] = hashlib.sha256(buffer.getvalue()).hexdigest()
-    del data["sha256"]
-    text = json.dumps(data, sort_keys=True, separators=(",", ":"))
-    path.write_text(json.dumps(data | {"sha256": hashlib.sha256(text.encode()).hexdigest()}))
+    path.write_text(seal(data))
+
+
+@pytest.fixture
+def pair(written):
+    """The same plan as ``stancekit/plan/1`` had it: a header, and its numbers beside it."""
+    path = written[1]
+    data = json.loads(path.read_text())
+    content = archive(stored(data))
+    path.with_suffix(".npz").write_bytes(content)
+    data["format"] = "stancekit/plan/1"
+    data["arrays"] = {"file": "plan.npz", "sha256": hashlib.sha256(content).hexdigest()}
+    path.write_text(seal(data))
+    return written
 
 
 def test_a_plan_is_the_same_to_the_last_bit_when_read_back(written):
@@ -57,9 +82,9 @@ def test_a_plan_is_the_same_to_the_last_bit_when_read_back(written):
         assert np.array_equal(array, getattr(again, name)) if array is not None else getattr(again, name) is None
     assert course_to_json(again.course) == course_to_json(plan.course)
     assert again.provenance == plan.provenance
-    assert (header["format"], header["verified"]) == ("stancekit/plan/1", True)
+    assert (header["format"], header["verified"]) == ("stancekit/plan/2", True)
     assert header["verdict"]["digest"] == check_plan(again).digest
-    assert sorted(os.listdir(path.parent)) == ["plan.json", "plan.npz"]
+    assert os.listdir(path.parent) == ["plan.json"]
 
 
 def test_modes_come_back_where_there_are_any(walk, tmp_path):
@@ -73,8 +98,7 @@ def test_the_same_plan_gives_the_same_bytes(walk, tmp_path):
         (tmp_path / name).mkdir()
         plan = walk(3)
         write_plan(tmp_path / name / "plan.json", plan, check_plan(plan))
-    for suffix in ("json", "npz"):
-        assert (tmp_path / f"a/plan.{suffix}").read_bytes() == (tmp_path / f"b/plan.{suffix}").read_bytes()
+    assert (tmp_path / "a/plan.json").read_bytes() == (tmp_path / "b/plan.json").read_bytes()
 
 
 def test_a_rejected_plan_is_written_as_such(walk, tmp_path):
@@ -102,7 +126,7 @@ def test_a_report_on_another_plan_is_refused(walk, tmp_path):
         lambda data: data["verdict"].update(accepted=False),
         lambda data: data["verdict"].update(tolerance=1.0),
         lambda data: data["provenance"].update(method="by hand"),
-        lambda data: data["arrays"].update(sha256="0" * 64),
+        lambda data: data["arrays"].update(npz="UEsDBA=="),
         lambda data: data.update(sha256=None),
     ],
 )
@@ -114,19 +138,62 @@ def test_a_header_that_was_edited_by_hand_is_refused(change, written):
     assert str(refused.value) == f"{path}: digest mismatch: the file was changed after it was written"
 
 
-def test_numbers_that_were_edited_by_hand_are_refused(written):
-    path = written[1].with_suffix(".npz")
+def test_an_older_pair_is_read_as_ever(pair):
+    plan, path = pair
+    again, header = read_plan(path)
+    assert header["format"] == "stancekit/plan/1"
+    for name, array in plan_arrays(plan).items():
+        assert np.array_equal(array, getattr(again, name)) if array is not None else getattr(again, name) is None
+    assert check_file(path, joints=False).accepted
+    assert is_plan_file(path)
+
+
+def test_a_pair_that_is_written_over_is_one_file_and_what_was_beside_it_stays(pair):
+    plan, path = pair
+    beside = path.with_suffix(".npz").read_bytes()
+    write_plan(path, plan, check_plan(plan))
+    assert read_plan(path)[1]["format"] == "stancekit/plan/2"
+    assert path.with_suffix(".npz").read_bytes() == beside
+
+
+def test_numbers_of_a_pair_that_were_edited_by_hand_are_refused(pair):
+    path = pair[1].with_suffix(".npz")
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
     with pytest.raises(InvalidInput, match=r"plan\.npz: digest mismatch: these are not the numbers"):
-        read_plan(written[1])
+        read_plan(pair[1])
 
 
-def test_numbers_that_are_missing_are_named(written):
-    written[1].with_suffix(".npz").unlink()
+def test_numbers_of_a_pair_that_are_missing_are_named(pair):
+    pair[1].with_suffix(".npz").unlink()
     with pytest.raises(InvalidInput, match=r"plan\.npz: expected the plan's numbers beside its \.json, found nothing"):
+        read_plan(pair[1])
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "../plan.npz", "other.npz", "/dev/zero"])
+def test_the_name_that_a_pair_gives_its_numbers_leads_nowhere(pair, name):
+    data = json.loads(pair[1].read_text())
+    data["arrays"]["file"] = name
+    pair[1].write_text(seal(data))
+    assert np.array_equal(read_plan(pair[1])[0].com_m, pair[0].com_m)  # of plan.npz, whatever name stands there
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("????", "plan.json: arrays: expected base64 text: "),
+        ("é", "plan.json: arrays: expected base64 text: "),
+        ("", "plan.json: arrays: expected arrays without pickle: no .npz"),
+        ("bm8gYXJjaGl2ZQ==", "plan.json: arrays: expected arrays without pickle: no .npz"),
+    ],
+)
+def test_numbers_that_are_no_archive_are_refused_even_under_right_sums(text, message, written):
+    resealed(written[1], change_header=lambda data: data["arrays"].update(npz=text))
+    with pytest.raises(InvalidInput) as refused:
         read_plan(written[1])
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -151,9 +218,11 @@ def test_numbers_that_do_not_fit_are_refused_even_under_right_sums(change, messa
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d.update(format="stancekit/plan/2"), "expected format 'stancekit/plan/1', got 'stancekit/plan/2'"),
+        (lambda d: d.update(format="stancekit/plan/3"), "expected format 'stancekit/plan/2', got 'stancekit/plan/3'"),
+        (lambda d: d.update(format=["stancekit/plan/2"]), "expected format 'stancekit/plan/2', got .'stancekit/pl"),
+        (lambda d: d.update(format="stancekit/plan/1"), "arrays: expected an object with file, sha256"),
         (lambda d: d.update(verdict={}), "verdict: expected an object with accepted, tolerance, digest"),
-        (lambda d: d.update(arrays=[]), "arrays: expected an object with file, sha256"),
+        (lambda d: d.update(arrays=[]), "arrays: expected an object with npz"),
         (lambda d: d.update(provenance=3), "provenance: expected an object with any keys"),
         (lambda d: d["course"].pop("goal_m"), "course: goal_m: "),
         (lambda d: d.update(course=None), "course: "),

@@ -17,6 +17,7 @@ pytest.importorskip("mcap")
 
 from stancekit.envs.runner.log import FORMAT, TOPICS, McapLog, read_log, state_from_json, state_json
 from stancekit.planners.outcome import InvalidInput
+from tests.emulators.faulty_disk import ended
 from tests.emulators.memory_world import MemoryWorld
 
 PLAN: dict[str, Any] = {"format": FORMAT, "digest": "d", "course": "walls", "joints": ["a"], "rate_hz": 100.0}
@@ -111,6 +112,80 @@ def test_what_was_written_before_a_kill_can_be_read(tmp_path: Path) -> None:
     found = [int(each["why"]) for each in recorded.of("decision")]
     assert found == list(range(len(found)))
     assert len(found) > said[-1]
+
+
+def test_an_older_log_stays_until_the_new_one_is_ended(tmp_path: Path) -> None:
+    path, beside = tmp_path / "run.mcap", tmp_path / "run.partial.mcap"
+    with McapLog(path) as log:
+        log.write("plan", PLAN)
+    older = path.read_bytes()
+    with McapLog(path) as log:
+        log.write("plan", PLAN)
+        log.write("decision", {"what": "go", "why": "new"})
+        assert path.read_bytes() == older
+        assert read_log(beside).of("decision") == [{"what": "go", "why": "new"}]
+    assert os.listdir(tmp_path) == ["run.mcap"]
+    assert (read_log(path).whole, len(read_log(path).messages)) == (True, 2)
+
+
+def test_a_kill_before_any_call_leaves_the_older_log_or_the_new_one(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+
+    def write() -> int:
+        with McapLog(path) as log:
+            log.write("plan", PLAN)
+            log.write("decision", {"what": "go", "why": "new"})
+        return 0
+
+    assert ended(write, tmp_path).code == 0
+    older = path.read_bytes()
+    count = len(ended(write, tmp_path).calls)
+    assert count >= 5
+    for call in range(1, count + 1):
+        path.write_bytes(older)
+        assert ended(write, tmp_path, call, "killed").code == -signal.SIGKILL
+        assert path.read_bytes() == older or read_log(path).whole
+        assert set(os.listdir(tmp_path)) <= {"run.mcap", "run.partial.mcap"}
+        assert ended(write, tmp_path).code == 0
+        assert os.listdir(tmp_path) == ["run.mcap"]
+
+
+@pytest.mark.parametrize("older", [b"", b"an older log"])
+def test_a_disk_that_is_full_ends_the_log_once_and_what_was_written_stays(tmp_path: Path, older: bytes) -> None:
+    path = tmp_path / "run.mcap"
+
+    def write() -> int:
+        log = McapLog(path)
+        for k in range(50):
+            try:
+                log.write("decision", {"what": "go", "why": str(k)})
+            except OSError as error:
+                sys.stderr.write(f"{error}\n")
+        log.close()
+        return 0
+
+    for call in range(1, 10):
+        for file in tmp_path.iterdir():
+            file.unlink()
+        if older:
+            path.write_bytes(older)
+        done = ended(write, tmp_path, call)
+        assert (done.code, done.said) == (0, f"[Errno 28] No space left on device: '{path}'\n")
+        assert not older or path.read_bytes() == older
+        kept = tmp_path / ("run.partial.mcap" if older else "run.mcap")
+        assert kept.exists() == (call >= 4)  # two calls open it, then each message is a write
+
+
+def test_two_runs_do_not_write_one_log(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    for _ in range(2):  # in its own place, then beside an older one
+        with McapLog(path) as log:
+            log.write("plan", PLAN)
+            with McapLog(path) as other, pytest.raises(InvalidInput, match="expected a log of its own, another run"):
+                other.write("plan", PLAN)
+            log.write("decision", {"what": "go", "why": "on"})
+        assert len(read_log(path).messages) == 2
+    assert os.listdir(tmp_path) == ["run.mcap"]
 
 
 def test_numbers_that_json_lacks_are_written_as_null_and_come_back_as_nan(tmp_path: Path) -> None:

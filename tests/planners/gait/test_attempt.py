@@ -123,7 +123,11 @@ def test_a_run_that_is_done_leaves_nothing_and_a_broken_file_counts_for_nothing(
     partial = kept(out)
     partial.keep(0, found)
     assert partial.path.exists()
+    (tmp_path / ".walk.partial.npz.99-0123abcd.tmp").write_bytes(b"what a killed run was writing")
     partial.remove()
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / ".walk.partial.npz.99-0123abcd.tmp").write_bytes(b"of its first point")
+    kept(out).remove()
     assert list(tmp_path.iterdir()) == []
     for content in (b"", b"no archive", b"PK\x03\x04 broken"):
         partial.path.write_bytes(content)

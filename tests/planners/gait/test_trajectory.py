@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import io
 import json
 import os
 from dataclasses import replace
@@ -41,7 +44,7 @@ def still(count=41) -> Trajectory:
 
 @pytest.fixture
 def written(tmp_path):
-    """A pair of files of an accepted trajectory."""
+    """The file of an accepted trajectory."""
     trajectory = still()
     write_trajectory(tmp_path / "walk.json", trajectory, check_trajectory(trajectory))
     return tmp_path / "walk.json"
@@ -116,14 +119,30 @@ def test_a_file_gives_back_what_was_written(written):
         assert np.array_equal(getattr(record.trajectory, name), getattr(base, name))
     assert record.trajectory.provenance == base.provenance
     assert record.trajectory.terrain.name == "level"
-    assert sorted(os.listdir(written.parent)) == ["walk.json", "walk.npz"]
+    assert os.listdir(written.parent) == ["walk.json"]
     assert is_trajectory(json.loads(written.read_text()))
 
 
-def test_a_pair_may_be_renamed(written):
-    for suffix in (".json", ".npz"):
-        written.with_suffix(suffix).rename(written.with_name(f"other{suffix}"))
+def test_a_file_may_be_renamed(written):
+    written.rename(written.with_name("other.json"))
     assert read_trajectory(written.with_name("other.json")).verified
+
+
+def test_an_older_pair_is_read_as_ever_and_may_be_renamed(pair):
+    assert json.loads(pair.read_text())["format"] == "stancekit/gait/1"
+    assert is_trajectory(json.loads(pair.read_text()))
+    assert read_trajectory(pair).trajectory.digest == still().digest
+    for suffix in (".json", ".npz"):
+        pair.with_suffix(suffix).rename(pair.with_name(f"other{suffix}"))
+    assert read_trajectory(pair.with_name("other.json")).verified
+
+
+def test_a_pair_that_is_written_over_is_one_file_and_what_was_beside_it_stays(pair):
+    beside = pair.with_suffix(".npz").read_bytes()
+    write_trajectory(pair, still(), check_trajectory(still()))
+    assert json.loads(pair.read_text())["format"] == "stancekit/gait/2"
+    assert read_trajectory(pair).verified
+    assert pair.with_suffix(".npz").read_bytes() == beside
 
 
 def test_a_trajectory_that_the_verifier_refuses_is_marked_so(tmp_path):
@@ -166,62 +185,122 @@ def test_a_header_laid_out_anew_is_still_the_same(written):
     assert read_trajectory(written).verified
 
 
+def _stored(path):
+    with np.load(io.BytesIO(base64.b64decode(json.loads(path.read_text())["samples"]))) as packed:
+        return dict(packed)
+
+
+def _archive(arrays):
+    content = io.BytesIO()
+    np.savez(content, **{name: array for name, array in arrays.items() if array is not None})
+    return content.getvalue()
+
+
+def _resealed(path, **changes):
+    """The header with other values, under the digest that it then has; None takes one out."""
+    data = json.loads(path.read_text()) | changes
+    data = {name: value for name, value in data.items() if name != "digest" and value is not None}
+    digest = hashlib.sha256(json.dumps(data, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+    path.write_text(json.dumps(data | {"digest": digest}, indent=1))
+
+
 def _packed(path, **changes):
-    with np.load(path.with_suffix(".npz")) as packed:
-        arrays = dict(packed)
-    arrays.update(changes)
-    np.savez(path.with_suffix(".npz"), **{name: array for name, array in arrays.items() if array is not None})
+    """Other samples, whether they stand in the file or beside it."""
+    beside = path.with_suffix(".npz")
+    if beside.exists():
+        with np.load(beside) as packed:
+            beside.write_bytes(_archive(dict(packed) | changes))
+    else:
+        _put(path, _archive(_stored(path) | changes))
+
+
+def _put(path, content):
+    """Another archive, or what is none."""
+    if path.with_suffix(".npz").exists():
+        path.with_suffix(".npz").write_bytes(content)
+    else:
+        _resealed(path, samples=base64.b64encode(content).decode())
+
+
+@pytest.fixture
+def pair(written):
+    """The same walk as ``stancekit/gait/1`` had it: a header, and its samples beside it."""
+    written.with_suffix(".npz").write_bytes(_archive(_stored(written)))
+    _resealed(written, format="stancekit/gait/1", samples=None)
+    return written
+
+
+@pytest.fixture(params=["written", "pair"])
+def either(request):
+    """A file, and a pair, with the place where its samples are."""
+    path = request.getfixturevalue(request.param)
+    return path, "walk.json: samples" if request.param == "written" else "walk.npz"
 
 
 BASE = still()
 SPOILT = {
-    "walk.npz: these samples do not belong to walk.json: changed since they were written": {
-        "forces_n": BASE.forces_n + 1e-9
-    },
-    "walk.npz: feet_m: expected this array, got nothing": {"feet_m": None},
-    "walk.npz: torso_m: expected shape (41, 3), got (40, 3)": {"torso_m": BASE.torso_m[1:]},
-    "walk.npz: feet_m: expected shape (41, 6, 3), got (41, 5, 3)": {"feet_m": BASE.feet_m[:, 1:]},
-    "walk.npz: contact: expected shape (41, 6), got (41, 3)": {"contact": BASE.contact[:, :3]},
-    "walk.npz: contact: expected truth values, got float64": {"contact": 1.0 * BASE.contact},
-    "walk.npz: level: y_m: expected this array, got nothing": {"terrain_y_m": None},
+    "these samples do not belong to walk.json: changed since they were written": {"forces_n": BASE.forces_n + 1e-9},
+    "feet_m: expected this array, got nothing": {"feet_m": None},
+    "torso_m: expected shape (41, 3), got (40, 3)": {"torso_m": BASE.torso_m[1:]},
+    "feet_m: expected shape (41, 6, 3), got (41, 5, 3)": {"feet_m": BASE.feet_m[:, 1:]},
+    "contact: expected shape (41, 6), got (41, 3)": {"contact": BASE.contact[:, :3]},
+    "contact: expected truth values, got float64": {"contact": 1.0 * BASE.contact},
+    "level: y_m: expected this array, got nothing": {"terrain_y_m": None},
 }
 
 
 @pytest.mark.parametrize("message", SPOILT)
-def test_samples_that_are_not_those_written_are_refused(written, message):
-    _packed(written, **SPOILT[message])
-    assert refusal(written) == message
+def test_samples_that_are_not_those_written_are_refused(either, message):
+    path, place = either
+    _packed(path, **SPOILT[message])
+    assert refusal(path) == f"{place}: {message}"
 
 
-def test_samples_with_holes_or_objects_are_refused(written):
+def test_samples_with_holes_or_objects_are_refused(either):
+    path, place = either
     holes = np.array(BASE.torso_m)
     holes[3, 1] = np.nan
-    _packed(written, torso_m=holes)
-    assert refusal(written).startswith("walk.npz: torso_m: expected finite numbers")
-    _packed(written, torso_m=np.array([{"a": 1}], dtype=object))
-    assert refusal(written) == "walk.npz: expected arrays without pickle: expected numbers or texts, got object"
+    _packed(path, torso_m=holes)
+    assert refusal(path).startswith(f"{place}: torso_m: expected finite numbers")
+    _packed(path, torso_m=np.array([{"a": 1}], dtype=object))
+    assert refusal(path) == f"{place}: expected arrays without pickle: expected numbers or texts, got object"
 
 
-def test_samples_that_are_missing_cut_or_no_archive_are_refused(written):
-    samples = written.with_suffix(".npz")
-    whole = samples.read_bytes()
-    expected = "walk.npz: expected arrays without pickle: "
+def test_samples_that_are_missing_cut_or_no_archive_are_refused(either):
+    path, place = either
+    beside = path.with_suffix(".npz")
+    whole = beside.read_bytes() if beside.exists() else base64.b64decode(json.loads(path.read_text())["samples"])
+    expected = f"{place}: expected arrays without pickle: "
     for content in (whole[: len(whole) // 2], b"", b"no archive", whole[:-200]):
-        samples.write_bytes(content)
-        assert refusal(written).startswith(expected)
+        _put(path, content)
+        assert refusal(path).startswith(expected)
     middle = len(whole) // 3
-    samples.write_bytes(whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :])
-    assert refusal(written).startswith("walk.npz: ")
-    samples.unlink()
-    assert refusal(written) == "walk.npz: expected the samples of the trajectory, found nothing there"
+    _put(path, whole[:middle] + bytes([whole[middle] ^ 255]) + whole[middle + 1 :])
+    assert refusal(path).startswith(f"{place}: ")
+
+
+def test_samples_of_a_pair_that_are_missing_are_named(pair):
+    pair.with_suffix(".npz").unlink()
+    assert refusal(pair) == "walk.npz: expected the samples of the trajectory, found nothing there"
+
+
+def test_samples_that_are_no_base64_or_of_the_other_format_are_refused(written):
+    samples = json.loads(written.read_text())["samples"]
+    _resealed(written, samples="????")
+    assert refusal(written).startswith("walk.json: samples: expected base64 text: ")
+    expected = "walk.json: samples: expected in stancekit/gait/2 and not in stancekit/gait/1"
+    _resealed(written, samples=None)
+    assert refusal(written) == expected
+    _resealed(written, samples=samples, format="stancekit/gait/1")
+    assert refusal(written) == expected
 
 
 def test_headers_that_are_none_are_refused_in_one_line(written):
     assert refusal(written.with_name("none.json")) == "none.json: expected a file, found nothing there"
     for text, message in {
-        "[]": "walk.json: expected an object with format 'stancekit/gait/1', got 'list'",
+        "[]": "walk.json: expected an object with format 'stancekit/gait/2', got 'list'",
         '{"format": "stancekit/posture/1"}': (
-            "walk.json: expected an object with format 'stancekit/gait/1', got 'stancekit/posture/1'"
+            "walk.json: expected an object with format 'stancekit/gait/2', got 'stancekit/posture/1'"
         ),
         '{"format": ': "walk.json: expected JSON, broken at line 1 column 12: Expecting value",
     }.items():
