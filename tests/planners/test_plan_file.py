@@ -184,8 +184,8 @@ def test_the_name_that_a_pair_gives_its_numbers_leads_nowhere(pair, name):
     [
         ("????", "plan.json: arrays: expected base64 text: "),
         ("é", "plan.json: arrays: expected base64 text: "),
-        ("", "plan.json: arrays: expected arrays without pickle: no .npz"),
-        ("bm8gYXJjaGl2ZQ==", "plan.json: arrays: expected arrays without pickle: no .npz"),
+        ("", "plan.json: arrays: expected arrays without pickle: File is not a zip file"),
+        ("bm8gYXJjaGl2ZQ==", "plan.json: arrays: expected arrays without pickle: File is not a zip file"),
     ],
 )
 def test_numbers_that_are_no_archive_are_refused_even_under_right_sums(text, message, written):

@@ -16,11 +16,10 @@ from hypothesis import strategies as st
 from scipy.optimize import nnls
 
 from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.planners import verify
 from stancekit.planners.outcome import Certificate, Posture
 from stancekit.planners.scene import Contact, Patch, PostureProblem
 from stancekit.planners.verify import GROUPS, check_certificate, check_posture, explain
-from stancekit.planners.verify.geometry import cut, sag
+from stancekit.planners.verify.geometry import cut, hull_distance, sag, triangle_distances
 from stancekit.planners.verify.work import least_work
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -773,7 +772,7 @@ def _by_all_tetrahedra(vertices: np.ndarray, point: np.ndarray) -> float:
     if np.any((shares.min(axis=1, initial=0.0) >= 0.0) & (shares.sum(axis=1) <= 1.0)):
         return 0.0
     triangles = vertices[list(itertools.combinations(range(len(vertices)), 3))]
-    return float(verify._triangle_distances(triangles, point).min())
+    return float(triangle_distances(triangles, point).min())
 
 
 def test_the_distance_from_a_hull_is_that_by_all_its_tetrahedra():
@@ -789,7 +788,7 @@ def test_the_distance_from_a_hull_is_that_by_all_its_tetrahedra():
         off = [0.0, 1e-9 * turn[2], 1e-7 * rng.normal(size=3), size * rng.normal(size=3), vertices[0] - inside][
             case % 5
         ]
-        found, expected = verify._hull_distance(vertices, inside + off), _by_all_tetrahedra(vertices, inside + off)
+        found, expected = hull_distance(vertices, inside + off), _by_all_tetrahedra(vertices, inside + off)
         assert abs(found - expected) < 1e-11 * size + 1e-12 * expected
         seen += expected > 0.0
     assert seen > 100
@@ -799,6 +798,6 @@ def test_a_hull_of_many_corners_is_measured_in_a_millisecond():
     angle = 2.0 * np.pi * np.arange(256) / 256
     ring = np.stack([np.cos(angle), np.sin(angle), 1e-4 * np.sin(7.0 * angle)], axis=1)
     began = time.process_time()
-    assert verify._hull_distance(ring, np.array([2.0, 0.0, 0.0])) == pytest.approx(1.0, abs=1e-6)
-    assert verify._hull_distance(ring, np.array([0.3, 0.2, 0.0])) < 1e-12
+    assert hull_distance(ring, np.array([2.0, 0.0, 0.0])) == pytest.approx(1.0, abs=1e-6)
+    assert hull_distance(ring, np.array([0.3, 0.2, 0.0])) < 1e-12
     assert time.process_time() - began < 0.05
