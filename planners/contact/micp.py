@@ -25,9 +25,9 @@ import numpy as np
 
 from ..arrays import Array, checked
 from ..outcome import InvalidInput, Outcome, Posture
+from ..relaxation.envelope import Envelope
 from ..scene import PostureProblem
 from ..verify import check_posture
-from .envelope import Envelope
 from .planner import Acceptance
 from .project import Point, Projector
 from .relax import box_values, mccormick_rows

@@ -21,11 +21,11 @@ import numpy as np
 from cvxpy.atoms.affine.add_expr import AddExpression
 
 from ..arrays import checked
-from ..contact.envelope import Envelope, EnvelopeSet
 from ..contact.micp import SOLVERS, TANGENTS, Cells, check_options, meet, without_cones
 from ..contact.relax import box_values, mccormick_rows
 from ..outcome import InvalidInput
 from ..plan import PlanOutcome
+from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..scene.course import Course
 from .boxes import boxes_of
 from .clock import Clock

@@ -9,7 +9,6 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.keyframes.boxes import boxes_of
 from stancekit.planners.keyframes.methods import METHODS, make_course_planner
 from stancekit.planners.keyframes.micp import KNOTS, CourseMicp, MicpCoursePlanner, planes, without_squares
@@ -18,6 +17,7 @@ from stancekit.planners.keyframes.products import domain_of
 from stancekit.planners.keyframes.scaled import ScaledCourse
 from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.scene.course_spec import read_course
 
 NEEDS_SCIP = pytest.mark.skipif(util.find_spec("pyscipopt") is None, reason="needs the exact extra")
