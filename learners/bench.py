@@ -13,9 +13,9 @@ from typing import Any, ClassVar, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from stancekit.envs.scenes import Scene
-from stancekit.planners.contact.stages import Projection
 from stancekit.planners.files import write_text
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.projection.project import PostureProjection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 from .dataset import Dataset
@@ -70,7 +70,7 @@ class _Row(BaseModel):
     row_key: str = ""
     p1_feasible: tuple[int, int] = (0, 0)
     p1_infeasible: tuple[int, int] = (0, 0)
-    projected: dict[Projection, tuple[int, int]] = {}
+    projected: dict[PostureProjection, tuple[int, int]] = {}
     gap: float | None = None
     p1_ms: float | None = None
 

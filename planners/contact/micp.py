@@ -28,7 +28,7 @@ from ..outcome import InvalidInput, Outcome, Posture
 from ..relaxation.envelope import Envelope
 from ..scene import PostureProblem
 from ..verify import check_posture
-from .planner import Acceptance
+from ..search.answer import Acceptance
 from .project import Point, Projector
 from .relax import box_values, mccormick_rows
 from .scaled import ScaledProblem, side_by_side, skew

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 from ..outcome import InvalidInput
 from ..relaxation.envelope import EnvelopeSet
-from .modes import Modes
+from ..relaxation.modes import Modes
 from .planner import CoursePlanner, PlanAcceptance
 from .project import Projection
 from .twostage import CourseModels, TwoStageCoursePlanner
@@ -87,8 +87,8 @@ def _two_stage(
         return TwoStageCoursePlanner(
             projection=projection, time_limit_s=time_limit_s, acceptance=acceptance, models=models
         )
-    from .enveloped import EnvelopeCoursePlanner
+    from ..search.answer import Acceptance
+    from ..search.enveloped import EnvelopeCoursePlanner
 
-    return EnvelopeCoursePlanner(
-        envelopes, projection=projection, time_limit_s=time_limit_s, acceptance=acceptance, models=models
-    )
+    accept = Acceptance(tolerance=acceptance.tolerance)
+    return EnvelopeCoursePlanner(envelopes, projection=projection, time_limit_s=time_limit_s, acceptance=accept)

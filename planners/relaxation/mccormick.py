@@ -23,7 +23,7 @@ from ..arrays import Array
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.rows import ConicSolution, ConicStatus, Rows
-from ..equilibrium.scaled import Point, Scaled
+from ..equilibrium.scaled import Point, Scaled, skew
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, objective
 from ..outcome import InvalidInput
 from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Corners, Envelope
@@ -208,6 +208,12 @@ class McCormick:
         most = rows.at_most("mode_allowed", stances, boxes)
         rows.put(most, modes, 1.0)
         rows.right(most, Of("allowed"))
+
+
+def moment_axes(scaled: Scaled) -> Array:
+    """e_j × F_k of eq. 9 in the column 9i + 3j + k, shape (3, 9B): the moment balance of a posture is axes · m = 0."""
+    across = np.matmul(skew(np.eye(3)), scaled.contact_frames[:, None])  # (B, j, 3, k)
+    return np.asarray(across.transpose(2, 0, 1, 3).reshape(3, -1))
 
 
 def _terms(rows: Rows[Given], layout: Layout, *, explicit: bool) -> tuple[Body, FreeToes, Forces]:

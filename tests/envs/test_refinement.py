@@ -17,8 +17,8 @@ from stancekit.envs.refinement import (
 )
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.terrains import distribution
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.relaxation.envelope import Envelope
 
@@ -42,7 +42,7 @@ def witnesses(scenes):
     for listed in scenes.values():
         for scene in listed:
             if scene.posture is not None:
-                scaled = ScaledProblem.of(scene.problem)
+                scaled = Scaled.of(scene.problem)
                 yield scaled, scaled.point(scene.posture)
 
 
@@ -70,7 +70,7 @@ def test_propagation_keeps_every_posture_and_does_narrow(scenes):
 
 
 def test_propagation_refutes_forces_that_cannot_balance(scenes):
-    scaled = ScaledProblem.of(scenes["ground-3"][0].problem)
+    scaled = Scaled.of(scenes["ground-3"][0].problem)
     whole = whole_box(scaled)
     high = whole.high.copy()
     high[:, 3:] = np.minimum(high[:, 3:], 0.05)  # three feet of a twentieth of the weight each
@@ -79,11 +79,11 @@ def test_propagation_refutes_forces_that_cannot_balance(scenes):
 
 @pytest.mark.parametrize("rule", [LargestGap(), WidestDimension(), RandomDimension(np.random.default_rng(0))])
 def test_verdicts_are_those_of_the_exact_planner(rule, scenes):
-    stages, counts = Stages(), {Status.FEASIBLE: 0, Status.INFEASIBLE: 0, Status.UNDECIDED: 0}
+    programs, counts = Programs(), {Status.FEASIBLE: 0, Status.INFEASIBLE: 0, Status.UNDECIDED: 0}
     for listed in scenes.values():
         for scene in listed:
-            scaled = ScaledProblem.of(scene.problem)
-            search = BoxSearch(scene.problem, scaled, stages)
+            scaled = Scaled.of(scene.problem)
+            search = BoxSearch(scene.problem, scaled, programs)
             for _ in range(15):
                 if search.verdict is not Status.UNDECIDED:
                     break
