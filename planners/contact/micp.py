@@ -27,8 +27,8 @@ from ..arrays import Array, checked
 from ..outcome import InvalidInput, Outcome, Posture
 from ..relaxation.envelope import Envelope
 from ..scene import PostureProblem
-from ..verify import check_posture
 from ..search.answer import Acceptance
+from ..verify import check_posture
 from .project import Point, Projector
 from .relax import box_values, mccormick_rows
 from .scaled import ScaledProblem, side_by_side, skew

@@ -153,9 +153,9 @@ def test_a_relaxation_may_be_projected(sampled, write, envelopes, stancekit):
     file = write("p.jsonl", *sampled["wall-3"])
     for method in (("p1", "--envelope", envelopes), ("lift",)):
         named = stancekit("solve", file, "--method", *method, "--project", "scp", "--json").records
-        programs = ("two-stage", *method[1:])
+        stages = ("two-stage", *method[1:])
         assert [record["status"] for record in named] == [
-            record["status"] for record in stancekit("solve", file, "--method", *programs, "--json").records
+            record["status"] for record in stancekit("solve", file, "--method", *stages, "--json").records
         ]
 
 

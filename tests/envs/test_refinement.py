@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from stancekit.envs.boxtree import BoxSearch, propagate, whole_box
+from stancekit.envs.boxtree import BoxSearch, propagate
 from stancekit.envs.refinement import (
     EnvelopeRefinementEnv,
     LargestGap,
@@ -20,6 +20,7 @@ from stancekit.envs.terrains import distribution
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
 
 NAME = "stancekit.envs:stancekit/EnvelopeRefinement-v0"
@@ -50,13 +51,13 @@ def test_the_first_box_holds_every_posture(scenes):
     found = list(witnesses(scenes))
     assert len(found) > 10
     for scaled, point in found:
-        assert whole_box(scaled).contains(point[None], margin=1e-6).all()
+        assert domain_of(scaled, reach=False).contains(point[None], margin=1e-6).all()
 
 
 def test_propagation_keeps_every_posture_and_does_narrow(scenes):
     rng, narrowed = np.random.default_rng(0), 0
     for scaled, point in witnesses(scenes):
-        whole = whole_box(scaled)
+        whole = domain_of(scaled, reach=False)
         for _ in range(20):  # boxes that hold the posture, cut at random
             low = point - rng.uniform(size=point.shape) * np.maximum(point - whole.low, 0.0) - 1e-6
             high = point + rng.uniform(size=point.shape) * np.maximum(whole.high - point, 0.0) + 1e-6
@@ -71,7 +72,7 @@ def test_propagation_keeps_every_posture_and_does_narrow(scenes):
 
 def test_propagation_refutes_forces_that_cannot_balance(scenes):
     scaled = Scaled.of(scenes["ground-3"][0].problem)
-    whole = whole_box(scaled)
+    whole = domain_of(scaled, reach=False)
     high = whole.high.copy()
     high[:, 3:] = np.minimum(high[:, 3:], 0.05)  # three feet of a twentieth of the weight each
     assert propagate(scaled, Envelope(low=np.minimum(whole.low, high), high=high)) is None

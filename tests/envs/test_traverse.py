@@ -33,7 +33,7 @@ def strict():
 
 
 def made(*courses, **named):
-    return TraverseEnv(courses or ("walls",), **({"models": MODELS, "frames": 5} | named))
+    return TraverseEnv(courses or ("walls",), **({"programs": PROGRAMS, "frames": 5} | named))
 
 
 def played(env, seed, actions):

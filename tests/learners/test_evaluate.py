@@ -15,8 +15,10 @@ from stancekit.learners.executor import processes
 from stancekit.learners.fitting import fit
 from stancekit.learners.labelling import LabelPlan, label
 from stancekit.learners.selectors.selector import FixedSelector
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.mccormick import McCormick
 
 
 @pytest.fixture(scope="module")
@@ -37,7 +39,7 @@ def envelopes(dataset: Dataset) -> EnvelopeSet:
 
 
 def test_the_shares_are_what_p1_and_p2_say_when_asked_directly(
-    scenes: list[Scene], envelopes: EnvelopeSet, programs: Stages
+    scenes: list[Scene], envelopes: EnvelopeSet, programs: Programs
 ) -> None:
     score = evaluate(
         "quantile", FixedSelector("quantile", envelopes), scenes, problem_class="wall-3", projections=("fix-toes",)

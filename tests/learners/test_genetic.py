@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from stancekit.envs.terrains import distribution
 from stancekit.learners.dataset import Dataset
 from stancekit.learners.labelling import LabelPlan, label
 from stancekit.learners.selectors import evolution
@@ -290,8 +291,9 @@ def test_what_cannot_be_searched_is_refused(feasible: list[Scaled], infeasible: 
     with pytest.raises(InvalidInput) as caught:
         evolve(feasible, infeasible, np.zeros((0, 3, 6)), SMALL)
     assert str(caught.value) == "points: expected one solution or more, got none"
+    five = Scaled.of(distribution("wall-5").sample(np.random.default_rng(0)))
     with pytest.raises(InvalidInput, match=r"all of one size \(contacts, vertices\), got sizes \[\(3, 3\), \(5, 3\)\]"):
-        evolve(feasible, [Scaled.typical(5, 3)], np.zeros((1, 3, 6)), SMALL)
+        evolve(feasible, [five], np.zeros((1, 3, 6)), SMALL)
 
 
 def test_fitting_a_data_set_says_how_it_was_done(dataset: Dataset, whole: GeneticResult) -> None:

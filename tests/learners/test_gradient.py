@@ -48,7 +48,7 @@ def mistakes(boxes: list[Envelope], kinds: tuple[list[Scaled], list[Scaled]], pr
 def test_the_loss_is_a_logistic_count_and_its_gradient_that_of_finite_differences(
     boxes: int, sign: float, dataset: Dataset, problems: tuple[list[Scaled], ...], programs: Programs
 ) -> None:
-    scenes, softness, step = problems[int(sign < 0)][:8], 0.02, 1e-4
+    scenes, softness, step = problems[int(sign < 0)][:8], 0.02, 2e-5
     start = np.stack([box.to_vector() for box in clustered_boxes(dataset.points, boxes, share=0.1, seed=0)])
 
     def loss(bounds: np.ndarray) -> float:

@@ -144,19 +144,25 @@ def test_a_box_out_of_range_needs_no_solve(programs: Programs) -> None:
 
 
 class Stubborn:
-    """A model that gives up on the first box, or on all."""
+    """Programs whose P1 gives up on the first box, or on all."""
 
     def __init__(self, programs: Programs, box: Envelope, always: bool) -> None:
         self._programs, self._box, self._always = programs, box, always
 
+    def get(self, *_: object) -> Stubborn:
+        return self
+
     def gives_up(self, envelope: Envelope) -> bool:
         return self._always or bool(np.array_equal(envelope.low, self._box.low))
 
+    def _p1(self, scaled: Scaled) -> McCormick:
+        return self._programs.get(McCormick, scaled.layout)
+
     def solve(self, scaled: Scaled, envelope: Envelope) -> RelaxationAnswer:
-        return RelaxationAnswer(margin=np.nan) if self.gives_up(envelope) else self._programs.solve(scaled, envelope)
+        return RelaxationAnswer(margin=np.nan) if self.gives_up(envelope) else self._p1(scaled).solve(scaled, envelope)
 
     def examine(self, scaled: Scaled, envelope: Envelope) -> Evidence:
-        return Evidence(margin=np.nan) if self.gives_up(envelope) else self._programs.examine(scaled, envelope)
+        return Evidence(margin=np.nan) if self.gives_up(envelope) else self._p1(scaled).examine(scaled, envelope)
 
 
 @pytest.mark.parametrize("always", [False, True])
