@@ -70,11 +70,11 @@ class ConicSolution:
 
     def value(self, name: str) -> Array:
         """Value of the variable of this name, in its own shape."""
-        return np.asarray(self.x[self.columns[name]])
+        return _part(self.x, self.columns[name])
 
     def dual(self, name: str) -> Array:
         """Multipliers of the group of rows of this name, in its shape: L = objective + z'(A x − b)."""
-        return np.asarray(self.z[self.groups[name]])
+        return _part(self.z, self.groups[name])
 
 
 _STATUS = {
@@ -258,3 +258,9 @@ def solver_settings(*, equilibrate: bool, careful: bool = False) -> clarabel.Def
 
 def _scaled(factor: float, weight: Fill[D]) -> Fill[D]:
     return lambda d: factor * np.asarray(weight(d))
+
+
+def _part(values: Array, index: Index) -> Array:
+    """values[index] for indices in a row, as those of a variable and of a group are."""
+    begin = index.item(0) if index.size else 0
+    return values[begin : begin + index.size].reshape(index.shape)

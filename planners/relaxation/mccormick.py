@@ -27,7 +27,7 @@ from ..equilibrium.scaled import Point, Scaled, skew
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, objective
 from ..outcome import InvalidInput
 from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Corners, Envelope
-from .relaxed import Evidence, RelaxationAnswer, Relaxed, unit_shares
+from .relaxed import Evidence, RelaxationAnswer, Relaxed
 
 Axes = Literal["contact", "world"]
 
@@ -153,13 +153,13 @@ class McCormick:
         if not solution.solved:
             infeasible = solution.status is ConicStatus.INFEASIBLE
             return RelaxationAnswer(margin=float("inf") if infeasible else float("nan"), seconds=solution.seconds)
-        x = solution.x
-        position, forces = x[self._position], x[self._box_forces]
+        position = solution.value("position")
+        forces = solution.value("box_forces" if "box_forces" in solution.columns else "forces")
         return RelaxationAnswer(
             margin=float(solution.value("margin")[0]) if "margin" in solution.columns else 0.0,
             relaxed=_relaxed(solution, scaled, self._forces),
             at=np.concatenate([position, forces], axis=1),
-            excess=x[self._moments].reshape(-1, 3, 3) - position[:, :, None] * forces[:, None, :],
+            excess=solution.value("moments").reshape(-1, 3, 3) - position[:, :, None] * forces[:, None, :],
             objective=solution.objective,
             seconds=solution.seconds,
         )
@@ -270,7 +270,7 @@ def _relaxed(solution: ConicSolution, scaled: Scaled, forces: Forces) -> Relaxed
         scaled=scaled,
         com=solution.value("com"),
         rotation=solution.value("rotation"),
-        weights=unit_shares(scaled, solution.value("weights")),
+        weights=np.maximum(solution.value("weights"), 0.0),
         forces=solution.value("forces"),
         rows=(forces.contact, forces.candidate),
         seconds=solution.seconds,

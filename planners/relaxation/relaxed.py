@@ -19,7 +19,7 @@ FEASIBLE_MARGIN = 1e-7
 class Relaxed:
     """A point of a relaxation, in which a toe may stand on several candidates at once.
 
-    com, rotation: (M, 3). weights: λ, shape (V,), which add up to 1 at every foothold. forces: in contact frames, one
+    com, rotation: (M, 3). weights: λ ≥ 0, shape (V,), which add up to 1 at every foothold. forces: in contact frames, one
     at each of ``rows`` = (stance contact, candidate), shape (n, 3). seconds: in the solver [s].
     """
 
@@ -34,23 +34,20 @@ class Relaxed:
     @cached_property
     def shares(self) -> Array:
         """z of every candidate, shape (K,)."""
-        layout = self.scaled.layout
-        shares = np.bincount(layout.vertex_candidates, self.weights, minlength=len(layout.candidate_footholds))
-        return np.asarray(shares, dtype=np.float64)
+        return np.asarray(np.add.reduceat(self.weights, self.scaled.layout.candidate_starts))
 
     @cached_property
     def toes(self) -> Array:
         """By candidate, where its share of the toe stands, shape (K, 3)."""
-        layout = self.scaled.layout
-        sums = np.zeros((len(layout.candidate_footholds), 3))
-        np.add.at(sums, layout.vertex_candidates, self.weights[:, None] * self.scaled.vertices)
+        starts = self.scaled.layout.candidate_starts
+        sums = np.add.reduceat(self.weights[:, None] * self.scaled.vertices, starts)
         return sums / np.maximum(self.shares, 1e-12)[:, None]
 
     def rounded(self) -> tuple[Index, Point]:
         """The candidate of the largest share of every foothold, by number, (P,), and a point whose toes are on them."""
         number = np.concatenate(self.scaled.which)
         if len(number) == self.scaled.layout.footholds and len(self.forces) == len(self.scaled.force_min):
-            return number, self._point(self.toes, self.forces)
+            return number, self._point(self.toes, self.forces)  # nothing to round
         ends = np.cumsum([len(counts) for counts in self.scaled.layout.corners])
         parts = np.split(self.shares, ends[:-1])
         chosen = np.array([end - len(part) + int(part.argmax()) for end, part in zip(ends, parts, strict=True)])
