@@ -19,8 +19,8 @@ FEASIBLE_MARGIN = 1e-7
 class Relaxed:
     """A point of a relaxation, in which a toe may stand on several candidates at once.
 
-    com, rotation: (M, 3). weights: λ ≥ 0, shape (V,), which add up to 1 at every foothold. forces: in contact frames, one
-    at each of ``rows`` = (stance contact, candidate), shape (n, 3). seconds: in the solver [s].
+    com, rotation: (M, 3). weights: λ ≥ 0, shape (V,), which add up to 1 at every foothold. forces: in contact frames,
+    one at each of ``rows`` = (stance contact, candidate), shape (n, 3). seconds: in the solver [s].
     """
 
     scaled: Scaled

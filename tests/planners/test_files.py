@@ -11,8 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.twostage import TwoStagePlanner
 from stancekit.planners.files import (
     UNBOUNDED,
     answer_from_json,
@@ -27,6 +25,8 @@ from stancekit.planners.files import (
 )
 from stancekit.planners.outcome import Certificate, InvalidInput, Outcome, Posture, Status
 from stancekit.planners.scene import PostureProblem
+from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.posture import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_posture
 
 
