@@ -238,15 +238,15 @@ def test_a_link_stays_a_link(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def outcomes(stages, drawn):
+def outcomes(programs, drawn):
     """One outcome of every status, and a trivially infeasible one, with their problems."""
-    exact, limited = ExactPlanner(stages=stages), ExactPlanner(stages=stages, max_nodes=0)
+    exact, limited = ExactPlanner(programs=programs), ExactPlanner(programs=programs, max_nodes=0)
     found = {
         "feasible": (drawn("wall-3", 0), exact.solve(drawn("wall-3", 0))),
         "infeasible": (drawn("wall-3", 225), exact.solve(drawn("wall-3", 225))),
         "trivial": (drawn("wall-3", 4), exact.solve(drawn("wall-3", 4))),
         "undecided": (drawn("wall-3", 0), limited.solve(drawn("wall-3", 0))),
-        "refused": (drawn("wall-3", 0), TwoStagePlanner(projection=None, stages=stages).solve(drawn("wall-3", 0))),
+        "refused": (drawn("wall-3", 0), TwoStagePlanner(projection=None, programs=programs).solve(drawn("wall-3", 0))),
     }
     statuses = {name: outcome.status.value for name, (_, outcome) in found.items()}
     assert statuses == {
