@@ -19,13 +19,13 @@ import numpy as np
 from stancekit.envs.terrains import distribution
 from stancekit.learners.modes import solved_postures
 from stancekit.learners.selectors.quantile import quantile_box
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.gait.seeds import Seat
 from stancekit.planners.outcome import Status
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.scene.terrains import reference_terrain
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.warp.conformal import flatten
 from stancekit.planners.warp.spline_map import SplineMap
 
@@ -56,7 +56,7 @@ def transfer(
     name: str, warp: SplineMap, envelope: Envelope, planner: ExactPlanner, count: int, rng: np.random.Generator
 ) -> list[dict[str, Any]]:
     """P1 and P2 of the envelope, pushed and as it is, on problems that the exact planner has decided."""
-    source, stages = distribution("ground-3"), Stages()
+    source, stages = distribution("ground-3"), Programs()
     hits: dict[str, list[tuple[bool, bool, bool]]] = {"chart": [], "direct": []}
     for _ in range(count):
         place = np.array([*rng.uniform(-2.0, 2.0, 2), HEIGHT_M])
@@ -65,7 +65,7 @@ def transfer(
         status = planner.solve(problem).status
         if status is Status.UNDECIDED:
             continue
-        scaled = ScaledProblem.of(problem)
+        scaled = Scaled.of(problem)
         boxes = {"chart": seat.envelope(envelope, problem.length_scale_m), "direct": envelope}
         for way, box in boxes.items():
             admitted, projected = _stages(stages, scaled, box)
@@ -73,7 +73,7 @@ def transfer(
     return [{"terrain": name, "envelope": way, **_shares(found)} for way, found in hits.items()]
 
 
-def _stages(stages: Stages, scaled: ScaledProblem, box: Envelope) -> tuple[bool, bool]:
+def _stages(stages: Programs, scaled: Scaled, box: Envelope) -> tuple[bool, bool]:
     answer = stages.box(scaled).solve(scaled, box)
     if not answer.feasible or answer.point is None:
         return False, False

@@ -23,7 +23,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.judge import check_trajectory
 from stancekit.planners.gait.robot import hexapod_walker
@@ -36,6 +35,7 @@ from stancekit.planners.scene.course_spec import spec_from
 from stancekit.planners.scene.heightfield import HeightField
 from stancekit.planners.scene.layout import lay_out
 from stancekit.planners.scene.terrains import reference_terrain
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.warp.conformal import flatten
 from stancekit.planners.warp.spline_map import SplineMap
 

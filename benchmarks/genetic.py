@@ -30,10 +30,10 @@ from stancekit.learners.selectors.evolution import evolve_cma, evolve_nsga2, ext
 from stancekit.learners.selectors.genetic import GeneticResult, GeneticSettings, evolve
 from stancekit.learners.selectors.verdicts import CachingJudge, Counts, Judge, SolvingJudge
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 
-Problems = tuple[list[ScaledProblem], list[ScaledProblem], Array]
+Problems = tuple[list[Scaled], list[Scaled], Array]
 PLAIN, CACHED = "GA, plain loop", "GA, cached"
 Evolve = Callable[..., GeneticResult]
 
@@ -73,7 +73,7 @@ def labelled(problem: str, rows: int, seed: int) -> Problems:
         label(LabelPlan(distribution=problem, feasible=rows, infeasible=rows, seed=seed), folder)
         dataset = Dataset.open(folder)
         feasible, infeasible = (
-            [ScaledProblem.of(found) for found in dataset.select(chosen).problems()]
+            [Scaled.of(found) for found in dataset.select(chosen).problems()]
             for chosen in (dataset.feasible, dataset.infeasible)
         )
         return feasible, infeasible, dataset.points
@@ -85,8 +85,8 @@ def measure(
     """Figures and histories of all searches, by name."""
     feasible, infeasible, points = train
     problems = [*feasible, *infeasible]
-    model = Stages().box(problems[0])
-    held_out = SolvingJudge([*test[0], *test[1]], model)
+    programs = Programs()
+    held_out = SolvingJudge([*test[0], *test[1]], programs)
 
     histories: dict[str, tuple[Generation, ...]] = {}
 
@@ -105,14 +105,14 @@ def measure(
             "best_fitness": [done.best for done in result.history],
         }  # fmt: skip
 
-    runs = {PLAIN: run(PLAIN, evolve, SolvingJudge(problems, model))}
-    runs[CACHED] = run(CACHED, evolve, CachingJudge(problems, model))
+    runs = {PLAIN: run(PLAIN, evolve, SolvingJudge(problems, programs))}
+    runs[CACHED] = run(CACHED, evolve, CachingJudge(problems, programs))
     plain, cached = runs[PLAIN], runs[CACHED]
     cached["same_box"] = plain["box"] == cached["box"]
     cached["speedup_wall"] = plain["wall_s"] / cached["wall_s"]
     cached["speedup_cpu"] = plain["cpu_s"] / cached["cpu_s"]
     for name, search in (("CMA-ES", evolve_cma), ("NSGA-II", evolve_nsga2)):
-        runs[name] = run(name, search, CachingJudge(problems, model))
+        runs[name] = run(name, search, CachingJudge(problems, programs))
     return runs, histories
 
 

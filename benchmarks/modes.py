@@ -16,7 +16,7 @@ import numpy as np
 from stancekit.envs.courses import perturbed
 from stancekit.learners.modes import learn_modes
 from stancekit.planners.keyframes.methods import make_course_planner
-from stancekit.planners.keyframes.modes import Modes
+from stancekit.planners.relaxation.modes import Modes
 
 
 def main() -> None:

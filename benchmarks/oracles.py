@@ -27,14 +27,14 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from stancekit.envs.terrains import distribution
-from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.contact.micp import MicpPlanner
 from stancekit.planners.contact.nlp import NlpPlanner
-from stancekit.planners.contact.planner import Planner
 from stancekit.planners.contact.project import Projector
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.scene import PostureProblem
+from stancekit.planners.search.answer import Planner
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_posture
 
 
@@ -165,7 +165,7 @@ def ask_bilinear(
 ) -> Said:
     """Ask a spatial branch and bound; its point is projected and verified outside the clock."""
     begin = time.process_time()
-    scaled = ScaledProblem.of(problem)
+    scaled = Scaled.of(problem)
     answer = bilinear.solve(name, scaled, form=form, time_limit_s=limit_s)
     ms, solver_ms = 1e3 * (time.process_time() - begin), 1e3 * answer.seconds
     if answer.point is None:

@@ -26,7 +26,6 @@ from threadpoolctl import threadpool_limits
 from stancekit.envs.courses import icy_walls
 from stancekit.planners.documents import read_text
 from stancekit.planners.files import write_text
-from stancekit.planners.keyframes.clock import Clock
 from stancekit.planners.keyframes.decoupled import DecoupledPlanner
 from stancekit.planners.keyframes.planner import PlanAcceptance, plan_of
 from stancekit.planners.keyframes.project import PlanPoint
@@ -35,6 +34,7 @@ from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePl
 from stancekit.planners.outcome import Status
 from stancekit.planners.plan import PlanOutcome
 from stancekit.planners.scene.course import Course
+from stancekit.planners.search.clock import Clock
 
 
 @dataclass(frozen=True, kw_only=True)

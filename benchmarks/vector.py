@@ -24,12 +24,12 @@ from stancekit.envs.selection import ADMITTED
 from stancekit.envs.terrains import DISTRIBUTIONS, PostureDistribution, distribution
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.selectors.heuristic import heuristic_envelope
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.planner import Acceptance
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.scene import PostureProblem
+from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.exact import ExactPlanner
 
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
 
@@ -121,7 +121,7 @@ class BareLoop:
     """Exact label, P1, fix-p and the verifier, with no environment around them."""
 
     def __init__(self) -> None:
-        self._stages = Stages()
+        self._stages = Programs()
         self._expert = ExactPlanner(stages=self._stages)
         self._acceptance = Acceptance(tolerance=ADMITTED)
 
@@ -131,7 +131,7 @@ class BareLoop:
         for problem in problems:
             self._expert.solve(problem)
         for scene in scenes:
-            scaled = ScaledProblem.of(scene.problem)
+            scaled = Scaled.of(scene.problem)
             answer = self._stages.box(scaled).solve_any(scaled, (envelope,))
             if answer.feasible and answer.point is not None:
                 point = self._stages.project("fix-p", scaled, answer.point)

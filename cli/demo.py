@@ -51,8 +51,8 @@ class Demo:
     def _picture(self, result: ClassResult) -> int:
         """Solve a held-out posture in two stages with the best envelope, verify it, and draw it and the comparison."""
         from stancekit.envs.picture import draw_posture, save
-        from stancekit.planners.contact.twostage import TwoStagePlanner
         from stancekit.planners.outcome import Status
+        from stancekit.planners.search.posture import TwoStagePlanner
         from stancekit.planners.verify import check_posture
 
         name, envelopes = result.best_envelopes

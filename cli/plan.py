@@ -17,11 +17,11 @@ from stancekit.planners.outcome import InvalidInput
 from .console import as_options, complain, emit, out, progress
 
 if TYPE_CHECKING:
-    from stancekit.planners.contact.envelope import EnvelopeSet
-    from stancekit.planners.keyframes.modes import Modes
-    from stancekit.planners.keyframes.planner import CoursePlanner
     from stancekit.planners.plan import Plan, PlanOutcome
+    from stancekit.planners.relaxation.envelope import EnvelopeSet
+    from stancekit.planners.relaxation.modes import Modes
     from stancekit.planners.scene.course import Course
+    from stancekit.planners.search.answer import CoursePlanner
     from stancekit.planners.verify import Report
 
 LONGEST_S = 1e6
@@ -226,9 +226,7 @@ class PlanCourse:
             yield f"modes z: {_row(plan.modes.tolist())}{terrain}"
         yield from (f"wrote {path}" for path in self._outputs())
 
-    def _record(
-        self, course: Course, outcome: PlanOutcome, report: Report | None, message: str
-    ) -> dict[str, Any]:
+    def _record(self, course: Course, outcome: PlanOutcome, report: Report | None, message: str) -> dict[str, Any]:
         """Everything as one JSON object."""
         numbers = ("objective", "bound", "residual", "compile_s", "seconds", "solver_seconds")
         record: dict[str, Any] = {
@@ -262,7 +260,7 @@ def _envelopes(path: Path) -> EnvelopeSet | Modes:
     """An envelope file, or one of modes. Raises InvalidInput."""
     from stancekit.planners.documents import read_json
     from stancekit.planners.files import read_envelopes
-    from stancekit.planners.keyframes.modes import FORMAT, Modes
+    from stancekit.planners.relaxation.modes import FORMAT, Modes
 
     data = read_json(path)
     if not isinstance(data, dict) or data.get("format") != FORMAT:

@@ -17,9 +17,9 @@ from stancekit.planners.outcome import InvalidInput
 from .console import as_options, complain, emit, out, progress, text_of
 
 if TYPE_CHECKING:
-    from stancekit.planners.contact.envelope import EnvelopeSet
-    from stancekit.planners.contact.planner import Planner
+    from stancekit.planners.relaxation.envelope import EnvelopeSet
     from stancekit.planners.scene import PostureProblem
+    from stancekit.planners.search.answer import Planner
 
 LONGEST_S = 1e6
 MOST_INTERVALS = 64

@@ -15,15 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.conic import ConicStatus
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.planner import Acceptance
-from stancekit.planners.contact.project import Point
-from stancekit.planners.contact.relax import p1_values
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Projection, Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.outcome import Posture, Status
+from stancekit.planners.projection.project import PostureProjection, project
+from stancekit.planners.relaxation.domain import domain_of, toe_ranges
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.scene import PostureProblem
+from stancekit.planners.search.answer import Acceptance
 
 REFUTED_MARGIN = 1e-6
 """A box is refuted where P1's margin exceeds this: a hundred times the solver's tolerance."""
@@ -55,20 +55,20 @@ class BoxSearch:
     def __init__(
         self,
         problem: PostureProblem,
-        scaled: ScaledProblem,
-        stages: Stages,
+        scaled: Scaled,
+        programs: Programs,
         *,
-        projection: Projection = "fix-toes",
+        projection: PostureProjection = "fix-toes",
         acceptance: Acceptance = Acceptance(),
     ) -> None:
-        self._problem, self._scaled, self._stages = problem, scaled, stages
+        self._problem, self._scaled, self._programs = problem, scaled, programs
         self._projection, self._acceptance = projection, acceptance
         self._queue: list[tuple[float, int, OpenBox]] = []
         self._order = itertools.count()
         self.solves = 0
         self.refuted = 0
         self.posture: Posture | None = None
-        self._visit(whole_box(scaled), depth=0)
+        self._visit(domain_of(scaled, reach=False), depth=0)
 
     @property
     def verdict(self) -> Status:
@@ -115,52 +115,28 @@ class BoxSearch:
 
     def _relax(self, box: Envelope, depth: int) -> tuple[OpenBox, Point | None] | None:
         """P1 over the box; None where it is refuted. A solver that gives up leaves the box open, with no point."""
-        p1 = self._stages.box(self._scaled).model
-        solution = p1.solve(p1_values(self._scaled, box))
+        answer = self._programs.get(McCormick, self._scaled.layout).solve(self._scaled, box)
         self.solves += 1
-        if solution.status is ConicStatus.INFEASIBLE:
-            return None
-        if solution.status is ConicStatus.FAILED:
+        if not answer.known:
             middle = 0.5 * (box.low + box.high)
             return OpenBox(box=box, margin=0.0, point=middle, gaps=np.zeros((len(middle), 3, 3)), depth=depth), None
-        margin = float(p1.value("margin", solution))
-        if margin > REFUTED_MARGIN:
+        if answer.margin > REFUTED_MARGIN or answer.at is None or answer.excess is None:
             return None
-        position, forces = p1.value("position", solution), p1.value("forces", solution)
-        gaps = np.abs(p1.value("moments", solution).reshape(-1, 3, 3) - position[:, :, None] * forces[:, None, :])
-        both = np.concatenate([position, forces], axis=1)
-        com = p1.value("com", solution)
-        point = Point(
-            com=com, rotation=p1.value("rotation", solution), toes=position + com, forces=forces, residual=np.nan
-        )
-        return OpenBox(box=box, margin=margin, point=both, gaps=gaps, depth=depth), point
+        gaps = np.abs(answer.excess)
+        return OpenBox(box=box, margin=answer.margin, point=answer.at, gaps=gaps, depth=depth), answer.point
 
     def _project(self, start: Point) -> Posture | None:
         """A verified posture from P1's point, or None."""
-        point = self._stages.project(self._projection, self._scaled, start)
+        point = project(self._programs, self._projection, self._scaled, start)
         self.solves += point.solves
         if not point.residual <= self._acceptance.tolerance:
             return None
-        posture = self._scaled.posture(com=point.com, rotation=point.rotation, toes=point.toes, forces=point.forces)
+        posture = self._scaled.posture(point)
         outcome = self._acceptance.outcome(self._problem, method=self._projection, begin=0.0, posture=posture)
         return outcome.posture
 
 
-def whole_box(scaled: ScaledProblem) -> Envelope:
-    """Bounds that no posture leaves: toes on patches less the ball of the centre of mass, force box and cone."""
-    low, high = scaled.vertices.min(axis=1), scaled.vertices.max(axis=1)
-    shear = (scaled.friction * np.maximum(scaled.force_max[:, 0], 0.0))[:, None]
-    force_low, force_high = scaled.force_min.copy(), scaled.force_max.copy()
-    force_low[:, 0] = np.maximum(force_low[:, 0], 0.0)
-    force_low[:, 1:] = np.maximum(force_low[:, 1:], -shear)
-    force_high[:, 1:] = np.minimum(force_high[:, 1:], shear)
-    return Envelope(
-        low=np.concatenate([low - scaled.com - scaled.com_radius, force_low], axis=1),
-        high=np.concatenate([high - scaled.com + scaled.com_radius, force_high], axis=1),
-    )
-
-
-def propagate(scaled: ScaledProblem, box: Envelope) -> Envelope | None:
+def propagate(scaled: Scaled, box: Envelope) -> Envelope | None:
     """The box less what interval arithmetic rules out; None where nothing is left.
 
     p = toe − c with one c for all contacts; the friction cone; and Σ f = weight, component by component in the world.
@@ -175,9 +151,9 @@ def propagate(scaled: ScaledProblem, box: Envelope) -> Envelope | None:
     return Envelope(low=low, high=high)
 
 
-def _share_com(scaled: ScaledProblem, low: Array, high: Array) -> bool:
+def _share_com(scaled: Scaled, low: Array, high: Array) -> bool:
     """Narrow p through the interval of the centre of mass, in place. False where that is empty."""
-    toe_low, toe_high = scaled.vertices.min(axis=1), scaled.vertices.max(axis=1)
+    toe_low, toe_high = toe_ranges(scaled)
     com_low = np.maximum((toe_low - high[:, :3]).max(axis=0), scaled.com - scaled.com_radius) - ROUNDING
     com_high = np.minimum((toe_high - low[:, :3]).min(axis=0), scaled.com + scaled.com_radius) + ROUNDING
     low[:, :3] = np.maximum(low[:, :3], toe_low - com_high)
@@ -185,7 +161,7 @@ def _share_com(scaled: ScaledProblem, low: Array, high: Array) -> bool:
     return bool(np.all(com_low <= com_high))
 
 
-def _in_cones(scaled: ScaledProblem, low: Array, high: Array) -> bool:
+def _in_cones(scaled: Scaled, low: Array, high: Array) -> bool:
     """Narrow |f_y|, |f_z| ≤ μ f_n, in place. False where a frictionless contact would have to shear."""
     shear = scaled.friction * high[:, 3] + ROUNDING
     low[:, 4:] = np.maximum(low[:, 4:], -shear[:, None])
@@ -196,7 +172,7 @@ def _in_cones(scaled: ScaledProblem, low: Array, high: Array) -> bool:
     return bool(np.all(least[~rough] <= 2.0 * ROUNDING))
 
 
-def _balance(scaled: ScaledProblem, low: Array, high: Array) -> bool:
+def _balance(scaled: Scaled, low: Array, high: Array) -> bool:
     """Narrow every force component through Σ f = weight, in place. False where no forces balance."""
     frames = scaled.frames  # [i, r, k]: world component r of a unit force k at contact i
     ends = frames * low[:, None, 3:], frames * high[:, None, 3:]

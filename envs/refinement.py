@@ -11,10 +11,11 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.planner import Acceptance
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import PROJECTIONS, Projection, Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
+from stancekit.planners.projection.project import POSTURE_PROJECTIONS, PostureProjection
+from stancekit.planners.search.answer import Acceptance
 
 from .boxtree import BoxSearch
 from .scenes import MAX_DRAWS, SampledScenes, Scene, SceneSource
@@ -44,7 +45,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     −1 open) and the expert's ``label``.
 
     problem, balanced, scenes: as in ``EnvelopeSelectionEnv``. projection: the P2 that is tried at every box.
-    stages: compiled models to share with other environments of this process.
+    programs: to share with other environments of this process.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 — Gymnasium's own convention
@@ -53,29 +54,29 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         self,
         problem: str = "wall-3",
         *,
-        projection: Projection = "fix-toes",
+        projection: PostureProjection = "fix-toes",
         budget: int = 200,
         balanced: bool = True,
         scenes: SceneSource | None = None,
-        stages: Stages | None = None,
+        programs: Programs | None = None,
         render_mode: str | None = None,
     ) -> None:
         if render_mode is not None:
             raise InvalidInput(f"render_mode: expected None, got {render_mode!r}")
-        if projection not in PROJECTIONS:
-            raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
+        if projection not in POSTURE_PROJECTIONS:
+            raise InvalidInput(f"projection: expected one of {', '.join(POSTURE_PROJECTIONS)}, got {projection!r}")
         if budget < 1:
             raise InvalidInput(f"budget: expected 1 or more, got {budget}")
         chosen = distribution(problem)
         self.render_mode = render_mode
         self._count = len(chosen.legs)
-        self._projection: Projection = projection
+        self._projection: PostureProjection = projection
         self._budget = budget
-        self._stages = stages or Stages()
+        self._programs = programs or Programs()
         self._acceptance = Acceptance()
-        self._scenes = scenes or SampledScenes(chosen, balanced=balanced, stages=self._stages)
+        self._scenes = scenes or SampledScenes(chosen, balanced=balanced, programs=self._programs)
         self._scene: Scene | None = None
-        self._scaled: ScaledProblem | None = None
+        self._scaled: Scaled | None = None
         self._search: BoxSearch | None = None
         self.observation_space: spaces.Space[Any] = refinement_space(self._count)
         self.action_space: spaces.Space[Any] = spaces.Discrete(6 * self._count)
@@ -87,11 +88,11 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         super().reset(seed=seed)
         for _ in range(MAX_DRAWS):
             scene = self._scenes.draw(self.np_random)
-            scaled = ScaledProblem.of(scene.problem)
+            scaled = Scaled.of(scene.problem)
             if scaled.size != (self._count, VERTICES):
                 raise InvalidInput(f"scene: expected {self._count} contacts on triangles, got the size {scaled.size}")
             search = BoxSearch(
-                scene.problem, scaled, self._stages, projection=self._projection, acceptance=self._acceptance
+                scene.problem, scaled, self._programs, projection=self._projection, acceptance=self._acceptance
             )
             if search.verdict is Status.UNDECIDED and search.solves < self._budget:
                 self._scene, self._scaled, self._search = scene, scaled, search
@@ -114,7 +115,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         cut_off = not ended and search.solves >= self._budget
         return self._observe(search, self._scaled), reward, ended, cut_off, self._info(search, self._scene)
 
-    def _observe(self, search: BoxSearch, scaled: ScaledProblem) -> Observation:
+    def _observe(self, search: BoxSearch, scaled: Scaled) -> Observation:
         node = search.current if search.open else None
         zeros = np.zeros(6 * self._count)
         left = max(0.0, 1.0 - search.solves / self._budget)

@@ -8,10 +8,10 @@ from typing import Protocol
 
 import numpy as np
 
-from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.outcome import InvalidInput, Outcome, PlanningFailed, Posture, Status
 from stancekit.planners.scene import PostureProblem
+from stancekit.planners.search.exact import ExactPlanner
 
 from .terrains import PostureDistribution
 
@@ -60,11 +60,11 @@ class SampledScenes:
     """
 
     def __init__(
-        self, distribution: PostureDistribution, *, balanced: bool = True, stages: Stages | None = None
+        self, distribution: PostureDistribution, *, balanced: bool = True, programs: Programs | None = None
     ) -> None:
         self._distribution = distribution
         self._balanced = balanced
-        self._expert = ExactPlanner(stages=stages)
+        self._expert = ExactPlanner(programs=programs)
 
     def draw(self, rng: np.random.Generator) -> Scene:
         """Draw a scene. Raises PlanningFailed where a label does not come up in MAX_DRAWS draws."""

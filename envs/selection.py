@@ -13,14 +13,15 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
-from stancekit.planners.contact.planner import Acceptance
-from stancekit.planners.contact.project import Point
-from stancekit.planners.contact.relax import RelaxationAnswer
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import PROJECTIONS, Projection, Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files import read_envelopes
 from stancekit.planners.outcome import InvalidInput, Outcome, Posture, Status
+from stancekit.planners.projection.project import POSTURE_PROJECTIONS, PostureProjection, project
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.relaxed import RelaxationAnswer
+from stancekit.planners.search.answer import Acceptance
 
 from .picture import draw_posture, to_rgb
 from .scenes import SampledScenes, Scene, SceneSource
@@ -67,15 +68,17 @@ class SelectionTask:
         *,
         boxes: int = 1,
         library: EnvelopeSet | str | Path | None = None,
-        projections: tuple[Projection, ...] = ("fix-p",),
+        projections: tuple[PostureProjection, ...] = ("fix-p",),
         weights: RewardWeights = RewardWeights(),
         balanced: bool = True,
         scenes: SceneSource | None = None,
         timing: bool = False,
     ) -> None:
-        unknown = set(projections) - set(PROJECTIONS)
+        unknown = set(projections) - set(POSTURE_PROJECTIONS)
         if unknown or not projections:
-            raise InvalidInput(f"projections: expected some of {', '.join(PROJECTIONS)}, got {list(projections)}")
+            raise InvalidInput(
+                f"projections: expected some of {', '.join(POSTURE_PROJECTIONS)}, got {list(projections)}"
+            )
         if not isinstance(boxes, int) or boxes < 1:
             raise InvalidInput(f"boxes: expected an integer of at least 1, got {boxes!r}")
         chosen = distribution(problem)
@@ -86,9 +89,9 @@ class SelectionTask:
         self._projections = tuple(projections)
         self._weights = weights
         self._timing = timing
-        self._stages = Stages()
+        self._programs = Programs()
         self._acceptance = Acceptance(tolerance=ADMITTED)
-        sampled = SampledScenes(chosen, balanced=balanced, stages=self._stages)
+        sampled = SampledScenes(chosen, balanced=balanced, programs=self._programs)
         self.scenes: SceneSource = sampled if scenes is None else scenes
         self.observation_space = scene_space(self._count)
         self.action_space = self._make_action_space()
@@ -105,9 +108,9 @@ class SelectionTask:
             )
         return spaces.Discrete(len(self._library.envelopes))
 
-    def scale(self, scene: Scene) -> ScaledProblem:
+    def scale(self, scene: Scene) -> Scaled:
         """The scene's numbers. Raises InvalidInput where they do not fit the observation."""
-        scaled = ScaledProblem.of(scene.problem)
+        scaled = Scaled.of(scene.problem)
         if scaled.size != (self._count, VERTICES):
             raise InvalidInput(
                 f"scene: expected {self._count} contacts on triangles, got {scaled.size[0]} contacts on patches "
@@ -115,11 +118,11 @@ class SelectionTask:
             )
         return scaled
 
-    def judge(self, scene: Scene, scaled: ScaledProblem, action: NDArray[np.float32] | np.int64) -> Verdict:
+    def judge(self, scene: Scene, scaled: Scaled, action: NDArray[np.float32] | np.int64) -> Verdict:
         """Relax over the chosen boxes, project, compare with the expert."""
         envelopes = self._envelopes(action)
         begin = time.perf_counter()
-        answer = self._stages.box(scaled).solve_any(scaled, envelopes)
+        answer = self._programs.get(McCormick, scaled.layout).solve_any(scaled, envelopes)
         p1_seconds = time.perf_counter() - begin
         begin = time.perf_counter()
         projected = {way: self._project(way, scene, scaled, answer) for way in self._projections}
@@ -147,24 +150,24 @@ class SelectionTask:
         return tuple(Envelope.from_vector(row) for row in bounds)
 
     def _project(
-        self, way: Projection, scene: Scene, scaled: ScaledProblem, answer: RelaxationAnswer
+        self, way: PostureProjection, scene: Scene, scaled: Scaled, answer: RelaxationAnswer
     ) -> Outcome | None:
         """Project P1's point and have it verified; None where P1 gave no point or admits nothing."""
         if not answer.feasible or answer.point is None:
             return None
-        point: Point = self._stages.project(way, scaled, answer.point)
+        point = project(self._programs, way, scaled, answer.point)
         if not np.isfinite(point.residual):
             return None
-        posture = scaled.posture(com=point.com, rotation=point.rotation, toes=point.toes, forces=point.forces)
+        posture = scaled.posture(point)
         return self._acceptance.outcome(scene.problem, method=way, begin=0.0, posture=posture)
 
     def _info(
         self,
         scene: Scene,
-        scaled: ScaledProblem,
+        scaled: Scaled,
         answer: RelaxationAnswer,
         envelope: Envelope,
-        projected: dict[Projection, Outcome | None],
+        projected: dict[PostureProjection, Outcome | None],
     ) -> dict[str, Any]:
         reached = {way: outcome is not None and outcome.status is Status.FEASIBLE for way, outcome in projected.items()}
         agree = answer.known and answer.feasible == scene.feasible
@@ -212,7 +215,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         *,
         boxes: int = 1,
         library: EnvelopeSet | str | Path | None = None,
-        projections: tuple[Projection, ...] = ("fix-p",),
+        projections: tuple[PostureProjection, ...] = ("fix-p",),
         weights: RewardWeights = RewardWeights(),
         balanced: bool = True,
         scenes: SceneSource | None = None,
@@ -227,7 +230,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
             scenes=scenes, timing=timing,
         )  # fmt: skip
         self._scene: Scene | None = None
-        self._scaled: ScaledProblem | None = None
+        self._scaled: Scaled | None = None
         self._shown: tuple[Posture | None, Envelope | None] = (None, None)
         self.observation_space: spaces.Space[Any] = self._task.observation_space
         self.action_space = self._task.action_space
@@ -275,16 +278,16 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
             _hide()
 
 
-def observe(scaled: ScaledProblem) -> dict[str, NDArray[np.float32]]:
+def observe(scaled: Scaled) -> dict[str, NDArray[np.float32]]:
     """The observation of a scene, see ``EnvelopeSelectionEnv``."""
     return {name: values[0] for name, values in observe_batch([scaled]).items()}
 
 
-def observe_batch(scaled: Sequence[ScaledProblem]) -> dict[str, NDArray[np.float32]]:
+def observe_batch(scaled: Sequence[Scaled]) -> dict[str, NDArray[np.float32]]:
     """The observations of several scenes of one size, a row each."""
 
     def seen(name: str, room: float) -> NDArray[np.float32]:
-        values = np.stack([getattr(problem, name) for problem in scaled])
+        values = np.stack([getattr(problem, "patches" if name == "vertices" else name) for problem in scaled])
         found: NDArray[np.float32] = np.clip(values, -room, room).astype(np.float32).reshape(len(scaled), -1)
         return found
 

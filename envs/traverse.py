@@ -11,17 +11,18 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.contact.envelope import EnvelopeSet
-from stancekit.planners.keyframes.enveloped import EnvelopeCoursePlanner
-from stancekit.planners.keyframes.modes import Modes
-from stancekit.planners.keyframes.planner import CoursePlanner
-from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
 from stancekit.planners.plan import Plan, PlanOutcome
 from stancekit.planners.plan_window import Standing, course_window, joined
+from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.scene.course import Course
 from stancekit.planners.scene.course_keys import CourseSpec
 from stancekit.planners.scene.course_spec import read_spec
+from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 from .course_view import CourseView, View
@@ -80,7 +81,7 @@ class TraverseEnv(gym.Env[View, np.int64]):
     lift, None for the expert's rules for walking and climbing (paper E §IV-A). planners: replaces all of these.
     limbs, regions, corners: of the view: how many limbs, the most candidates a toe and corners a patch. executor: plays
     the plan of every window on a world, ``partial(execution.simulate, world="mujoco")`` for one, each from a standing
-    start. models: compiled models to share with other environments of this process.
+    start. programs: to share with other environments of this process.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
@@ -100,7 +101,7 @@ class TraverseEnv(gym.Env[View, np.int64]):
         regions: int | None = None,
         corners: int = 4,
         executor: Executor | None = None,
-        models: CourseModels | None = None,
+        programs: Programs | None = None,
         timing: bool = False,
         render_mode: str | None = None,
     ) -> None:
@@ -111,11 +112,11 @@ class TraverseEnv(gym.Env[View, np.int64]):
                 raise InvalidInput(f"{name}: expected {least} or more, got {value!r}")
         self.render_mode = render_mode
         self._draw, self._view = _source(courses, frames, amount, horizon, limbs, regions, corners)
-        models = models or CourseModels()
-        self._planners = tuple(_planners(envelopes, models) if planners is None else planners)
+        programs = programs or Programs()
+        self._planners = tuple(_planners(envelopes, programs) if planners is None else planners)
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
-        self._start = TwoStageCoursePlanner(models=models)
+        self._start = TwoStageCoursePlanner(programs=programs)
         self._horizon, self._weights, self._patience, self._timing = horizon, weights, patience, timing
         self._executor = executor
         self._course: Course | None = None
@@ -282,8 +283,11 @@ def _source(
     return draw, CourseView(limbs=limbs, horizon=horizon, regions=seen, corners=corners)
 
 
-def _planners(envelopes: Sequence[EnvelopeSet | Modes] | None, models: CourseModels) -> Sequence[CoursePlanner]:
+def _planners(envelopes: Sequence[EnvelopeSet | Modes] | None, programs: Programs) -> Sequence[CoursePlanner]:
     """The two-stage planner over the lift, and over each of the envelopes."""
     if envelopes is None:
         envelopes = (expert_envelopes("ground"), expert_envelopes("wall"))
-    return [TwoStageCoursePlanner(models=models), *(EnvelopeCoursePlanner(given, models=models) for given in envelopes)]
+    return [
+        TwoStageCoursePlanner(programs=programs),
+        *(EnvelopeCoursePlanner(given, programs=programs) for given in envelopes),
+    ]

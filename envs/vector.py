@@ -22,10 +22,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from stancekit.planners.contact.envelope import EnvelopeSet
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Projection
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, StancekitError
+from stancekit.planners.projection.project import PostureProjection
+from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 from .scenes import Scene, SceneSource
 from .selection import RewardWeights, SelectionTask, observe_batch
@@ -55,7 +55,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         *,
         boxes: int = 1,
         library: EnvelopeSet | str | Path | None = None,
-        projections: tuple[Projection, ...] = ("fix-p",),
+        projections: tuple[PostureProjection, ...] = ("fix-p",),
         weights: RewardWeights = RewardWeights(),
         balanced: bool = True,
         scenes: SceneSource | None = None,
@@ -155,7 +155,7 @@ class _Batch:
         self._task = task
         self._sources = [copy.copy(task.scenes) for _ in range(size)]
         self._rngs: list[np.random.Generator | None] = [None] * size
-        self._at: list[tuple[Scene, ScaledProblem]] = []
+        self._at: list[tuple[Scene, Scaled]] = []
         self._answer: Any = None
 
     def begin(self, method: str, argument: Any) -> None:

@@ -15,8 +15,8 @@ from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import Scene
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, StancekitError, Status
 
 from .policy_file import moved
@@ -37,8 +37,8 @@ class PooledScenes:
 
 def open_scenes(scenes: Sequence[Scene]) -> list[Scene]:
     """The scenes that the first box of ``EnvelopeRefinement-v0`` leaves open: those where cuts are needed."""
-    stages = Stages()
-    searches = (BoxSearch(scene.problem, ScaledProblem.of(scene.problem), stages) for scene in scenes)
+    programs = Programs()
+    searches = (BoxSearch(scene.problem, Scaled.of(scene.problem), programs) for scene in scenes)
     return [scene for scene, search in zip(scenes, searches, strict=True) if search.verdict is Status.UNDECIDED]
 
 
@@ -105,7 +105,7 @@ class SelectionVecEnv(VecEnv):
 
 def refinement_vec_env(problem: str, scenes: Sequence[Scene], *, envs: int, budget: int) -> DummyVecEnv:
     """``EnvelopeRefinement-v0`` in batches, one after the other in this process."""
-    pool, stages = PooledScenes(scenes), Stages()
+    pool, programs = PooledScenes(scenes), Programs()
     return DummyVecEnv(
-        [lambda: EnvelopeRefinementEnv(problem, budget=budget, scenes=pool, stages=stages) for _ in range(envs)]
+        [lambda: EnvelopeRefinementEnv(problem, budget=budget, scenes=pool, programs=programs) for _ in range(envs)]
     )

@@ -13,10 +13,10 @@ from typing import Any, ClassVar, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from stancekit.envs.scenes import Scene
-from stancekit.planners.contact.envelope import EnvelopeSet
-from stancekit.planners.contact.stages import Projection
 from stancekit.planners.files import write_text
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.projection.project import PostureProjection
+from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 from .dataset import Dataset
 from .evaluate import Score, Share, evaluate, evaluate_lift, scenes_of
@@ -70,7 +70,7 @@ class _Row(BaseModel):
     row_key: str = ""
     p1_feasible: tuple[int, int] = (0, 0)
     p1_infeasible: tuple[int, int] = (0, 0)
-    projected: dict[Projection, tuple[int, int]] = {}
+    projected: dict[PostureProjection, tuple[int, int]] = {}
     gap: float | None = None
     p1_ms: float | None = None
 
@@ -140,9 +140,7 @@ class _Class:
                 return row, load_selector(path)
         begin, checkpoint = perf_counter(), self._folder / f"{method}.checkpoint-{key[:12]}"
         bar = self._told(f"fit {method}")
-        learned = learn(
-            method, train, self._experiment.fit, bar, calibration=calibration, checkpoint=checkpoint
-        )
+        learned = learn(method, train, self._experiment.fit, bar, calibration=calibration, checkpoint=checkpoint)
         path = self._folder / f"{method}{learned.suffix}"
         learned.write(path)
         row = _Row(

@@ -13,10 +13,12 @@ import numpy as np
 
 from stancekit.envs.scenes import Scene
 from stancekit.envs.selection import ADMITTED, EnvelopeSelectionEnv
-from stancekit.planners.contact.planner import Acceptance
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Projection, Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.projection.project import PostureProjection, project
+from stancekit.planners.relaxation.lift import solve_lift
+from stancekit.planners.search.answer import Acceptance
 
 from .dataset import Dataset
 from .executor import Executor, gather, processes
@@ -91,7 +93,7 @@ class Score:
     selector: str
     p1_feasible: Share
     p1_infeasible: Share
-    projected: Mapping[Projection, Share]
+    projected: Mapping[PostureProjection, Share]
     gap: float = float("nan")
     p1_ms: float = float("nan")
     notes: Mapping[str, Any] = field(default_factory=dict)
@@ -151,7 +153,7 @@ def evaluate(
     scenes: Sequence[Scene],
     *,
     problem_class: str,
-    projections: tuple[Projection, ...],
+    projections: tuple[PostureProjection, ...],
     boxes: int = 1,
     progress: Progress | None = None,
     run: Executor | None = None,
@@ -164,7 +166,7 @@ def evaluate(
 def evaluate_lift(
     scenes: Sequence[Scene],
     *,
-    projections: tuple[Projection, ...],
+    projections: tuple[PostureProjection, ...],
     progress: Progress | None = None,
     run: Executor | None = None,
 ) -> Score:
@@ -190,7 +192,11 @@ def _everywhere(
 
 
 def _played(
-    selector: Selector, problem_class: str, boxes: int, projections: tuple[Projection, ...], scenes: Sequence[Scene]
+    selector: Selector,
+    problem_class: str,
+    boxes: int,
+    projections: tuple[PostureProjection, ...],
+    scenes: Sequence[Scene],
 ) -> list[dict[str, Any]]:
     env, source = _environment(problem_class, boxes, projections)
     source.deal(scenes)
@@ -199,7 +205,7 @@ def _played(
 
 @cache
 def _environment(
-    problem_class: str, boxes: int, projections: tuple[Projection, ...]
+    problem_class: str, boxes: int, projections: tuple[PostureProjection, ...]
 ) -> tuple[EnvelopeSelectionEnv, _Dealt]:
     """An environment of this process with its compiled models, for one chunk of scenes after the other."""
     source = _Dealt()
@@ -220,13 +226,13 @@ class _Dealt:
         return self._scenes.pop()
 
 
-def _lifted(projections: tuple[Projection, ...], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
+def _lifted(projections: tuple[PostureProjection, ...], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
     """What the environment would say of each scene if P1 were the lift."""
-    stages, acceptance, infos = _stages(), Acceptance(tolerance=ADMITTED), []
+    programs, acceptance, infos = _programs(), Acceptance(tolerance=ADMITTED), []
     for scene in scenes:
-        scaled = ScaledProblem.of(scene.problem)
+        scaled = Scaled.of(scene.problem)
         begin = time.perf_counter()
-        lift = stages.lift(scaled)
+        lift = solve_lift(programs, scaled, least_moment=True)
         seconds = time.perf_counter() - begin
         admits = lift.solved and lift.bound <= acceptance.gap
         info = {"label": int(scene.feasible), "p1_feasible": int(admits), "gap": float("nan"), "p1_seconds": seconds}
@@ -234,11 +240,9 @@ def _lifted(projections: tuple[Projection, ...], scenes: Sequence[Scene]) -> lis
         for way in projections:
             reached = False
             if admits and scene.feasible:
-                point = stages.project(way, scaled, lift.point)
+                point = project(programs, way, scaled, lift.rounded()[1])
                 if np.isfinite(point.residual):
-                    posture = scaled.posture(
-                        com=point.com, rotation=point.rotation, toes=point.toes, forces=point.forces
-                    )
+                    posture = scaled.posture(point)
                     outcome = acceptance.outcome(scene.problem, method=way, begin=0.0, posture=posture)
                     reached = outcome.status is Status.FEASIBLE
             info[_key(way)] = int(reached)
@@ -247,12 +251,12 @@ def _lifted(projections: tuple[Projection, ...], scenes: Sequence[Scene]) -> lis
 
 
 @cache
-def _stages() -> Stages:
-    """The models of this process."""
-    return Stages()
+def _programs() -> Programs:
+    """The programs of this process."""
+    return Programs()
 
 
-def _score(name: str, infos: Sequence[Mapping[str, Any]], projections: tuple[Projection, ...]) -> Score:
+def _score(name: str, infos: Sequence[Mapping[str, Any]], projections: tuple[PostureProjection, ...]) -> Score:
     feasible = [info for info in infos if info["label"]]
     infeasible = [info for info in infos if not info["label"]]
     admitted = [info for info in feasible if info["p1_feasible"]]
@@ -268,7 +272,7 @@ def _score(name: str, infos: Sequence[Mapping[str, Any]], projections: tuple[Pro
     )
 
 
-def _key(way: Projection) -> str:
+def _key(way: PostureProjection) -> str:
     return f"project_{way.replace('-', '_')}"
 
 

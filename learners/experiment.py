@@ -9,9 +9,9 @@ from typing import Any, ClassVar
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
 from stancekit.envs.terrains import distribution
-from stancekit.planners.contact.stages import Projection
 from stancekit.planners.documents import read_yaml
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.projection.project import PostureProjection
 from stancekit.planners.refusals import refusals, shown
 
 from .fitting import FitSettings, Method
@@ -42,7 +42,7 @@ class Experiment:
     test: Quota
     calibration: Quota | None = None
     methods: tuple[Method, ...]
-    projections: tuple[Projection, ...]
+    projections: tuple[PostureProjection, ...]
     fit: FitSettings = field(default_factory=FitSettings)
 
     def __post_init__(self) -> None:

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict
 
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from .dataset import Dataset
 from .selectors.genetic import GeneticSettings, fit_genetic
@@ -271,9 +271,9 @@ def _margin_fit(
     dataset: Dataset, settings: FitSettings, progress: Progress | None
 ) -> Callable[[Envelope, NDArray[np.intp]], Envelope]:
     """Boundary_fit by P1's margins over the members' problems and all infeasible ones."""
-    feasible = [ScaledProblem.of(problem) for problem in dataset.select(dataset.feasible).problems()]
-    infeasible = [ScaledProblem.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
-    model = Stages().box(feasible[0])
+    feasible = [Scaled.of(problem) for problem in dataset.select(dataset.feasible).problems()]
+    infeasible = [Scaled.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
+    programs = Programs()
     done = 0
 
     def told(step: int, loss: float) -> None:
@@ -285,6 +285,8 @@ def _margin_fit(
     def boundary_fit(start: Envelope, members: NDArray[np.intp]) -> Envelope:
         rng = np.random.default_rng(settings.seed)
         mine = [feasible[i] for i in members]
-        return descend(start, mine, infeasible, model, rng, Descent(steps=settings.steps, batch=settings.batch), told)
+        return descend(
+            start, mine, infeasible, programs, rng, Descent(steps=settings.steps, batch=settings.batch), told
+        )
 
     return boundary_fit

@@ -24,13 +24,14 @@ import numpy as np
 
 from stancekit.envs.terrains import PostureDistribution, distribution
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.planner import Acceptance
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files import write_bytes
 from stancekit.planners.outcome import InvalidInput, Outcome, StancekitError, Status
+from stancekit.planners.relaxation.mccormick import WithoutMoment
 from stancekit.planners.scene import PostureProblem
+from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_certificate, check_posture
 
 from . import ledger
@@ -136,7 +137,7 @@ def recheck(dataset: Dataset) -> RecheckReport:
         if row.status is Status.FEASIBLE and row.posture is not None and row.point is not None:
             report = check_posture(row.problem, row.posture, tolerance=plan.tolerance)
             residuals.append(report.worst)
-            off = float(np.abs(ScaledProblem.of(row.problem).point(row.posture) - row.point).max())
+            off = float(np.abs(Scaled.of(row.problem).point(row.posture) - row.point).max())
             accepted = report.accepted and off < 1e-9
         elif row.status is Status.INFEASIBLE and row.certificate is not None:
             proof = check_certificate(row.problem, row.certificate, tolerance=plan.gap)
@@ -209,7 +210,7 @@ class _Labeller:
         self._shard = shard
         self._acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
         self._exact = ExactPlanner(
-            acceptance=self._acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, stages=_compiled()
+            acceptance=self._acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, programs=_programs()
         )
 
     def decide(self, problem: PostureProblem) -> Outcome:
@@ -224,7 +225,7 @@ class _Labeller:
 
     def row(self, problem: PostureProblem, outcome: Outcome, *, sample: int, row: int) -> LabelledPosture:
         """The row as it will be kept; undecided if P̄ has no answer to keep although it should have one."""
-        status, trivial, scaled = outcome.status, self.kind(outcome) == "trivial", ScaledProblem.of(problem)
+        status, trivial, scaled = outcome.status, self.kind(outcome) == "trivial", Scaled.of(problem)
         point = None if outcome.posture is None else scaled.point(outcome.posture)
         certificate, bound = outcome.certificate, outcome.lower_bound
         if status is Status.INFEASIBLE and not trivial:
@@ -237,20 +238,20 @@ class _Labeller:
             solves=outcome.solves, nodes=int(outcome.details["nodes"]),
         )  # fmt: skip
 
-    def _point_without(self, problem: PostureProblem, scaled: ScaledProblem) -> Array | None:
+    def _point_without(self, problem: PostureProblem, scaled: Scaled) -> Array | None:
         """[p̄, f̄] of an answer of P̄ that violates nothing but the moment balance, or None."""
-        found = self._exact.stages.without_moment(scaled)
+        found = self._exact.programs.get(WithoutMoment, scaled.layout).solve(scaled)
         if found is None:
             return None
-        posture = scaled.posture(com=found.com, rotation=found.rotation, toes=found.toes, forces=found.forces)
+        posture = scaled.posture(found)
         worst = max(g.worst for g in check_posture(problem, posture).groups if g.group != "moment_balance")
         return scaled.point(posture) if worst <= self._acceptance.tolerance else None
 
 
 @functools.cache
-def _compiled() -> Stages:
-    """The models of this process, compiled once for all of its shards: no answer depends on what was solved before."""
-    return Stages()
+def _programs() -> Programs:
+    """The programs of this process, for all of its shards: no answer depends on what was solved before."""
+    return Programs()
 
 
 def _begin(folder: Path, plan: LabelPlan, source: PostureDistribution) -> Header:
@@ -281,5 +282,3 @@ def _begin(folder: Path, plan: LabelPlan, source: PostureDistribution) -> Header
     if there.software != header.software:
         log.warning("%s was begun with %s, goes on with %s", folder, there.software, header.software)
     return there
-
-

@@ -8,13 +8,13 @@ import numpy as np
 
 from stancekit.envs.terrains import distribution
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
-from stancekit.planners.keyframes.modes import Modes, world_points
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.modes import Modes, world_points
 from stancekit.planners.scene import PostureProblem
+from stancekit.planners.search.exact import ExactPlanner
 
 from .selectors.quantile import quantile_box
 
@@ -25,7 +25,7 @@ def learn_modes(
     rng: np.random.Generator,
     count: int = 500,
     share: float = 0.0,
-    stages: Stages | None = None,
+    programs: Programs | None = None,
 ) -> Modes:
     """Draw postures of each distribution, solve them exactly, and put the quantile box around their solutions.
 
@@ -36,7 +36,7 @@ def learn_modes(
     """
     if count < 1:
         raise InvalidInput(f"count: expected 1 or more, got {count}")
-    planner = ExactPlanner(stages=stages or Stages())
+    planner = ExactPlanner(programs=programs or Programs())
     samples = dict[str, tuple[Sequence[PostureProblem], Sequence[Envelope]]]()
     for name in distributions:
         problems, points = solved_postures(name, count, planner, rng)
@@ -56,5 +56,5 @@ def solved_postures(
         posture = planner.solve(problem).posture
         if posture is not None:
             problems.append(problem)
-            points.append(ScaledProblem.of(problem).point(posture))
+            points.append(Scaled.of(problem).point(posture))
     return problems, np.array(points)

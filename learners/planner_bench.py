@@ -15,18 +15,19 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stancekit.planners.contact.envelope import EnvelopeSet
-from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.documents import read_json
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files import write_text
-from stancekit.planners.keyframes.clock import Clock
-from stancekit.planners.keyframes.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.keyframes.micp import MicpCoursePlanner
-from stancekit.planners.keyframes.scaled import ScaledCourse
-from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.plan import PlanOutcome
+from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
+from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 from .modes import solved_postures
 from .selectors.quantile import quantile_box
@@ -159,9 +160,11 @@ def measure(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) 
 
 
 def _two_stage(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) -> dict[str, Any]:
-    course, models = read_course(settings.course, frames=cell.frames), CourseModels()
+    course, programs = read_course(settings.course, frames=cell.frames), Programs()
     planner: TwoStageCoursePlanner | EnvelopeCoursePlanner = (
-        TwoStageCoursePlanner(models=models) if cell.form == "lift" else EnvelopeCoursePlanner(envelopes, models=models)
+        TwoStageCoursePlanner(programs=programs)
+        if cell.form == "lift"
+        else EnvelopeCoursePlanner(envelopes, programs=programs)
     )
     first = planner.solve(course)
     cpu_s = time.process_time()
@@ -169,11 +172,11 @@ def _two_stage(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSe
     cpu_s = (time.process_time() - cpu_s) / settings.repeats
     middle = sorted(again, key=lambda outcome: outcome.seconds)[len(again) // 2]
     over = [(outcome.seconds - outcome.verifier_seconds) / outcome.solver_seconds for outcome in again]
-    scaled = ScaledCourse.of(course)
+    scaled = Scaled.of(course)
     if isinstance(planner, EnvelopeCoursePlanner):
         rows, columns = planner.size(scaled)
     else:
-        rows, columns = models.lift(scaled, Clock.start()).model.shape
+        rows, columns = programs.get(LiftProgram, scaled.layout, scaled.box_implied, False).rows.shape
     return {
         **_answer(middle), "variables": columns, "binaries": 0, "constraints": rows,
         "compile_s": first.compile_s, "seconds": middle.seconds, "solver_s": middle.solver_seconds,

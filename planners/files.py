@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from .contact.envelope import EnvelopeSet
 from .documents import parse_json, read_json
 from .outcome import Certificate, InvalidInput, Outcome, Posture
+from .relaxation.envelope import EnvelopeSet
 from .scene import PostureProblem, Robot
 from .writing import check_writable as check_writable
 from .writing import write_bytes as write_bytes

@@ -13,10 +13,17 @@ from hypothesis import settings
 
 from stancekit.envs.terrains import DISTRIBUTIONS
 from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.scene import Contact, Patch, PostureProblem, hexapod
 
 settings.register_profile("the same examples in every run", derandomize=True, deadline=None)
 settings.load_profile("the same examples in every run")
+
+
+@pytest.fixture(scope="session")
+def programs() -> Programs:
+    """The programs as rows, once a process."""
+    return Programs()
 
 
 @pytest.fixture(scope="session")

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from stancekit.cli.main import main
-from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.outcome import Status
 from stancekit.planners.scene import PostureProblem
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_posture
 
 ROOT = Path(__file__).parent.parent

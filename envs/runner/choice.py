@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.keyframes.enveloped import EnvelopeCoursePlanner
-from stancekit.planners.keyframes.planner import CoursePlanner
-from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.plan import PlanOutcome
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course import Course
+from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 from ..selection import observe
 from .policy import Observation
@@ -36,17 +37,17 @@ class SelectorPolicy:
     answered so far.
     """
 
-    def __init__(self, predict: Predict, learned: EnvelopeSet, models: CourseModels | None = None) -> None:
+    def __init__(self, predict: Predict, learned: EnvelopeSet, programs: Programs | None = None) -> None:
         self.learned, self.planners = learned, list[EnvelopeOrLift]()
-        self._predict, self._models = predict, models or CourseModels()
-        self._lift = TwoStageCoursePlanner(models=self._models)
+        self._predict, self._programs = predict, programs or Programs()
+        self._lift = TwoStageCoursePlanner(programs=self._programs)
 
     def __call__(self, observation: Observation) -> CoursePlanner:
         """The planner of the coming key frames."""
         boxes = chosen(self._predict, self.learned, observation.window)
         if not boxes:
             return self._lift
-        within = EnvelopeCoursePlanner(replace(self.learned, envelopes=boxes), models=self._models)
+        within = EnvelopeCoursePlanner(replace(self.learned, envelopes=boxes), programs=self._programs)
         self.planners.append(EnvelopeOrLift(within, self._lift))
         return self.planners[-1]
 
@@ -78,7 +79,7 @@ def chosen(predict: Predict, learned: EnvelopeSet, course: Course) -> tuple[Enve
         ordered = replace(
             problem, contacts=tuple(replace(contact, patch=triangular(contact.patch)) for contact in contacts)
         )
-        action = np.asarray(predict(observe(ScaledProblem.of(ordered))), dtype=float)
+        action = np.asarray(predict(observe(Scaled.of(ordered))), dtype=float)
         for row in action.reshape(-1, 12 * len(learned.legs)):
             found.setdefault(row.tobytes(), Envelope.from_vector(row))
     return tuple(found.values())

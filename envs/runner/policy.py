@@ -18,13 +18,13 @@ import numpy as np
 
 from stancekit.planners.arrays import checked, gathered
 from stancekit.planners.caution import SHARES, plan_with_reserve, slippery
-from stancekit.planners.keyframes.planner import CoursePlanner
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.kinematics import Kinematics
 from stancekit.planners.outcome import HardwareFault, InvalidInput, PlanningFailed
 from stancekit.planners.plan_window import Standing, course_window
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course import Course
+from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 from ..tracking import Continued, Target
 from ..worlds.latch import Stopped

@@ -16,11 +16,13 @@ from torch.nn import functional
 
 from stancekit.envs.selection import ADMITTED
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.projection.project import project
 from stancekit.planners.refusals import refusals
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.mccormick import McCormick
 
 from ..dataset import Dataset
 from .network import Architecture, ChoiceNetwork, SceneTensors
@@ -126,19 +128,19 @@ def fit_chooser(
     kinds = (dataset.feasible, dataset.infeasible)
     if not all(len(rows) for rows in kinds):
         raise InvalidInput(f"data set: expected rows of both labels, got {len(kinds[0])} and {len(kinds[1])}")
-    problems = [ScaledProblem.of(problem) for rows in kinds for problem in dataset.select(rows).problems()]
+    problems = [Scaled.of(problem) for rows in kinds for problem in dataset.select(rows).problems()]
     feasible = np.arange(len(problems)) < len(kinds[0])
-    cost = costs(problems, feasible, envelopes.envelopes, Stages(), projection=settings.projection, progress=progress)
+    cost = costs(problems, feasible, envelopes.envelopes, Programs(), projection=settings.projection, progress=progress)
     weight = np.where(feasible, settings.caution / len(kinds[0]), 1.0 / len(kinds[1])) * len(problems) / 2.0
     targets, weights = (torch.as_tensor(array, dtype=torch.float32) for array in (cost, weight[:, None]))
     return Chooser(_train(SceneTensors.of_problems(problems), targets, weights, settings), envelopes)
 
 
 def costs(
-    problems: Sequence[ScaledProblem],
+    problems: Sequence[Scaled],
     feasible: NDArray[np.bool_],
     envelopes: Sequence[Envelope],
-    stages: Stages,
+    programs: Programs,
     *,
     projection: float = 0.5,
     progress: Progress | None = None,
@@ -151,11 +153,11 @@ def costs(
     cost = np.zeros((len(problems), len(envelopes)))
     for i, problem in enumerate(problems):
         for k, envelope in enumerate(envelopes):
-            answer = stages.box(problem).solve(problem, envelope)
+            answer = programs.get(McCormick, problem.layout).solve(problem, envelope)
             if not answer.known or answer.feasible != feasible[i]:
                 cost[i, k] = 1.0
             elif feasible[i] and projection > 0.0 and answer.point is not None:
-                solved = stages.project("fix-p", problem, answer.point).residual <= ADMITTED
+                solved = project(programs, "fix-p", problem, answer.point).residual <= ADMITTED
                 cost[i, k] = 0.0 if solved else projection
         if progress is not None:
             progress(i + 1, len(problems))

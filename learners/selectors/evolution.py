@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
 
 from .convergence import Generation
@@ -31,8 +31,8 @@ STEP = 0.5
 
 
 def evolve_cma(
-    problems_feasible: Sequence[ScaledProblem],
-    problems_infeasible: Sequence[ScaledProblem],
+    problems_feasible: Sequence[Scaled],
+    problems_infeasible: Sequence[Scaled],
     points: Array,
     settings: GeneticSettings = GeneticSettings(),
     *,
@@ -71,8 +71,8 @@ def evolve_cma(
 
 
 def evolve_nsga2(
-    problems_feasible: Sequence[ScaledProblem],
-    problems_infeasible: Sequence[ScaledProblem],
+    problems_feasible: Sequence[Scaled],
+    problems_infeasible: Sequence[Scaled],
     points: Array,
     settings: GeneticSettings = GeneticSettings(),
     *,

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..dataset import Dataset
 from .convergence import Generation, Run, read_checkpoint, write_checkpoint
@@ -114,8 +114,8 @@ class Trials:
     @classmethod
     def of(
         cls,
-        feasible: Sequence[ScaledProblem],
-        infeasible: Sequence[ScaledProblem],
+        feasible: Sequence[Scaled],
+        infeasible: Sequence[Scaled],
         settings: GeneticSettings,
         judge: Judge | None = None,
     ) -> Trials:
@@ -125,7 +125,7 @@ class Trials:
                 f"problems: expected one or more of each label, got {len(feasible)} feasible and "
                 f"{len(infeasible)} infeasible"
             )
-        judge = judge or CachingJudge([*feasible, *infeasible], Stages().box(feasible[0]))
+        judge = judge or CachingJudge([*feasible, *infeasible], Programs())
         return cls(len(feasible), len(infeasible), judge, settings.terrains)
 
     def draw(self, rng: np.random.Generator) -> Index:
@@ -151,8 +151,8 @@ class Trials:
 
 
 def evolve(
-    problems_feasible: Sequence[ScaledProblem],
-    problems_infeasible: Sequence[ScaledProblem],
+    problems_feasible: Sequence[Scaled],
+    problems_infeasible: Sequence[Scaled],
     points: Array,
     settings: GeneticSettings = GeneticSettings(),
     *,
@@ -169,7 +169,7 @@ def evolve(
     """
     trials = Trials.of(problems_feasible, problems_infeasible, settings, judge)
     rng = np.random.default_rng(settings.seed)
-    patches = np.stack([problem.vertices for problem in (*problems_feasible, *problems_infeasible)])
+    patches = np.stack([problem.patches for problem in (*problems_feasible, *problems_infeasible)])
     about = {"settings": asdict(settings), "labels": trials.sizes, "points": np.asarray(points), "patches": patches}
     run = read_checkpoint(checkpoint, about, rng) if checkpoint is not None and checkpoint.exists() else None
     run = run or Run(population=first_generation(points, settings.population, rng), history=[])
@@ -268,7 +268,7 @@ def fit_genetic(
 ) -> EnvelopeSet:
     """Learn one envelope from the data set's problems and S. ``progress`` is told generations done and in all."""
     feasible, infeasible = (
-        [ScaledProblem.of(problem) for problem in dataset.select(rows).problems()]
+        [Scaled.of(problem) for problem in dataset.select(rows).problems()]
         for rows in (dataset.feasible, dataset.infeasible)
     )
     if min(len(feasible), len(infeasible)) < 2:

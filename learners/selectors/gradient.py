@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from sklearn.mixture import GaussianMixture
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
-from stancekit.planners.contact.relax import McCormick
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.mccormick import McCormick
 
 from ..dataset import Dataset
 from .quantile import quantile_box
@@ -41,22 +41,22 @@ class Descent:
 
 def descend(
     start: Envelope,
-    feasible: Sequence[ScaledProblem],
-    infeasible: Sequence[ScaledProblem],
-    model: McCormick,
+    feasible: Sequence[Scaled],
+    infeasible: Sequence[Scaled],
+    programs: Programs,
     rng: np.random.Generator,
     settings: Descent = Descent(),
     progress: Callable[[int, float], None] | None = None,
 ) -> Envelope:
     """``descend_together`` for one box."""
-    return descend_together((start,), feasible, infeasible, model, rng, settings, progress)[0]
+    return descend_together((start,), feasible, infeasible, programs, rng, settings, progress)[0]
 
 
 def descend_together(
     starts: Sequence[Envelope],
-    feasible: Sequence[ScaledProblem],
-    infeasible: Sequence[ScaledProblem],
-    model: McCormick,
+    feasible: Sequence[Scaled],
+    infeasible: Sequence[Scaled],
+    programs: Programs,
     rng: np.random.Generator,
     settings: Descent = Descent(),
     progress: Callable[[int, float], None] | None = None,
@@ -75,7 +75,7 @@ def descend_together(
         for problems, sign in ((feasible, 1.0), (infeasible, -1.0)):
             chosen = rng.choice(len(problems), size=min(settings.batch, len(problems)), replace=False)
             value, gradient = smooth_mistakes(
-                envelopes, [problems[i] for i in chosen], sign, model, softness=settings.softness
+                envelopes, [problems[i] for i in chosen], sign, programs, softness=settings.softness
             )
             loss, slope = loss + value, slope + gradient
         first, second = 0.9 * first + 0.1 * slope, 0.99 * second + 0.01 * slope**2
@@ -89,7 +89,7 @@ def descend_together(
 
 
 def smooth_mistakes(
-    envelopes: Sequence[Envelope], problems: Sequence[ScaledProblem], sign: float, model: McCormick, *, softness: float
+    envelopes: Sequence[Envelope], problems: Sequence[Scaled], sign: float, programs: Programs, *, softness: float
 ) -> tuple[float, Array]:
     """Mean σ(sign · t / τ) over the problems and its gradient in the bounds, shape (K, 12N).
 
@@ -99,7 +99,10 @@ def smooth_mistakes(
     """
     total, slope = 0.0, np.zeros((len(envelopes), 2 * envelopes[0].low.size))
     for problem in problems:
-        answers = [(k, model.solve(problem, box, gradient=True)) for k, box in enumerate(envelopes)]
+        answers = [
+            (k, programs.get(McCormick, problem.layout).solve(problem, box, gradient=True))
+            for k, box in enumerate(envelopes)
+        ]
         there = [(k, a.margin, a.gradient) for k, a in answers if a.gradient is not None]
         if not there:
             continue
@@ -119,9 +122,9 @@ def soft_least(values: Array, softness: float) -> tuple[float, Array]:
     return least - softness * float(np.log(weights.mean())), weights / weights.sum()
 
 
-def margins(problems: Sequence[ScaledProblem], envelope: Envelope, model: McCormick) -> Array:
+def margins(problems: Sequence[Scaled], envelope: Envelope, programs: Programs) -> Array:
     """P1's signed margin for every problem, shape (len(problems),)."""
-    return np.array([model.solve(problem, envelope).margin for problem in problems])
+    return np.array([programs.get(McCormick, problem.layout).solve(problem, envelope).margin for problem in problems])
 
 
 def fit_gradient(
@@ -147,8 +150,8 @@ def fit_gradient(
             f"data set: expected {max(2, boxes)} or more feasible rows and an infeasible one, got "
             f"{len(dataset.feasible)} and {len(dataset.infeasible)}"
         )
-    feasible = [ScaledProblem.of(problem) for problem in dataset.select(dataset.feasible).problems()]
-    infeasible = [ScaledProblem.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
+    feasible = [Scaled.of(problem) for problem in dataset.select(dataset.feasible).problems()]
+    infeasible = [Scaled.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
     losses: list[float] = []
 
     def told(step: int, loss: float) -> None:
@@ -158,7 +161,7 @@ def fit_gradient(
 
     found = descend_together(
         clustered_boxes(dataset.points, boxes, share=share, seed=seed), feasible, infeasible,
-        Stages().box(feasible[0]), np.random.default_rng(seed), settings, told,
+        Programs(), np.random.default_rng(seed), settings, told,
     )  # fmt: skip
     provenance = {
         "method": "gradient",

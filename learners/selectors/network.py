@@ -16,7 +16,7 @@ from torch.nn import functional
 
 from stancekit.envs.selection import observe
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
 
 from .selector import Observation
@@ -84,7 +84,7 @@ class SceneTensors:
         return cls(**tensors)
 
     @classmethod
-    def of_problems(cls, problems: Sequence[ScaledProblem]) -> SceneTensors:
+    def of_problems(cls, problems: Sequence[Scaled]) -> SceneTensors:
         """The observations of these problems, which have the same number of contacts, on triangles."""
         seen = [observe(problem) for problem in problems]
         stacked = {name: np.stack([one[name] for one in seen]) for name in seen[0]}

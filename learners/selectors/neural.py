@@ -14,12 +14,13 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.relax import FEASIBLE_MARGIN, McCormick
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.refusals import refusals
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
 
 from ..dataset import Dataset
 from .network import BoxNetwork, SceneTensors, as_arrays
@@ -69,7 +70,7 @@ class NeuralSelector:
         actions = np.stack([box.to_vector() for box in boxes]).astype(np.float32)
         return (actions if np.ndim(observation["friction"]) == 2 else actions[0]), state
 
-    def envelopes(self, problems: Sequence[ScaledProblem]) -> list[Envelope]:
+    def envelopes(self, problems: Sequence[Scaled]) -> list[Envelope]:
         """The boxes for these problems, for a planner."""
         return self._boxes(SceneTensors.of_problems(problems))
 
@@ -138,12 +139,12 @@ def fit_neural(
         raise InvalidInput(f"calibration: expected {dataset.problem_class}, got {calibration.problem_class}")
     feasible = Rows.of(train, "feasible")
     infeasible = Rows.of(train, "infeasible") if settings.margin_epochs else None
-    model = Stages().box(feasible.problems[0])
+    programs = Programs()
     digest = f"{dataset.header.digest} {len(train)}"
-    trainer = Trainer(feasible, infeasible, model, settings, digest, checkpoint)
+    trainer = Trainer(feasible, infeasible, programs, settings, digest, checkpoint)
     network = trainer.run(progress)
     held = Rows.of(calibration, "feasible")
-    room = calibrated_room(network, held, model, settings.target)
+    room = calibrated_room(network, held, programs, settings.target)
     first = feasible.problems[0]
     return NeuralSelector(
         network,
@@ -164,7 +165,7 @@ def fit_neural(
 
 
 def calibrated_room(
-    network: BoxNetwork, rows: Rows, model: McCormick, target: float, *, least: float = -0.01, most: float = 0.1
+    network: BoxNetwork, rows: Rows, programs: Programs, target: float, *, least: float = -0.01, most: float = 0.1
 ) -> float:
     """How far every side moves out (in, where negative) so that P1 admits ``target`` of these feasible problems.
 
@@ -175,7 +176,8 @@ def calibrated_room(
         lows, highs = as_arrays(*network(rows.scenes))
 
     def admits(index: int, room: float) -> bool:
-        return model.solve(rows.problems[index], roomy(lows[index], highs[index], room)).margin <= FEASIBLE_MARGIN
+        problem, box = rows.problems[index], roomy(lows[index], highs[index], room)
+        return programs.get(McCormick, problem.layout).solve(problem, box).margin <= FEASIBLE_MARGIN
 
     open_rows, admitted, needed = list(range(len(rows))), 0, math.ceil(target * len(rows))
     for _ in range(14):

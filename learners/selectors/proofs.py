@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.relaxation.domain import domain_of
+from stancekit.planners.relaxation.envelope import Envelope
 
 BAND = 1e-6
 """A witness must have this margin to spare, a certificate must exclude this margin: ten times what P1 forgives."""
@@ -118,15 +119,11 @@ def least(rows: Array, slope: Array, constant: Array, bounds: Bounds, low: Array
     return np.asarray(value)
 
 
-def ranges(problem: ScaledProblem) -> tuple[Array, Array]:
+def ranges(problem: Scaled) -> tuple[Array, Array]:
     """Where [p, f] can be in any answer, each of shape (N, 6).
 
     That is, the patches as seen from the ball of the centre of mass, and the forces in their boxes and cones.
     """
-    low_p = problem.vertices.min(axis=1) - problem.com - problem.com_radius
-    high_p = problem.vertices.max(axis=1) - problem.com + problem.com_radius
-    shear = (problem.friction * np.maximum(problem.force_max[:, 0], 0.0))[:, None]
-    low_f = np.concatenate([np.maximum(problem.force_min[:, :1], 0.0), np.maximum(problem.force_min[:, 1:], -shear)], 1)
-    high_f = np.concatenate([problem.force_max[:, :1], np.minimum(problem.force_max[:, 1:], shear)], 1)
+    whole = domain_of(problem, reach=False)
     room = 1e-7  # what the solver forgives
-    return np.concatenate([low_p, low_f], axis=1) - room, np.concatenate([high_p, high_f], axis=1) + room
+    return whole.low - room, whole.high + room

@@ -16,10 +16,11 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.relax import McCormick
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick
 
 from ..dataset import Dataset
 from .network import Architecture, BoxNetwork, Mirror, SceneTensors, as_arrays, pinball
@@ -75,7 +76,7 @@ class NeuralSettings:
 class Rows:
     """Problems of one label: as the solver wants them, as the network sees them, and with solutions where feasible."""
 
-    problems: tuple[ScaledProblem, ...]
+    problems: tuple[Scaled, ...]
     scenes: SceneTensors
     points: Tensor
 
@@ -85,7 +86,7 @@ class Rows:
         indices = dataset.feasible if label == "feasible" else dataset.infeasible
         if not len(indices):
             raise InvalidInput(f"data set: expected one or more {label} rows, got none")
-        problems = tuple(ScaledProblem.of(problem) for problem in dataset.select(indices).problems())
+        problems = tuple(Scaled.of(problem) for problem in dataset.select(indices).problems())
         points = dataset.points if label == "feasible" else np.zeros((0, problems[0].size[0], 6))
         return cls(
             problems=problems,
@@ -104,12 +105,14 @@ class Margin(torch.autograd.Function):
     """
 
     @staticmethod
-    def forward(ctx: Any, low: Tensor, high: Tensor, problems: Sequence[ScaledProblem], model: McCormick) -> Tensor:
+    def forward(ctx: Any, low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs) -> Tensor:
         """Solve P1 once a scene."""
         lows, highs = as_arrays(low, high)
         margins, slopes = np.zeros(len(problems)), np.zeros((2, *lows.shape))
         for i, problem in enumerate(problems):
-            answer = model.solve(problem, Envelope(low=lows[i], high=highs[i]), gradient=True)
+            answer = programs.get(McCormick, problem.layout).solve(
+                problem, Envelope(low=lows[i], high=highs[i]), gradient=True
+            )
             if answer.gradient is not None:
                 margins[i], slopes[:, i] = answer.margin, answer.gradient
         ctx.save_for_backward(torch.as_tensor(slopes, dtype=low.dtype))
@@ -123,9 +126,9 @@ class Margin(torch.autograd.Function):
         return slopes[0] * grown, slopes[1] * grown, None, None
 
 
-def margins_of(low: Tensor, high: Tensor, problems: Sequence[ScaledProblem], model: McCormick) -> Tensor:
+def margins_of(low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs) -> Tensor:
     """``Margin`` with types."""
-    found: Tensor = Margin.apply(low, high, problems, model)  # type: ignore[no-untyped-call]
+    found: Tensor = Margin.apply(low, high, problems, programs)  # type: ignore[no-untyped-call]
     return found
 
 
@@ -136,11 +139,11 @@ class Trainer:
     """
 
     def __init__(
-        self, feasible: Rows, infeasible: Rows | None, model: McCormick, settings: NeuralSettings, digest: str,
+        self, feasible: Rows, infeasible: Rows | None, programs: Programs, settings: NeuralSettings, digest: str,
         checkpoint: Path | None = None,
     ) -> None:  # fmt: skip
         self.history: list[dict[str, Any]] = []
-        self._feasible, self._infeasible, self._model, self._settings = feasible, infeasible, model, settings
+        self._feasible, self._infeasible, self._programs, self._settings = feasible, infeasible, programs, settings
         self._run = {"settings": asdict(settings), "data": digest}
         self._checkpoint = checkpoint
         self._mirror = Mirror.of(feasible.scenes)
@@ -212,7 +215,7 @@ class Trainer:
         low, high = self.network(scenes if self._mirror is None else self._mirror.scenes(scenes, flipped))
         if self._mirror is not None:
             low, high = self._mirror.box(low, high, flipped)
-        return low, high, margins_of(low, high, [rows.problems[int(i)] for i in chosen], self._model)
+        return low, high, margins_of(low, high, [rows.problems[int(i)] for i in chosen], self._programs)
 
     def _step(self, loss: Tensor) -> float:
         self._optimizer.zero_grad()

@@ -19,10 +19,12 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.relax import FEASIBLE_MARGIN, Evidence, McCormick, moment_axes
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
+from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, Evidence
 
 from .proofs import BAND, Bools, Bounds, Index, least, ranges, witnessed
 
@@ -72,8 +74,8 @@ class Judge(Protocol):
 class SolvingJudge:
     """Solves P1 for every problem and box: the plain loop."""
 
-    def __init__(self, problems: Sequence[ScaledProblem], model: McCormick) -> None:
-        self._problems, self._model = of_one_size(problems), model
+    def __init__(self, problems: Sequence[Scaled], programs: Programs) -> None:
+        self._problems, self._programs = of_one_size(problems), programs
         self.counts = Counts()
 
     def admitted(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
@@ -85,7 +87,9 @@ class SolvingJudge:
         return margins <= FEASIBLE_MARGIN
 
     def _margin(self, k: int, box: Envelope) -> float:
-        margins = (self._model.solve(self._problems[k], near).margin for near in _tries(box))
+        problem = self._problems[k]
+        program = self._programs.get(McCormick, problem.layout)
+        margins = (program.solve(problem, near).margin for near in _tries(box))
         return next((margin for margin in margins if not np.isnan(margin)), float("nan"))
 
 
@@ -96,9 +100,9 @@ class CachingJudge:
     """
 
     def __init__(
-        self, problems: Sequence[ScaledProblem], model: McCormick, *, witnesses: int = 4, certificates: int = 8
+        self, problems: Sequence[Scaled], programs: Programs, *, witnesses: int = 4, certificates: int = 8
     ) -> None:
-        self._problems, self._model = of_one_size(problems), model
+        self._problems, self._programs = of_one_size(problems), programs
         size, n = len(problems), problems[0].size[0]
         whole = [ranges(problem) for problem in problems]
         self._range = np.stack([low for low, _ in whole]), np.stack([high for _, high in whole])
@@ -178,7 +182,9 @@ class CachingJudge:
         return np.asarray(hits[0, 0])
 
     def _examine(self, k: int, box: Envelope) -> Evidence:
-        found = (self._model.examine(self._problems[k], near) for near in _tries(box))
+        problem = self._problems[k]
+        program = self._programs.get(McCormick, problem.layout)
+        found = (program.examine(problem, near) for near in _tries(box))
         return next((evidence for evidence in found if not np.isnan(evidence.margin)), Evidence(margin=float("nan")))
 
     def _keep(self, k: int, evidence: Evidence) -> tuple[int, int]:
@@ -210,7 +216,7 @@ class CachingJudge:
         return np.maximum(low, bounds.low - BAND), np.minimum(high, bounds.high + BAND)
 
 
-def of_one_size(problems: Sequence[ScaledProblem]) -> Sequence[ScaledProblem]:
+def of_one_size(problems: Sequence[Scaled]) -> Sequence[Scaled]:
     """The problems. Raises InvalidInput unless there are any, all with as many contacts and vertices a patch."""
     sizes = sorted({problem.size for problem in problems})
     if len(sizes) != 1:

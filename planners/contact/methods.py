@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
+from ..equilibrium.programs import Programs
 from ..outcome import InvalidInput
-from .envelope import EnvelopeSet
-from .exact import ExactPlanner
-from .planner import Acceptance, Planner
-from .stages import Projection, Stages
-from .twostage import TwoStagePlanner
+from ..projection.project import PostureProjection
+from ..relaxation.envelope import EnvelopeSet
+from ..search.answer import Acceptance, Planner
+from ..search.exact import ExactPlanner
+from ..search.posture import TwoStagePlanner
 
 Method = Literal["exact", "p1", "lift", "two-stage", "nlp", "micp"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -19,12 +20,12 @@ def make_planner(
     method: Method,
     *,
     envelopes: EnvelopeSet | None = None,
-    projection: Projection | None = None,
+    projection: PostureProjection | None = None,
     solver: str = "highs",
     intervals: int = 4,
     time_limit_s: float = 30.0,
     acceptance: Acceptance = Acceptance(),
-    stages: Stages | None = None,
+    programs: Programs | None = None,
 ) -> Planner:
     """Make a planner. ``two-stage`` uses the envelopes, or the lift where there are none; ``p1`` needs envelopes.
 
@@ -33,16 +34,16 @@ def make_planner(
     Raises InvalidInput for an unknown method, an envelope that is missing, or a solver that is not installed.
     """
     if method == "exact":
-        return ExactPlanner(acceptance=acceptance, time_limit_s=time_limit_s, stages=stages)
+        return ExactPlanner(acceptance=acceptance, time_limit_s=time_limit_s, programs=programs)
     if method == "p1":
         if envelopes is None:
             raise InvalidInput("envelope: expected an envelope file for the method p1, got none")
-        return TwoStagePlanner(envelopes=envelopes, projection=projection, acceptance=acceptance, stages=stages)
+        return TwoStagePlanner(envelopes=envelopes, projection=projection, acceptance=acceptance, programs=programs)
     if method == "lift":
-        return TwoStagePlanner(envelopes=None, projection=projection, acceptance=acceptance, stages=stages)
+        return TwoStagePlanner(envelopes=None, projection=projection, acceptance=acceptance, programs=programs)
     if method == "two-stage":
         return TwoStagePlanner(
-            envelopes=envelopes, projection=projection or "scp", acceptance=acceptance, stages=stages
+            envelopes=envelopes, projection=projection or "scp", acceptance=acceptance, programs=programs
         )
     if method == "nlp":
         from .nlp import NlpPlanner

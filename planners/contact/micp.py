@@ -25,10 +25,10 @@ import numpy as np
 
 from ..arrays import Array, checked
 from ..outcome import InvalidInput, Outcome, Posture
+from ..relaxation.envelope import Envelope
 from ..scene import PostureProblem
+from ..search.answer import Acceptance
 from ..verify import check_posture
-from .envelope import Envelope
-from .planner import Acceptance
 from .project import Point, Projector
 from .relax import box_values, mccormick_rows
 from .scaled import ScaledProblem, side_by_side, skew

@@ -16,7 +16,7 @@ from scipy.optimize import nnls
 from ..arrays import Array, checked
 from ..outcome import InvalidInput, Outcome, Posture
 from ..scene import PostureProblem
-from .planner import Acceptance
+from ..search.answer import Acceptance
 from .project import SURFACE, FixToes, Point
 from .scaled import ScaledProblem
 

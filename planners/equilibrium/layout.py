@@ -82,6 +82,11 @@ class Layout:
         return np.repeat(np.arange(len(counts)), counts)
 
     @cached_property
+    def candidate_starts(self) -> Index:
+        """The first vertex of every candidate, shape (K,)."""
+        return np.searchsorted(self.vertex_candidates, np.arange(len(self.candidate_footholds)))
+
+    @cached_property
     def vertex_footholds(self) -> Index:
         """The foothold of every vertex, shape (V,)."""
         return np.asarray(self.candidate_footholds[self.vertex_candidates])

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
-from ..contact.envelope import EnvelopeSet
 from ..outcome import InvalidInput
-from .modes import Modes
+from ..relaxation.envelope import EnvelopeSet
+from ..relaxation.modes import Modes
 from .planner import CoursePlanner, PlanAcceptance
 from .project import Projection
 from .twostage import CourseModels, TwoStageCoursePlanner
@@ -87,8 +87,8 @@ def _two_stage(
         return TwoStageCoursePlanner(
             projection=projection, time_limit_s=time_limit_s, acceptance=acceptance, models=models
         )
-    from .enveloped import EnvelopeCoursePlanner
+    from ..search.answer import Acceptance
+    from ..search.enveloped import EnvelopeCoursePlanner
 
-    return EnvelopeCoursePlanner(
-        envelopes, projection=projection, time_limit_s=time_limit_s, acceptance=acceptance, models=models
-    )
+    accept = Acceptance(tolerance=acceptance.tolerance)
+    return EnvelopeCoursePlanner(envelopes, projection=projection, time_limit_s=time_limit_s, acceptance=accept)

@@ -21,13 +21,13 @@ import numpy as np
 from cvxpy.atoms.affine.add_expr import AddExpression
 
 from ..arrays import checked
-from ..contact.envelope import Envelope, EnvelopeSet
 from ..contact.micp import SOLVERS, TANGENTS, Cells, check_options, meet, without_cones
 from ..contact.relax import box_values, mccormick_rows
 from ..outcome import InvalidInput
 from ..plan import PlanOutcome
+from ..relaxation.boxes import boxes_of
+from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..scene.course import Course
-from .boxes import boxes_of
 from .clock import Clock
 from .layout import Index
 from .planner import PlanAcceptance, plan_of
@@ -234,7 +234,7 @@ class MicpCoursePlanner:
         if self.envelopes is not None:
             if axes == "world":
                 box_frames(scaled, "contact")  # raises InvalidInput
-            (box,) = boxes_of(scaled, self.envelopes)
+            (box,) = boxes_of(scaled.course, self.envelopes)
             domain, envelope = (meet(box, domain), None) if self.envelope_use == "shrink" else (domain, box)
         return CourseMicp(
             scaled, domain, axes=axes, intervals=self.intervals, solver=self.solver, envelope=envelope,

@@ -25,18 +25,25 @@ from .held import FixForces, FixToes, Linearised
 
 Projection = Literal["fix-p", "fix-f", "fix-toes", "scp"]
 PROJECTIONS: tuple[Projection, ...] = get_args(Projection)
+PostureProjection = Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"]
+"""Of postures alone: IPOPT from the point, too."""
+POSTURE_PROJECTIONS: tuple[PostureProjection, ...] = get_args(PostureProjection)
 SURFACE = 1e-7
 """A point this close to the bilinear surface (non-dimensional moment residual) needs no further step."""
 STEPS = 6
 """Most linearised steps of SCP."""
 
 
-def project(programs: Programs, projection: Projection, scaled: Scaled, start: Point, *, steps: int = STEPS) -> Point:
+def project(
+    programs: Programs, projection: Projection | PostureProjection, scaled: Scaled, start: Point, *, steps: int = STEPS
+) -> Point:
     """Project ``start`` on the bilinear surface, one candidate a foothold; the residual is inf without an answer.
 
     steps: most linearised steps of "scp".
     """
     least = scaled.weights is None
+    if projection == "nlp":
+        return _nlp(programs, scaled, start)
     if projection == "fix-p":
         return programs.get(FixToes, scaled.layout, True, True).solve(scaled, start)
     if projection == "fix-f":
@@ -46,9 +53,7 @@ def project(programs: Programs, projection: Projection, scaled: Scaled, start: P
     return scp(programs, scaled, start, steps=steps)
 
 
-def scp(
-    programs: Programs, scaled: Scaled, start: Point, *, steps: int = STEPS, worth: float = float("inf")
-) -> Point:
+def scp(programs: Programs, scaled: Scaled, start: Point, *, steps: int = STEPS, worth: float = float("inf")) -> Point:
     """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new toes.
 
     worth: of a posture, take no step where the first toes leave more than this.
@@ -72,3 +77,24 @@ def scp(
         solves, seconds = solves + 1, seconds + point.seconds
         best = point if point.residual < best.residual else best
     return replace(best, solves=solves, seconds=seconds)
+
+
+def _nlp(programs: Programs, scaled: Scaled, start: Point) -> Point:
+    """IPOPT from a point of a posture, in the numbers of ``contact``."""
+    from ..contact import nlp, project
+    from ..contact.scaled import ScaledProblem
+
+    numbers = ScaledProblem(
+        vertices=scaled.patches, frames=scaled.frames, shoulders=scaled.shoulders, reach=scaled.reach,
+        friction=scaled.friction, force_min=scaled.force_min, force_max=scaled.force_max, weight=scaled.weight,
+        com=scaled.com[0], com_radius=float(scaled.com_radius[0]), tilt=scaled.tilt,
+        length_m=scaled.length_m, force_n=scaled.force_n,
+    )  # fmt: skip
+    begin = project.Point(
+        com=start.com[0], rotation=start.rotation[0], toes=start.toes, forces=start.forces, residual=start.residual
+    )
+    found = programs.get(nlp.NlpModel, *scaled.size).solve(numbers, begin)
+    return Point(
+        com=found.com[None], rotation=found.rotation[None], toes=found.toes, forces=found.forces,
+        residual=found.residual, solves=found.solves,
+    )  # fmt: skip

@@ -100,9 +100,7 @@ class ChoiceSearch:
         """The proof that there is no plan, where the tree was searched to its end."""
         if self.found is not None or self._open_end or not self._leaves:
             return None
-        return Certificate(
-            tree=np.array(self._tree, dtype=np.float64), multipliers=np.array(self._leaves)
-        )
+        return Certificate(tree=np.array(self._tree, dtype=np.float64), multipliers=np.array(self._leaves))
 
     def _guess(self) -> None:
         """Try the first candidates that have friction, which are the nearest; then dive, unless the root is refuted."""

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from stancekit.envs.boxtree import BoxSearch, propagate, whole_box
+from stancekit.envs.boxtree import BoxSearch, propagate
 from stancekit.envs.refinement import (
     EnvelopeRefinementEnv,
     LargestGap,
@@ -17,10 +17,11 @@ from stancekit.envs.refinement import (
 )
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.terrains import distribution
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.relaxation.domain import domain_of
+from stancekit.planners.relaxation.envelope import Envelope
 
 NAME = "stancekit.envs:stancekit/EnvelopeRefinement-v0"
 
@@ -42,7 +43,7 @@ def witnesses(scenes):
     for listed in scenes.values():
         for scene in listed:
             if scene.posture is not None:
-                scaled = ScaledProblem.of(scene.problem)
+                scaled = Scaled.of(scene.problem)
                 yield scaled, scaled.point(scene.posture)
 
 
@@ -50,13 +51,13 @@ def test_the_first_box_holds_every_posture(scenes):
     found = list(witnesses(scenes))
     assert len(found) > 10
     for scaled, point in found:
-        assert whole_box(scaled).contains(point[None], margin=1e-6).all()
+        assert domain_of(scaled, reach=False).contains(point[None], margin=1e-6).all()
 
 
 def test_propagation_keeps_every_posture_and_does_narrow(scenes):
     rng, narrowed = np.random.default_rng(0), 0
     for scaled, point in witnesses(scenes):
-        whole = whole_box(scaled)
+        whole = domain_of(scaled, reach=False)
         for _ in range(20):  # boxes that hold the posture, cut at random
             low = point - rng.uniform(size=point.shape) * np.maximum(point - whole.low, 0.0) - 1e-6
             high = point + rng.uniform(size=point.shape) * np.maximum(whole.high - point, 0.0) + 1e-6
@@ -70,8 +71,8 @@ def test_propagation_keeps_every_posture_and_does_narrow(scenes):
 
 
 def test_propagation_refutes_forces_that_cannot_balance(scenes):
-    scaled = ScaledProblem.of(scenes["ground-3"][0].problem)
-    whole = whole_box(scaled)
+    scaled = Scaled.of(scenes["ground-3"][0].problem)
+    whole = domain_of(scaled, reach=False)
     high = whole.high.copy()
     high[:, 3:] = np.minimum(high[:, 3:], 0.05)  # three feet of a twentieth of the weight each
     assert propagate(scaled, Envelope(low=np.minimum(whole.low, high), high=high)) is None
@@ -79,11 +80,11 @@ def test_propagation_refutes_forces_that_cannot_balance(scenes):
 
 @pytest.mark.parametrize("rule", [LargestGap(), WidestDimension(), RandomDimension(np.random.default_rng(0))])
 def test_verdicts_are_those_of_the_exact_planner(rule, scenes):
-    stages, counts = Stages(), {Status.FEASIBLE: 0, Status.INFEASIBLE: 0, Status.UNDECIDED: 0}
+    programs, counts = Programs(), {Status.FEASIBLE: 0, Status.INFEASIBLE: 0, Status.UNDECIDED: 0}
     for listed in scenes.values():
         for scene in listed:
-            scaled = ScaledProblem.of(scene.problem)
-            search = BoxSearch(scene.problem, scaled, stages)
+            scaled = Scaled.of(scene.problem)
+            search = BoxSearch(scene.problem, scaled, programs)
             for _ in range(15):
                 if search.verdict is not Status.UNDECIDED:
                     break

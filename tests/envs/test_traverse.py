@@ -14,13 +14,13 @@ from gymnasium.utils.env_checker import data_equivalence as same
 from stancekit.envs.courses import icy_walls
 from stancekit.envs.expert import TerrainRule, expert_envelopes
 from stancekit.envs.traverse import NO_MODE, TraverseEnv, TraverseWeights
-from stancekit.planners.keyframes.twostage import CourseModels
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
 from stancekit.planners.plan import PlanOutcome
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.verify import check_plan
 
-MODELS = CourseModels()
+PROGRAMS = Programs()
 LIFT, WALKING, CLIMBING = 0, 1, 2
 
 
@@ -33,7 +33,7 @@ def strict():
 
 
 def made(*courses, **named):
-    return TraverseEnv(courses or ("walls",), **({"models": MODELS, "frames": 5} | named))
+    return TraverseEnv(courses or ("walls",), **({"programs": PROGRAMS, "frames": 5} | named))
 
 
 def played(env, seed, actions):
@@ -178,7 +178,7 @@ def test_a_window_without_a_plan_by_proof_ends_the_episode():
         replace(placement, candidates=tuple(replace(patch, friction=0.0) for patch in placement.candidates))
         for placement in course.placements
     )  # fmt: skip
-    env = TraverseEnv(lambda rng: replace(course, placements=icy), regions=1, horizon=1, models=MODELS)
+    env = TraverseEnv(lambda rng: replace(course, placements=icy), regions=1, horizon=1, programs=PROGRAMS)
     seen = played(env, 0, [LIFT] * 4)
     assert [step[-1]["feasible"] for step in seen[1:]] == [1, 0]
     assert seen[-1][-1]["infeasible"] == 1
@@ -192,7 +192,7 @@ def test_a_course_that_cannot_begin_is_drawn_again_until_that_is_given_up(monkey
         replace(placement, candidates=tuple(replace(patch, friction=0.0) for patch in placement.candidates))
         for placement in course.placements
     )
-    env = TraverseEnv(lambda rng: replace(course, placements=slippery), regions=1, models=MODELS)
+    env = TraverseEnv(lambda rng: replace(course, placements=slippery), regions=1, programs=PROGRAMS)
     with pytest.raises(PlanningFailed, match="no course in 3 draws whose first key frame holds"):
         env.reset(seed=0)
 
@@ -252,7 +252,7 @@ def test_the_modes_of_the_coming_frames_are_told():
 
 def test_a_course_that_does_not_fit_the_view_is_refused_with_its_place():
     course = read_course("icy-walls", frames=3)
-    env = TraverseEnv(lambda rng: course, regions=2, models=MODELS)
+    env = TraverseEnv(lambda rng: course, regions=2, programs=PROGRAMS)
     with pytest.raises(InvalidInput, match=r"^frame 1, limb LM: expected at most 2 candidates, got 4$"):
         env.reset(seed=0)
 

@@ -17,10 +17,10 @@ from stancekit.learners.selectors.chooser import Chooser, ChooserSettings, costs
 from stancekit.learners.selectors.gradient import clustered_boxes
 from stancekit.learners.selectors.network import Architecture
 from stancekit.learners.selectors.selector import FixedSelector, Observation
-from stancekit.planners.contact.envelope import EnvelopeSet
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 SMALL = Architecture(width=32, layers=1, heads=2, corner_width=8)
 QUICK = ChooserSettings(architecture=SMALL, epochs=40, batch=32, rate=3e-3)
@@ -63,9 +63,9 @@ def observations(dataset: Dataset) -> Observation:
 
 def test_costs_are_what_the_environment_counts(dataset: Dataset, envelopes: EnvelopeSet) -> None:
     scenes = scenes_of(dataset)
-    problems = [ScaledProblem.of(scene.problem) for scene in scenes]
+    problems = [Scaled.of(scene.problem) for scene in scenes]
     feasible = np.array([scene.feasible for scene in scenes])
-    cost = costs(problems, feasible, envelopes.envelopes, Stages())
+    cost = costs(problems, feasible, envelopes.envelopes, Programs())
     for k, envelope in enumerate(envelopes.envelopes):
         alone = FixedSelector("one", replace(envelopes, envelopes=(envelope,)))
         np.testing.assert_array_equal(cost[:, k], played(dataset, alone))

@@ -15,7 +15,7 @@ import pytest
 from stancekit.learners import dataset, labelling, ledger
 from stancekit.learners.dataset import Dataset, LabelledPosture
 from stancekit.learners.labelling import LabelPlan, label
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
 
 PLAN = LabelPlan(distribution="wall-3", feasible=0, infeasible=36, shard_size=6, seed=11, natural=True)
@@ -94,7 +94,7 @@ def test_a_point_is_p_and_f_of_its_witness(folder: Path) -> None:
     row = data.row(int(data.feasible[0]))
     assert row.posture is not None
     assert row.point is not None
-    np.testing.assert_array_equal(ScaledProblem.of(row.problem).point(row.posture), row.point)
+    np.testing.assert_array_equal(Scaled.of(row.problem).point(row.posture), row.point)
     np.testing.assert_allclose(row.point[:, :3] * 0.6 + row.posture.com_m, row.posture.toes_m, atol=1e-12)
     for contact, point, force in zip(row.problem.contacts, row.point, row.posture.forces_n, strict=True):
         np.testing.assert_allclose(98.1 * contact.patch.frame @ point[3:], force, atol=1e-9)

@@ -15,9 +15,10 @@ from stancekit.learners.executor import processes
 from stancekit.learners.fitting import fit
 from stancekit.learners.labelling import LabelPlan, label
 from stancekit.learners.selectors.selector import FixedSelector
-from stancekit.planners.contact.envelope import EnvelopeSet
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import Stages
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.mccormick import McCormick
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +39,7 @@ def envelopes(dataset: Dataset) -> EnvelopeSet:
 
 
 def test_the_shares_are_what_p1_and_p2_say_when_asked_directly(
-    scenes: list[Scene], envelopes: EnvelopeSet, stages: Stages
+    scenes: list[Scene], envelopes: EnvelopeSet, programs: Programs
 ) -> None:
     score = evaluate(
         "quantile", FixedSelector("quantile", envelopes), scenes, problem_class="wall-3", projections=("fix-toes",)
@@ -47,8 +48,8 @@ def test_the_shares_are_what_p1_and_p2_say_when_asked_directly(
     box = type(box).from_vector(box.to_vector().astype(np.float32).astype(np.float64))  # what an action can say
     right = {True: 0, False: 0}
     for scene in scenes:
-        scaled = ScaledProblem.of(scene.problem)
-        right[scene.feasible] += stages.box(scaled).solve(scaled, box).feasible == scene.feasible
+        scaled = Scaled.of(scene.problem)
+        right[scene.feasible] += programs.get(McCormick, scaled.layout).solve(scaled, box).feasible == scene.feasible
     assert score.p1_feasible == Share(hits=right[True], of=14)
     assert score.p1_infeasible == Share(hits=right[False], of=10)
     assert 0 < score.projected["fix-toes"].hits <= right[True]

@@ -12,7 +12,7 @@ from stancekit.learners.labelling import LabelPlan, label
 from stancekit.learners.selectors.genetic import GeneticSettings
 from stancekit.learners.selectors.selector import FixedSelector, load_selector
 from stancekit.learners.settings import typed
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
 
 SETTINGS = FitSettings(
@@ -46,7 +46,7 @@ def test_what_a_method_learns_can_be_written_read_and_asked(dataset: Dataset, tm
     assert (again.problem_class, again.boxes) == (learned.problem_class, learned.boxes) == ("wall-3", learned.boxes)
     assert learned.boxes == (2 if method == "gradient" else 1)
     for problem in list(dataset.problems())[:3]:
-        seen = observe(ScaledProblem.of(problem))
+        seen = observe(Scaled.of(problem))
         first, second = (one.selector.predict(seen)[0] for one in (learned, again))
         assert first.shape == (36 * learned.boxes,)
         np.testing.assert_allclose(first, second, atol=1e-6)

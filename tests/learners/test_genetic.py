@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from stancekit.envs.terrains import distribution
 from stancekit.learners.dataset import Dataset
 from stancekit.learners.labelling import LabelPlan, label
 from stancekit.learners.selectors import evolution
@@ -29,10 +30,11 @@ from stancekit.learners.selectors.genetic import (
     ranking,
 )
 from stancekit.learners.selectors.verdicts import CachingJudge, Counts, SolvingJudge
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.relax import McCormick
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick
 
 SMALL = GeneticSettings(population=10, generations=5, terrains=20, finalists=3, seed=3)
 
@@ -45,26 +47,19 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 
 @pytest.fixture(scope="module")
-def feasible(dataset: Dataset) -> list[ScaledProblem]:
-    return [ScaledProblem.of(problem) for problem in dataset.select(dataset.feasible).problems()]
+def feasible(dataset: Dataset) -> list[Scaled]:
+    return [Scaled.of(problem) for problem in dataset.select(dataset.feasible).problems()]
 
 
 @pytest.fixture(scope="module")
-def infeasible(dataset: Dataset) -> list[ScaledProblem]:
-    return [ScaledProblem.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
+def infeasible(dataset: Dataset) -> list[Scaled]:
+    return [Scaled.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
 
 
 @pytest.fixture(scope="module")
-def model() -> McCormick:
-    return McCormick(3, 3)
-
-
-@pytest.fixture(scope="module")
-def whole(
-    dataset: Dataset, feasible: list[ScaledProblem], infeasible: list[ScaledProblem], model: McCormick
-) -> GeneticResult:
+def whole(dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled], programs: Programs) -> GeneticResult:
     """One run, without interruption."""
-    return evolve(feasible, infeasible, dataset.points, SMALL, judge=CachingJudge([*feasible, *infeasible], model))
+    return evolve(feasible, infeasible, dataset.points, SMALL, judge=CachingJudge([*feasible, *infeasible], programs))
 
 
 def outcome_of(history: tuple[Generation, ...]) -> list[tuple[float, ...]]:
@@ -124,18 +119,21 @@ def test_the_first_generation_holds_boxes_around_solutions(dataset: Dataset) -> 
 
 
 def test_the_shares_are_what_solving_every_problem_says(
-    feasible: list[ScaledProblem], infeasible: list[ScaledProblem], model: McCormick, whole: GeneticResult
+    feasible: list[Scaled], infeasible: list[Scaled], programs: Programs, whole: GeneticResult
 ) -> None:
-    admitted = [[model.solve(p, whole.envelope).feasible for p in problems] for problems in (feasible, infeasible)]
+    admitted = [
+        [programs.get(McCormick, p.layout).solve(p, whole.envelope).feasible for p in problems]
+        for problems in (feasible, infeasible)
+    ]
     assert whole.a == pytest.approx(np.mean(admitted[1]))
     assert whole.b == pytest.approx(1.0 - np.mean(admitted[0]))
     assert whole.balanced == pytest.approx(0.5 * (np.mean(admitted[0]) + 1.0 - np.mean(admitted[1])))
 
 
 def test_terrains_are_drawn_anew_half_of_each_label(
-    feasible: list[ScaledProblem], infeasible: list[ScaledProblem], model: McCormick
+    feasible: list[Scaled], infeasible: list[Scaled], programs: Programs
 ) -> None:
-    trials = Trials.of(feasible, infeasible, replace(SMALL, terrains=21), SolvingJudge(feasible, model))
+    trials = Trials.of(feasible, infeasible, replace(SMALL, terrains=21), SolvingJudge(feasible, programs))
     rng = np.random.default_rng(0)
     draws = [trials.draw(rng) for _ in range(2)]
     for which in draws:
@@ -145,10 +143,10 @@ def test_terrains_are_drawn_anew_half_of_each_label(
 
 
 def test_the_cache_changes_no_result(
-    dataset: Dataset, feasible: list[ScaledProblem], infeasible: list[ScaledProblem], model: McCormick,
+    dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled], programs: Programs,
     whole: GeneticResult,
 ) -> None:  # fmt: skip
-    judge = SolvingJudge([*feasible, *infeasible], model)
+    judge = SolvingJudge([*feasible, *infeasible], programs)
     plain = evolve(feasible, infeasible, dataset.points, SMALL, judge=judge)
     np.testing.assert_array_equal(plain.envelope.to_vector(), whole.envelope.to_vector())
     assert outcome_of(plain.history) == outcome_of(whole.history)
@@ -158,11 +156,13 @@ def test_the_cache_changes_no_result(
 
 
 def test_a_run_improves_on_its_first_generation(
-    dataset: Dataset, feasible: list[ScaledProblem], infeasible: list[ScaledProblem], model: McCormick
+    dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled], programs: Programs
 ) -> None:
     settings = GeneticSettings(population=12, generations=8, terrains=80, finalists=4, seed=1)
-    result = evolve(feasible, infeasible, dataset.points, settings, judge=CachingJudge([*feasible, *infeasible], model))
-    trials = Trials.of(feasible, infeasible, settings, CachingJudge([*feasible, *infeasible], model))
+    result = evolve(
+        feasible, infeasible, dataset.points, settings, judge=CachingJudge([*feasible, *infeasible], programs)
+    )
+    trials = Trials.of(feasible, infeasible, settings, CachingJudge([*feasible, *infeasible], programs))
     a, b = trials.shares(first_generation(dataset.points, 12, np.random.default_rng(1)), trials.all())
     first = fitness(a, b, settings)
     found = fitness(np.array([result.a]), np.array([result.b]), settings)[0]
@@ -194,15 +194,15 @@ class Interrupted(Exception):
 
 @pytest.mark.parametrize("stop", [0, 2, 4])
 def test_a_run_that_was_interrupted_ends_as_one_that_was_not(
-    stop: int, tmp_path: Path, dataset: Dataset, feasible: list[ScaledProblem], infeasible: list[ScaledProblem],
-    model: McCormick, whole: GeneticResult,
+    stop: int, tmp_path: Path, dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled],
+    programs: Programs, whole: GeneticResult,
 ) -> None:  # fmt: skip
     def interrupt(done: Generation) -> None:
         if done.number == stop:
             raise Interrupted
 
     def go(**more: Any) -> GeneticResult:
-        judge = CachingJudge([*feasible, *infeasible], model)
+        judge = CachingJudge([*feasible, *infeasible], programs)
         return evolve(feasible, infeasible, dataset.points, SMALL, judge=judge, checkpoint=tmp_path / "ga.npz", **more)
 
     with pytest.raises(Interrupted):
@@ -217,11 +217,11 @@ def test_a_run_that_was_interrupted_ends_as_one_that_was_not(
 
 
 def test_another_checkpoint_is_refused(
-    tmp_path: Path, dataset: Dataset, feasible: list[ScaledProblem], infeasible: list[ScaledProblem], model: McCormick
+    tmp_path: Path, dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled], programs: Programs
 ) -> None:
     path = tmp_path / "ga.npz"
     short = replace(SMALL, generations=1, terrains=4, finalists=1)
-    judge = CachingJudge([*feasible, *infeasible], model)
+    judge = CachingJudge([*feasible, *infeasible], programs)
 
     def go(settings: GeneticSettings, points: np.ndarray) -> None:
         evolve(feasible, infeasible, points, settings, judge=judge, checkpoint=path)
@@ -251,7 +251,7 @@ def test_another_checkpoint_is_refused(
 
 
 def test_nothing_in_a_checkpoint_is_unpickled(
-    tmp_path: Path, feasible: list[ScaledProblem], infeasible: list[ScaledProblem], dataset: Dataset
+    tmp_path: Path, feasible: list[Scaled], infeasible: list[Scaled], dataset: Dataset
 ) -> None:
     class Trap:
         def __reduce__(self) -> tuple[Any, ...]:
@@ -281,18 +281,19 @@ def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any], message:
     assert str(caught.value) == message
 
 
-def test_problems_of_one_label_only_are_refused(feasible: list[ScaledProblem], dataset: Dataset) -> None:
+def test_problems_of_one_label_only_are_refused(feasible: list[Scaled], dataset: Dataset) -> None:
     with pytest.raises(InvalidInput) as caught:
         evolve(feasible, [], dataset.points, SMALL)
     assert str(caught.value) == "problems: expected one or more of each label, got 40 feasible and 0 infeasible"
 
 
-def test_what_cannot_be_searched_is_refused(feasible: list[ScaledProblem], infeasible: list[ScaledProblem]) -> None:
+def test_what_cannot_be_searched_is_refused(feasible: list[Scaled], infeasible: list[Scaled]) -> None:
     with pytest.raises(InvalidInput) as caught:
         evolve(feasible, infeasible, np.zeros((0, 3, 6)), SMALL)
     assert str(caught.value) == "points: expected one solution or more, got none"
+    five = Scaled.of(distribution("wall-5").sample(np.random.default_rng(0)))
     with pytest.raises(InvalidInput, match=r"all of one size \(contacts, vertices\), got sizes \[\(3, 3\), \(5, 3\)\]"):
-        evolve(feasible, [ScaledProblem.typical(5, 3)], np.zeros((1, 3, 6)), SMALL)
+        evolve(feasible, [five], np.zeros((1, 3, 6)), SMALL)
 
 
 def test_fitting_a_data_set_says_how_it_was_done(dataset: Dataset, whole: GeneticResult) -> None:
@@ -311,15 +312,15 @@ def test_fitting_a_data_set_says_how_it_was_done(dataset: Dataset, whole: Geneti
 
 @pytest.mark.parametrize(("search", "package"), [("evolve_cma", "cma"), ("evolve_nsga2", "pymoo")])
 def test_a_baseline_has_the_same_budget_and_repeats(
-    search: str, package: str, dataset: Dataset, feasible: list[ScaledProblem], infeasible: list[ScaledProblem],
-    model: McCormick,
+    search: str, package: str, dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled],
+    programs: Programs,
 ) -> None:  # fmt: skip
     pytest.importorskip(package)
     settings = GeneticSettings(population=10, generations=4, terrains=20, finalists=2, seed=4)
     state = np.random.get_state()[1].copy()  # noqa: NPY002  (a package that seeds the global generator is found out)
 
     def go(seed: int) -> GeneticResult:
-        judge = CachingJudge([*feasible, *infeasible], model)
+        judge = CachingJudge([*feasible, *infeasible], programs)
         run = getattr(evolution, search)
         found: GeneticResult = run(feasible, infeasible, dataset.points, replace(settings, seed=seed), judge=judge)
         return found
@@ -335,8 +336,8 @@ def test_a_baseline_has_the_same_budget_and_repeats(
 
 @pytest.mark.parametrize(("search", "package"), [("evolve_cma", "cma"), ("evolve_nsga2", "pymoo")])
 def test_a_missing_extra_is_named(
-    search: str, package: str, monkeypatch: pytest.MonkeyPatch, dataset: Dataset, feasible: list[ScaledProblem],
-    infeasible: list[ScaledProblem],
+    search: str, package: str, monkeypatch: pytest.MonkeyPatch, dataset: Dataset, feasible: list[Scaled],
+    infeasible: list[Scaled],
 ) -> None:  # fmt: skip
     def missing(name: str) -> Any:
         raise ImportError(name)

@@ -16,10 +16,10 @@ from stancekit.learners.selectors.gradient import (
     soft_least,
 )
 from stancekit.learners.selectors.quantile import quantile_box
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.relax import McCormick
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
 
 
 @pytest.fixture(scope="module")
@@ -30,39 +30,34 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 
 @pytest.fixture(scope="module")
-def problems(dataset: Dataset) -> tuple[list[ScaledProblem], list[ScaledProblem]]:
+def problems(dataset: Dataset) -> tuple[list[Scaled], list[Scaled]]:
     """Feasible and infeasible ones."""
     rows = (dataset.feasible, dataset.infeasible)
-    kinds = [[ScaledProblem.of(problem) for problem in dataset.select(chosen).problems()] for chosen in rows]
+    kinds = [[Scaled.of(problem) for problem in dataset.select(chosen).problems()] for chosen in rows]
     return kinds[0], kinds[1]
 
 
-@pytest.fixture(scope="module")
-def model() -> McCormick:
-    return McCormick(3, 3)
-
-
-def mistakes(boxes: list[Envelope], kinds: tuple[list[ScaledProblem], list[ScaledProblem]], model: McCormick) -> float:
+def mistakes(boxes: list[Envelope], kinds: tuple[list[Scaled], list[Scaled]], programs: Programs) -> float:
     """Mean of the shares of both kinds that P1 over the set answers wrong."""
-    least = [np.min([margins(problems, box, model) for box in boxes], axis=0) for problems in kinds]
+    least = [np.min([margins(problems, box, programs) for box in boxes], axis=0) for problems in kinds]
     return 0.5 * (float((least[0] > 1e-7).mean()) + float((least[1] <= 1e-7).mean()))
 
 
 @pytest.mark.parametrize("boxes", [1, 3])
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_loss_is_a_logistic_count_and_its_gradient_that_of_finite_differences(
-    boxes: int, sign: float, dataset: Dataset, problems: tuple[list[ScaledProblem], ...], model: McCormick
+    boxes: int, sign: float, dataset: Dataset, problems: tuple[list[Scaled], ...], programs: Programs
 ) -> None:
-    scenes, softness, step = problems[int(sign < 0)][:8], 0.02, 1e-4
+    scenes, softness, step = problems[int(sign < 0)][:8], 0.02, 2e-5
     start = np.stack([box.to_vector() for box in clustered_boxes(dataset.points, boxes, share=0.1, seed=0)])
 
     def loss(bounds: np.ndarray) -> float:
-        each = np.stack([margins(scenes, Envelope.from_vector(row), model) for row in bounds])
+        each = np.stack([margins(scenes, Envelope.from_vector(row), programs) for row in bounds])
         least = -softness * np.log(np.mean(np.exp(-each / softness), axis=0))
         return float(np.mean(1.0 / (1.0 + np.exp(-sign * least / softness))))
 
     value, slope = smooth_mistakes(
-        [Envelope.from_vector(row) for row in start], scenes, sign, model, softness=softness
+        [Envelope.from_vector(row) for row in start], scenes, sign, programs, softness=softness
     )
     assert value == pytest.approx(loss(start), rel=1e-9)
     rng = np.random.default_rng(3)
@@ -86,24 +81,24 @@ def test_the_soft_least_is_the_least_of_one_and_close_to_the_least_of_several() 
 
 
 def test_one_box_descends_as_a_set_of_one_and_the_same_every_time(
-    dataset: Dataset, problems: tuple[list[ScaledProblem], list[ScaledProblem]], model: McCormick
+    dataset: Dataset, problems: tuple[list[Scaled], list[Scaled]], programs: Programs
 ) -> None:
     start, settings = quantile_box(dataset.points), Descent(steps=4, batch=10)
     told: list[int] = []
     alone = descend(
-        start, *problems, model, np.random.default_rng(5), settings, lambda step, loss: told.append(step)
+        start, *problems, programs, np.random.default_rng(5), settings, lambda step, loss: told.append(step)
     )
-    (together,) = descend_together((start,), *problems, McCormick(3, 3), np.random.default_rng(5), settings)
+    (together,) = descend_together((start,), *problems, Programs(), np.random.default_rng(5), settings)
     np.testing.assert_array_equal(alone.to_vector(), together.to_vector())
     assert told == [0, 1, 2, 3]
 
 
 def test_descent_makes_fewer_mistakes_than_where_it_started(
-    dataset: Dataset, problems: tuple[list[ScaledProblem], list[ScaledProblem]], model: McCormick
+    dataset: Dataset, problems: tuple[list[Scaled], list[Scaled]], programs: Programs
 ) -> None:
     starts = list(clustered_boxes(dataset.points, 2, share=0.2, seed=0))
     found = fit_gradient(dataset, boxes=2, steps=15, batch=30, share=0.2, seed=0)
-    before, after = mistakes(starts, problems, model), mistakes(list(found.envelopes), problems, model)
+    before, after = mistakes(starts, problems, programs), mistakes(list(found.envelopes), problems, programs)
     assert after <= 0.7 * before
     losses = found.provenance["notes"]["losses"]
     assert np.mean(losses[-5:]) < np.mean(losses[:5])

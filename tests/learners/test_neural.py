@@ -20,10 +20,11 @@ from stancekit.learners.selectors.neural import NeuralSelector, calibrated_room,
 from stancekit.learners.selectors.quantile import quantile_box
 from stancekit.learners.selectors.tensors import read_tensors, write_tensors
 from stancekit.learners.selectors.training import NeuralSettings, Rows, margins_of
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.relax import McCormick
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.scene import Contact, Patch, PostureProblem
 
 SMALL = Architecture(width=32, layers=2, heads=2, corner_width=16)
@@ -42,18 +43,13 @@ def selector(dataset: Dataset) -> NeuralSelector:
     return fit_neural(dataset, QUICK)
 
 
-@pytest.fixture(scope="module")
-def model() -> McCormick:
-    return McCormick(3, 3)
-
-
 def drawn(name: str, count: int, seed: int = 0) -> list[PostureProblem]:
     rng = np.random.default_rng(seed)
     return [distribution(name).sample(rng) for _ in range(count)]
 
 
 def tensors_of(problems: list[PostureProblem]) -> SceneTensors:
-    return SceneTensors.of_problems([ScaledProblem.of(problem) for problem in problems])
+    return SceneTensors.of_problems([Scaled.of(problem) for problem in problems])
 
 
 def random_network(problems: list[PostureProblem], seed: int = 0) -> BoxNetwork:
@@ -106,19 +102,22 @@ def test_the_mirror_is_an_exact_symmetry_of_scenes_and_of_p1(name: str) -> None:
     problems = drawn(name, 60)
     mirror = Mirror.of(tensors_of(problems))
     assert mirror is not None
-    originals = [ScaledProblem.of(problem) for problem in problems[:12]]
-    turned = [ScaledProblem.of(turned_round(problem)) for problem in problems[:12]]
+    originals = [Scaled.of(problem) for problem in problems[:12]]
+    turned = [Scaled.of(turned_round(problem)) for problem in problems[:12]]
     flipped = torch.ones(12, dtype=torch.bool)
     shown, written = mirror.scenes(tensors_of(problems[:12]), flipped), SceneTensors.of_problems(turned)
     for key in ("frames", "friction", "shoulders", "reach"):
         torch.testing.assert_close(getattr(shown, key), getattr(written, key), rtol=0.0, atol=1e-6)
     torch.testing.assert_close(shown.vertices, written.vertices.flip(2), rtol=0.0, atol=1e-6)
-    rng, model = np.random.default_rng(2), McCormick(*originals[0].size)
+    rng, programs = np.random.default_rng(2), Programs()
     force = np.tile([0.4, 0.0, 0.2], (originals[0].size[0], 1))
-    middle = np.stack([np.hstack([problem.vertices.mean(axis=1), force]) for problem in originals])
+    middle = np.stack([np.hstack([problem.patches.mean(axis=1), force]) for problem in originals])
     low = torch.tensor(middle - rng.uniform(0.05, 0.3, middle.shape))
     high = torch.tensor(middle + rng.uniform(0.05, 0.3, middle.shape))
-    here, there = margins_of(low, high, originals, model), margins_of(*mirror.box(low, high, flipped), turned, model)
+    here, there = (
+        margins_of(low, high, originals, programs),
+        margins_of(*mirror.box(low, high, flipped), turned, programs),
+    )
     assert bool((here != 0.0).sum() > 6)
     torch.testing.assert_close(here, there, rtol=0.0, atol=1e-6)
 
@@ -129,19 +128,19 @@ def test_limbs_that_lie_uneven_have_no_mirror() -> None:
     assert Mirror.of(replace(scenes, shoulders=moved)) is None
 
 
-def test_the_margin_flows_back_as_finite_differences_say(dataset: Dataset, model: McCormick) -> None:
-    problems = [ScaledProblem.of(problem) for problem in dataset.select(dataset.infeasible[:6]).problems()]
+def test_the_margin_flows_back_as_finite_differences_say(dataset: Dataset, programs: Programs) -> None:
+    problems = [Scaled.of(problem) for problem in dataset.select(dataset.infeasible[:6]).problems()]
     box = quantile_box(dataset.points)
     low, high = (torch.tensor(np.stack([side] * 6)).requires_grad_() for side in (box.low, box.high))
     weights = torch.arange(1.0, 7.0, dtype=torch.float64)
-    torch.autograd.backward((weights * margins_of(low, high, problems, model)).sum())
+    torch.autograd.backward((weights * margins_of(low, high, problems, programs)).sum())
     assert low.grad is not None
     assert high.grad is not None
     rng, step = np.random.default_rng(0), 1e-5
     for _ in range(3):
         ways = [torch.tensor(rng.normal(size=low.shape)) for _ in range(2)]
         sides = [(low.detach() + s * ways[0], high.detach() + s * ways[1]) for s in (step, -step)]
-        ahead, behind = (float((weights * margins_of(*pair, problems, model)).sum()) for pair in sides)
+        ahead, behind = (float((weights * margins_of(*pair, problems, programs)).sum()) for pair in sides)
         along = float((low.grad * ways[0]).sum() + (high.grad * ways[1]).sum())
         assert along == pytest.approx((ahead - behind) / (2 * step), rel=0.02, abs=2e-3)
 
@@ -157,16 +156,17 @@ def test_the_pinball_loss_is_least_at_the_quantiles() -> None:
         assert loss(*best) < min(loss(best[0] + shift, best[1]), loss(best[0], best[1] + shift))
 
 
-def test_calibration_gives_no_more_room_than_the_target_needs(dataset: Dataset, model: McCormick) -> None:
+def test_calibration_gives_no_more_room_than_the_target_needs(dataset: Dataset, programs: Programs) -> None:
     rows = Rows.of(dataset.select(dataset.feasible[:60]), "feasible")
     network = random_network(drawn("wall-3", 40))
-    room = calibrated_room(network, rows, model, 0.8, least=-0.05, most=0.5)
+    room = calibrated_room(network, rows, programs, 0.8, least=-0.05, most=0.5)
 
     def admitted(room: float) -> int:
         with torch.no_grad():
             low, high = (side.numpy().astype(float) for side in network(rows.scenes))
         return sum(
-            model.solve(problem, roomy(low[i], high[i], room)).feasible for i, problem in enumerate(rows.problems)
+            programs.get(McCormick, problem.layout).solve(problem, roomy(low[i], high[i], room)).feasible
+            for i, problem in enumerate(rows.problems)
         )
 
     assert admitted(room) >= 48 > admitted(room - 1e-3)
@@ -220,7 +220,7 @@ def test_predictions_are_actions_single_or_in_a_batch(dataset: Dataset, selector
     np.testing.assert_allclose(batch, actions, rtol=0.0, atol=1e-5)
     assert all(env.action_space.contains(action) for action in actions)
     assert env.step(actions[-1])[4]["log_volume"] > -np.inf
-    problems = [ScaledProblem.of(scene.problem) for scene in scenes_of(dataset)[:4]]
+    problems = [Scaled.of(scene.problem) for scene in scenes_of(dataset)[:4]]
     for box, action in zip(selector.envelopes(problems), actions, strict=True):
         np.testing.assert_allclose(box.to_vector(), Envelope.from_vector(action).to_vector(), atol=1e-5)
     five, _ = EnvelopeSelectionEnv("wall-5").reset(seed=0)

@@ -11,27 +11,24 @@ from scipy.optimize import linprog
 from stancekit.envs.terrains import distribution
 from stancekit.learners.selectors.proofs import BAND, Bounds, balanced, least, ranges, witnessed
 from stancekit.learners.selectors.verdicts import CachingJudge, Counts, SolvingJudge
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.relax import Evidence, McCormick, RelaxationAnswer, moment_axes
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
+from stancekit.planners.relaxation.relaxed import Evidence, RelaxationAnswer
 
 BOUNDS = {"wall": ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4)), "ground": ((0.0, 0.5), (-0.15, 0.15), (-0.15, 0.15))}
 
 
-@pytest.fixture(scope="module")
-def model() -> McCormick:
-    return McCormick(3, 3)
-
-
-def drawn(name: str, count: int, seed: int) -> list[ScaledProblem]:
+def drawn(name: str, count: int, seed: int) -> list[Scaled]:
     rng = np.random.default_rng(seed)
-    return [ScaledProblem.of(distribution(name).sample(rng)) for _ in range(count)]
+    return [Scaled.of(distribution(name).sample(rng)) for _ in range(count)]
 
 
-def boxes_about(problems: list[ScaledProblem], kind: str, count: int, spread: float, seed: int) -> list[Envelope]:
+def boxes_about(problems: list[Scaled], kind: str, count: int, spread: float, seed: int) -> list[Envelope]:
     """Boxes as a search meets them: variations of a usual one."""
     rng = np.random.default_rng(seed)
-    patches = np.stack([problem.vertices.mean(axis=1) - problem.com for problem in problems])
+    patches = np.stack([problem.patches.mean(axis=1) - problem.com for problem in problems])
     low = np.concatenate([np.quantile(patches, 0.2, axis=0), np.tile([b[0] for b in BOUNDS[kind]], (3, 1))], axis=1)
     high = np.concatenate([np.quantile(patches, 0.8, axis=0), np.tile([b[1] for b in BOUNDS[kind]], (3, 1))], axis=1)
     steps = spread * (high - low) * rng.standard_normal((count, 2, *low.shape))
@@ -39,9 +36,9 @@ def boxes_about(problems: list[ScaledProblem], kind: str, count: int, spread: fl
 
 
 @pytest.mark.parametrize(("name", "kind", "spread"), [("wall-3", "wall", 0.1), ("ground-3", "ground", 0.1)])
-def test_the_cache_says_what_solving_says(model: McCormick, name: str, kind: str, spread: float) -> None:
+def test_the_cache_says_what_solving_says(programs: Programs, name: str, kind: str, spread: float) -> None:
     problems = drawn(name, 30, seed=3)
-    plain, cached = SolvingJudge(problems, model), CachingJudge(problems, model)
+    plain, cached = SolvingJudge(problems, programs), CachingJudge(problems, programs)
     which = np.arange(len(problems))
     for seed in range(3):  # each generation finds more proofs than the one before
         boxes = boxes_about(problems, kind, 18, spread, seed)
@@ -53,10 +50,10 @@ def test_the_cache_says_what_solving_says(model: McCormick, name: str, kind: str
     assert counts.unknown == plain.counts.unknown == 0
 
 
-def test_little_memory_settles_less_and_errs_no_more(model: McCormick) -> None:
+def test_little_memory_settles_less_and_errs_no_more(programs: Programs) -> None:
     problems = drawn("wall-3", 12, seed=4)
-    plain, small = SolvingJudge(problems, model), CachingJudge(problems, model, witnesses=1, certificates=1)
-    large = CachingJudge(problems, model)
+    plain, small = SolvingJudge(problems, programs), CachingJudge(problems, programs, witnesses=1, certificates=1)
+    large = CachingJudge(problems, programs)
     for seed in range(4):
         which, boxes = np.random.default_rng(seed).permutation(12)[:8], boxes_about(problems, "wall", 10, 0.15, seed)
         expected = plain.admitted(which, boxes)
@@ -65,13 +62,13 @@ def test_little_memory_settles_less_and_errs_no_more(model: McCormick) -> None:
     assert large.counts.settled >= small.counts.settled > 0
 
 
-def test_certificates_and_witnesses_hold_at_other_boxes(model: McCormick) -> None:
+def test_certificates_and_witnesses_hold_at_other_boxes(programs: Programs) -> None:
     problems = drawn("wall-3", 40, seed=5)
     boxes = boxes_about(problems, "wall", 8, 0.04, seed=6)
     bounds, refuted, shown = Bounds.of(boxes), 0, 0
     for problem in problems:
-        evidence = model.examine(problem, boxes[0])
-        margins = np.array([model.solve(problem, box).margin for box in boxes])
+        evidence = programs.get(McCormick, problem.layout).examine(problem, boxes[0])
+        margins = np.array([programs.get(McCormick, problem.layout).solve(problem, box).margin for box in boxes])
         if np.isinf(evidence.margin):
             continue
         assert evidence.margin == pytest.approx(margins[0], abs=1e-9)
@@ -99,7 +96,7 @@ def test_certificates_and_witnesses_hold_at_other_boxes(model: McCormick) -> Non
     assert shown > 20
 
 
-def test_moments_are_balanced_only_where_a_linear_program_can(model: McCormick) -> None:
+def test_moments_are_balanced_only_where_a_linear_program_can(programs: Programs) -> None:
     rng = np.random.default_rng(7)
     axes = np.stack([moment_axes(problem) for problem in drawn("wall-3", 80, seed=7)])
     bottom, top = -rng.uniform(0.0, 0.05, (80, 27)), rng.uniform(0.0, 0.05, (80, 27))
@@ -115,11 +112,11 @@ def test_moments_are_balanced_only_where_a_linear_program_can(model: McCormick) 
     assert found.sum() >= 0.9 * truth.sum()
 
 
-def test_ranges_hold_every_answer(model: McCormick) -> None:
+def test_ranges_hold_every_answer(programs: Programs) -> None:
     wide = Envelope(low=-np.ones((3, 6)), high=np.ones((3, 6)))
     points = 0
     for problem in drawn("wall-3", 30, seed=8):
-        answer = model.examine(problem, wide)
+        answer = programs.get(McCormick, problem.layout).examine(problem, wide)
         if answer.point is not None:
             low, high = ranges(problem)
             assert np.all(answer.point >= low - 1e-7)
@@ -128,47 +125,53 @@ def test_ranges_hold_every_answer(model: McCormick) -> None:
     assert points > 15
 
 
-def test_what_no_box_can_mend_is_solved_once(model: McCormick) -> None:
+def test_what_no_box_can_mend_is_solved_once(programs: Programs) -> None:
     hopeless = replace(drawn("wall-3", 1, seed=0)[0], weight=50.0)
-    judge = CachingJudge([hopeless], model)
+    judge = CachingJudge([hopeless], programs)
     boxes = boxes_about([hopeless], "wall", 6, 0.05, seed=1)
     assert not judge.admitted(np.array([0]), boxes).any()
     assert not judge.admitted(np.array([0]), boxes).any()
     assert judge.counts == Counts(solved=1, trivial=11)
 
 
-def test_a_box_out_of_range_needs_no_solve(model: McCormick) -> None:
+def test_a_box_out_of_range_needs_no_solve(programs: Programs) -> None:
     problem = drawn("wall-3", 1, seed=0)[0]
     box = Envelope(low=np.full((3, 6), 0.9), high=np.full((3, 6), 0.95))
-    judge = CachingJudge([problem], model)
+    judge = CachingJudge([problem], programs)
     assert not judge.admitted(np.array([0]), [box]).any()
     assert judge.counts == Counts(range=1)
-    assert model.solve(problem, box).margin > BAND
+    assert programs.get(McCormick, problem.layout).solve(problem, box).margin > BAND
 
 
 class Stubborn:
-    """A model that gives up on the first box, or on all."""
+    """Programs whose P1 gives up on the first box, or on all."""
 
-    def __init__(self, model: McCormick, box: Envelope, always: bool) -> None:
-        self._model, self._box, self._always = model, box, always
+    def __init__(self, programs: Programs, box: Envelope, always: bool) -> None:
+        self._programs, self._box, self._always = programs, box, always
+
+    def get(self, *_: object) -> Stubborn:
+        return self
 
     def gives_up(self, envelope: Envelope) -> bool:
         return self._always or bool(np.array_equal(envelope.low, self._box.low))
 
-    def solve(self, scaled: ScaledProblem, envelope: Envelope) -> RelaxationAnswer:
-        return RelaxationAnswer(margin=np.nan) if self.gives_up(envelope) else self._model.solve(scaled, envelope)
+    def _p1(self, scaled: Scaled) -> McCormick:
+        return self._programs.get(McCormick, scaled.layout)
 
-    def examine(self, scaled: ScaledProblem, envelope: Envelope) -> Evidence:
-        return Evidence(margin=np.nan) if self.gives_up(envelope) else self._model.examine(scaled, envelope)
+    def solve(self, scaled: Scaled, envelope: Envelope) -> RelaxationAnswer:
+        return RelaxationAnswer(margin=np.nan) if self.gives_up(envelope) else self._p1(scaled).solve(scaled, envelope)
+
+    def examine(self, scaled: Scaled, envelope: Envelope) -> Evidence:
+        return Evidence(margin=np.nan) if self.gives_up(envelope) else self._p1(scaled).examine(scaled, envelope)
 
 
 @pytest.mark.parametrize("always", [False, True])
-def test_a_solver_that_gives_up_is_asked_about_a_box_beside(model: McCormick, always: bool) -> None:
+def test_a_solver_that_gives_up_is_asked_about_a_box_beside(programs: Programs, always: bool) -> None:
     problems = drawn("wall-3", 12, seed=9)
     box = boxes_about(problems, "wall", 1, 0.0, seed=0)[0]
-    fake = Stubborn(model, box, always)
+    fake = Stubborn(programs, box, always)
     which = np.arange(12)
-    expected = SolvingJudge(problems, model).admitted(which, [box])
+    expected = SolvingJudge(problems, programs).admitted(which, [box])
     assert expected.any()
     for judge in (SolvingJudge(problems, fake), CachingJudge(problems, fake)):  # type: ignore[arg-type]
         np.testing.assert_array_equal(judge.admitted(which, [box]), expected & (not always))

@@ -11,8 +11,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.twostage import TwoStagePlanner
 from stancekit.planners.documents import parse_json, read_text
 from stancekit.planners.files import (
     UNBOUNDED,
@@ -26,6 +24,8 @@ from stancekit.planners.files import (
 )
 from stancekit.planners.outcome import Certificate, InvalidInput, Outcome, Posture, Status
 from stancekit.planners.scene import PostureProblem
+from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.posture import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_posture
 
 
@@ -241,15 +241,15 @@ def test_a_link_stays_a_link(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def outcomes(stages, drawn):
+def outcomes(programs, drawn):
     """One outcome of every status, and a trivially infeasible one, with their problems."""
-    exact, limited = ExactPlanner(stages=stages), ExactPlanner(stages=stages, max_nodes=0)
+    exact, limited = ExactPlanner(programs=programs), ExactPlanner(programs=programs, max_nodes=0)
     found = {
         "feasible": (drawn("wall-3", 0), exact.solve(drawn("wall-3", 0))),
         "infeasible": (drawn("wall-3", 225), exact.solve(drawn("wall-3", 225))),
         "trivial": (drawn("wall-3", 4), exact.solve(drawn("wall-3", 4))),
         "undecided": (drawn("wall-3", 0), limited.solve(drawn("wall-3", 0))),
-        "refused": (drawn("wall-3", 0), TwoStagePlanner(projection=None, stages=stages).solve(drawn("wall-3", 0))),
+        "refused": (drawn("wall-3", 0), TwoStagePlanner(projection=None, programs=programs).solve(drawn("wall-3", 0))),
     }
     statuses = {name: outcome.status.value for name, (_, outcome) in found.items()}
     assert statuses == {

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.contact.micp import (
     MicpModel,
@@ -24,6 +23,7 @@ from stancekit.planners.contact.relax import McCormick
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.terms import friction_cones
 from stancekit.planners.outcome import InvalidInput, Outcome, Status
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.scene import PostureProblem
 from stancekit.planners.verify import check_posture
 

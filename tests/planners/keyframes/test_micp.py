@@ -9,15 +9,15 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
-from stancekit.planners.keyframes.boxes import boxes_of
 from stancekit.planners.keyframes.methods import METHODS, make_course_planner
 from stancekit.planners.keyframes.micp import KNOTS, CourseMicp, MicpCoursePlanner, planes, without_squares
-from stancekit.planners.keyframes.modes import Modes
 from stancekit.planners.keyframes.products import domain_of
 from stancekit.planners.keyframes.scaled import ScaledCourse
 from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.relaxation.boxes import boxes_of
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.scene.course_spec import read_course
 
 NEEDS_SCIP = pytest.mark.skipif(util.find_spec("pyscipopt") is None, reason="needs the exact extra")
@@ -80,7 +80,7 @@ def test_binaries_grow_with_the_limbs_that_carry():
 @pytest.mark.parametrize("use", ["rows", "shrink"])
 def test_an_envelope_confines_the_grids_point(use, walls, learned):
     scaled = ScaledCourse.of(walls)
-    (box,) = boxes_of(scaled, learned)
+    (box,) = boxes_of(scaled.course, learned)
     answer = MicpCoursePlanner(envelopes=learned, envelope_use=use).program(scaled).solve(60.0)
     assert answer.claim == "feasible"
     frame, limbs = scaled.layout.stances[0]
@@ -93,7 +93,7 @@ def test_an_envelope_confines_the_grids_point(use, walls, learned):
 
 def test_a_finer_grid_leaves_less_of_the_moments(walls, learned):
     scaled = ScaledCourse.of(walls)
-    (box,) = boxes_of(scaled, learned)
+    (box,) = boxes_of(scaled.course, learned)
     cells = {k: float(np.max(box.high - box.low) / k) for k in (1, 8)}
     for intervals, width in cells.items():
         planner = MicpCoursePlanner(envelopes=learned, envelope_use="shrink", intervals=intervals)

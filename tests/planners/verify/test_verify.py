@@ -18,8 +18,8 @@ from scipy.optimize import nnls
 from stancekit.envs.terrains import DISTRIBUTIONS
 from stancekit.planners.outcome import Certificate, Posture
 from stancekit.planners.scene import Contact, Patch, PostureProblem
-from stancekit.planners.verify import GROUPS, check_certificate, check_posture, explain
-from stancekit.planners.verify.geometry import cut, hull_distance, sag, triangle_distances
+from stancekit.planners.verify import GROUPS, check_certificate, check_posture, explain, geometry
+from stancekit.planners.verify.geometry import cut, sag, triangle_distances
 from stancekit.planners.verify.work import least_work
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -788,7 +788,7 @@ def test_the_distance_from_a_hull_is_that_by_all_its_tetrahedra():
         off = [0.0, 1e-9 * turn[2], 1e-7 * rng.normal(size=3), size * rng.normal(size=3), vertices[0] - inside][
             case % 5
         ]
-        found, expected = hull_distance(vertices, inside + off), _by_all_tetrahedra(vertices, inside + off)
+        found, expected = geometry.hull_distance(vertices, inside + off), _by_all_tetrahedra(vertices, inside + off)
         assert abs(found - expected) < 1e-11 * size + 1e-12 * expected
         seen += expected > 0.0
     assert seen > 100
@@ -798,6 +798,6 @@ def test_a_hull_of_many_corners_is_measured_in_a_millisecond():
     angle = 2.0 * np.pi * np.arange(256) / 256
     ring = np.stack([np.cos(angle), np.sin(angle), 1e-4 * np.sin(7.0 * angle)], axis=1)
     began = time.process_time()
-    assert hull_distance(ring, np.array([2.0, 0.0, 0.0])) == pytest.approx(1.0, abs=1e-6)
-    assert hull_distance(ring, np.array([0.3, 0.2, 0.0])) < 1e-12
+    assert geometry.hull_distance(ring, np.array([2.0, 0.0, 0.0])) == pytest.approx(1.0, abs=1e-6)
+    assert geometry.hull_distance(ring, np.array([0.3, 0.2, 0.0])) < 1e-12
     assert time.process_time() - began < 0.05

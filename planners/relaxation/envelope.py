@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -17,6 +18,10 @@ from ..scene import PostureProblem
 FORMAT = "stancekit/envelope/1"
 TILT_ROOM_RAD = np.deg2rad(10.0)
 """How much further than in training a patch may lean before an envelope is refused as learned for something else."""
+LOW_LOW, HIGH_HIGH, LOW_HIGH, HIGH_LOW = range(4)
+"""The corners of a box in p_j and f_k, in the order of the four envelope rows of m_jk = p_j f_k."""
+SIGNS = np.array([1.0, 1.0, -1.0, -1.0])[:, None, None, None]
+"""Of those rows: the first two bound m_jk from below, the others from above."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -73,6 +78,14 @@ class Envelope:
         """Bounds on f, each of shape (N, 3)."""
         return self.low[:, 3:], self.high[:, 3:]
 
+    @cached_property
+    def corners(self) -> Corners:
+        """The numbers of the envelope rows."""
+        (p_low, p_high), (f_low, f_high) = self.position, self.force
+        p = SIGNS * np.array([p_low, p_high, p_low, p_high])[..., None]
+        f = np.array([f_low, f_high, f_high, f_low])[:, :, None]
+        return Corners(p=p, f=SIGNS * f, products=p * f, outward=np.array([-self.low, self.high]))
+
     def log_volume(self) -> float:
         """Sum of the logarithms of the widths; −inf for a box without volume."""
         with np.errstate(divide="ignore"):
@@ -86,6 +99,19 @@ class Envelope:
     def widened(self, margin: float) -> Envelope:
         """The box with every side moved out by ``margin``."""
         return Envelope(low=self.low - margin, high=self.high + margin)
+
+
+class Corners(NamedTuple):
+    """What the envelope rows  sign (p_end f + f_end p − m) ≤ sign p_end f_end  and  −x ≤ −low, x ≤ high  need.
+
+    p, f, products: times the signs, by corner, contact, j of p and k of f, shapes (4, N, 3, 1), (4, N, 1, 3) and
+    (4, N, 3, 3). outward: (2, N, 6). Of several boxes, these stacked.
+    """
+
+    p: Array
+    f: Array
+    products: Array
+    outward: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

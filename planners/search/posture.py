@@ -1,4 +1,4 @@
-"""The two-stage planner P1 → P2 (paper E §II): a relaxation, and its answer projected onto the bilinear surface."""
+"""The two-stage planner P1 → P2 of postures (paper E §II): a relaxation, and its answer put on the bilinear surface."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import time
 
 import numpy as np
 
+from ..equilibrium.programs import Programs
+from ..equilibrium.scaled import Point, Scaled
 from ..outcome import Certificate, InvalidInput, Outcome, Posture
+from ..projection.project import POSTURE_PROJECTIONS, PostureProjection, project
+from ..relaxation.envelope import EnvelopeSet
+from ..relaxation.lift import LiftAnswer, solve_lift
+from ..relaxation.mccormick import McCormick
+from ..relaxation.relaxed import RelaxationAnswer
 from ..scene import PostureProblem
-from .envelope import EnvelopeSet
-from .lift import LiftAnswer
-from .planner import Acceptance
-from .project import Point
-from .relax import RelaxationAnswer
-from .scaled import ScaledProblem
-from .stages import PROJECTIONS, Projection, Stages
-
-LEAF = (0.0, 0.0, 0.0, 0.0, 0.0)
+from .answer import Acceptance
+from .cuts import LEAF
 
 
 class TwoStagePlanner:
@@ -31,28 +31,28 @@ class TwoStagePlanner:
         self,
         *,
         envelopes: EnvelopeSet | None = None,
-        projection: Projection | None = "scp",
+        projection: PostureProjection | None = "scp",
         acceptance: Acceptance = Acceptance(),
-        stages: Stages | None = None,
+        programs: Programs | None = None,
     ) -> None:
-        if projection is not None and projection not in PROJECTIONS:
-            raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
+        if projection is not None and projection not in POSTURE_PROJECTIONS:
+            raise InvalidInput(f"projection: expected one of {', '.join(POSTURE_PROJECTIONS)}, got {projection!r}")
         self.envelopes = envelopes
         self.projection = projection
         self.acceptance = acceptance
         self.name = (
             ("two-stage" if projection else "p1") if envelopes else ("lift+" + projection if projection else "lift")
         )
-        self._stages = stages or Stages()
+        self._programs = programs or Programs()
 
     def solve(self, problem: PostureProblem) -> Outcome:
         """Relax, project, verify. Raises InvalidInput where the envelopes were learned for another class."""
         begin = time.perf_counter()
         if self.envelopes is not None:
             self.envelopes.check_fits(problem)
-        scaled = ScaledProblem.of(problem)
-        lift = self._stages.lift(scaled) if self.envelopes is None else None
-        answer = self._relax(scaled) if lift is None else _as_relaxation(lift)
+        scaled = Scaled.of(problem)
+        lift = solve_lift(self._programs, scaled, least_moment=True) if self.envelopes is None else None
+        answer = self._relax(scaled) if lift is None else as_relaxation(lift)
         if not answer.known:
             return self.acceptance.outcome(
                 problem, method=self.name, begin=begin, solves=answer.solves, message="the relaxation was not solved"
@@ -60,27 +60,30 @@ class TwoStagePlanner:
         details = {"margin": answer.margin, "gap": answer.gap, "chosen": float(answer.chosen)}
         if not (answer.feasible if lift is None else answer.margin <= self.acceptance.gap) or answer.point is None:
             return self._refuse(problem, scaled, begin, lift, answer.solves, details)
-        point = self._stages.project(self.projection, scaled, answer.point) if self.projection else answer.point
-        posture = _posture(scaled, point)
+        point, solves = answer.point, answer.solves
+        if self.projection:
+            point = project(self._programs, self.projection, scaled, answer.point)
+            solves += point.solves
+        posture = None if self.projection and np.isinf(point.residual) else _posture(scaled, point)
         return self.acceptance.outcome(
             problem,
             method=self.name,
             begin=begin,
             posture=posture,
-            solves=answer.solves + (point.solves if self.projection else 0),
+            solves=solves,
             claim="feasible",
             message="" if posture is not None else f"{self.projection} found no answer from P1's point",
             details=details,
         )
 
-    def _relax(self, scaled: ScaledProblem) -> RelaxationAnswer:
+    def _relax(self, scaled: Scaled) -> RelaxationAnswer:
         assert self.envelopes is not None
-        return self._stages.box(scaled).solve_any(scaled, self.envelopes.envelopes)
+        return self._programs.get(McCormick, scaled.layout).solve_any(scaled, self.envelopes.envelopes)
 
     def _refuse(
         self,
         problem: PostureProblem,
-        scaled: ScaledProblem,
+        scaled: Scaled,
         begin: float,
         lift: LiftAnswer | None,
         solves: int,
@@ -88,7 +91,7 @@ class TwoStagePlanner:
     ) -> Outcome:
         """The relaxation is infeasible. Where that holds whatever the box, the lift's certificate says so."""
         if lift is None and np.isinf(details["margin"]):
-            lift, solves = self._stages.lift(scaled), solves + 1
+            lift, solves = solve_lift(self._programs, scaled, least_moment=True), solves + 1
         proof = lift is not None and lift.solved and lift.bound > self.acceptance.gap
         certificate = Certificate(tree=np.array([LEAF]), multipliers=lift.multipliers[None]) if lift and proof else None
         return self.acceptance.outcome(
@@ -103,16 +106,12 @@ class TwoStagePlanner:
         )
 
 
-def _as_relaxation(lift: LiftAnswer) -> RelaxationAnswer:
-    """The lift in P1's words: its margin is the moment residual."""
+def as_relaxation(lift: LiftAnswer) -> RelaxationAnswer:
+    """The lift of a posture in P1's words: its margin is the moment residual."""
     if not lift.solved:
         return RelaxationAnswer(margin=float("nan"))
-    if np.isinf(lift.bound):
-        return RelaxationAnswer(margin=lift.bound)
-    return RelaxationAnswer(margin=lift.bound, point=lift.point)
+    return RelaxationAnswer(margin=lift.bound, relaxed=None if np.isinf(lift.bound) else lift)
 
 
-def _posture(scaled: ScaledProblem, point: Point) -> Posture | None:
-    if not np.all(np.isfinite(point.forces)) or np.isinf(point.residual):
-        return None
-    return scaled.posture(com=point.com, rotation=point.rotation, toes=point.toes, forces=point.forces)
+def _posture(scaled: Scaled, point: Point) -> Posture | None:
+    return scaled.posture(point) if np.all(np.isfinite(point.forces)) else None

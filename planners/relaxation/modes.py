@@ -9,20 +9,20 @@ stands on the toes put down last.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from ..arrays import Array
-from ..contact.envelope import Envelope, EnvelopeSet
-from ..contact.scaled import ScaledProblem
+from ..equilibrium.layout import Index, Layout
+from ..equilibrium.scaled import Scaled
 from ..outcome import InvalidInput
 from ..refusals import shown
 from ..scene import PostureProblem
-from .layout import Index, Layout
-from .products import Axes, domain_of
-from .scaled import ScaledCourse
+from .domain import domain_of
+from .envelope import Envelope, EnvelopeSet
+from .mccormick import Axes
 
 FORMAT = "stancekit/modes/1"
 
@@ -72,42 +72,23 @@ class Modes:
 
 def world_points(problems: Sequence[PostureProblem], points: Array) -> Array:
     """[p, f] of postures with f turned from contact frames to world axes, shape (K, N, 6)."""
-    frames = np.stack([ScaledProblem.of(problem).frames for problem in problems])
+    frames = np.stack([Scaled.of(problem).frames for problem in problems])
     forces = np.matmul(frames, points[..., 3:, None])[..., 0]
     return np.concatenate([points[..., :3], forces], axis=-1)
 
 
-def allowed_boxes(scaled: ScaledCourse, boxes: Sequence[Envelope], axes: Axes) -> Array:
-    """1 where a stance may use a box, 0 where the course's own bounds on one of its bearings miss it; shape (S, E)."""
+def allowed_boxes(scaled: Scaled, boxes: Sequence[Envelope], axes: Axes) -> Array:
+    """1 where a stance may use a box, 0 where the course's own bounds on one of its contacts miss it; shape (S, E)."""
     layout, domain = scaled.layout, domain_of(scaled, axes)
     meets = [np.all((box.low <= domain.high) & (domain.low <= box.high), axis=1) for box in boxes]
     missed = np.zeros((len(layout.stances), len(boxes)))
-    np.add.at(missed, layout.bearing[0], 1.0 - np.stack(meets, axis=1))
+    np.add.at(missed, layout.contacts[0], 1.0 - np.stack(meets, axis=1))
     return np.asarray((missed == 0.0).astype(np.float64))
 
 
-def alone(scaled: ScaledCourse, stance: int) -> tuple[ScaledCourse, Index]:
-    """One stance as a course of one key frame, and the rows of its bearings in the whole one's.
-
-    Every plan of the course holds one of it, so that a box that it cannot use, no plan can use there.
-    """
-    layout = scaled.layout
-    frame, limbs = layout.stances[stance]
-    every = tuple(range(layout.limbs))
-    slots = (np.array(layout.holds[frame])[:, None] * layout.regions + np.arange(layout.regions)).ravel()
-    part = replace(
-        scaled,
-        layout=replace(layout, holds=(every,), stances=((0, limbs),)),
-        vertices=scaled.vertices[slots], frames=scaled.frames[slots], friction=scaled.friction[slots],
-        opened=scaled.opened[slots], com=scaled.com[[frame]], com_radius=scaled.com_radius[[frame]],
-        direction=np.zeros((0, 3)), progress=np.zeros(0),
-    )  # fmt: skip
-    return part, np.asarray(np.flatnonzero(layout.bearing[0] == stance))
-
-
 def composed(layout: Layout, boxes: Sequence[Envelope], chosen: Index) -> Envelope:
-    """One box over the bearings, that of the chosen mode in each stance. chosen: shape (S,)."""
-    mode, rows = chosen[layout.bearing[0]], np.arange(len(layout.bearing[0]))
+    """One box over the stance contacts, that of the chosen mode in each stance. chosen: shape (S,)."""
+    mode, rows = chosen[layout.contacts[0]], np.arange(len(layout.contacts[0]))
     return Envelope(
         low=np.stack([box.low for box in boxes])[mode, rows], high=np.stack([box.high for box in boxes])[mode, rows]
     )

@@ -16,21 +16,22 @@ from collections.abc import Sequence
 import numpy as np
 
 from ..arrays import Array
-from ..conic import ConicStatus
-from ..contact.envelope import Envelope, EnvelopeSet
+from ..equilibrium.layout import Index
+from ..equilibrium.programs import Programs
+from ..equilibrium.scaled import Point, Scaled
 from ..outcome import InvalidInput, Status
 from ..plan import PlanOutcome
+from ..projection.project import PROJECTIONS, SURFACE, Projection, project
+from ..relaxation.boxes import boxes_of
+from ..relaxation.envelope import Envelope, EnvelopeSet
+from ..relaxation.mccormick import Axes, McCormick
+from ..relaxation.modes import Modes, allowed_boxes, composed, modes_of_frames
+from ..relaxation.relaxed import RelaxationAnswer
 from ..scene.course import Course
-from .boxes import boxes_of
+from .answer import Acceptance, plan_of
 from .clock import Clock
-from .layout import Index
-from .modes import Modes, allowed_boxes, alone, composed, modes_of_frames
-from .planner import PlanAcceptance, plan_of
-from .products import Axes
-from .project import PROJECTIONS, PlanPoint, Projection
-from .relax import EnvelopedCourse, EnvelopedPlan, ModedCourse
-from .scaled import ScaledCourse
-from .twostage import CourseModels, TwoStageCoursePlanner
+from .cuts import alone
+from .two_stage import TwoStageCoursePlanner
 
 WHOLE = 1e-4
 """A share this close to 1 is a choice already made."""
@@ -42,7 +43,7 @@ class EnvelopeCoursePlanner:
     """P1 over one envelope, or over modes, then P2.
 
     envelopes: boxes in contact frames, learned for a stance of the course or its mirror image; with several, one is
-    chosen a stance. ``Modes`` are boxes in world axes. max_nodes, time_limit_s: of the search, compiling excluded.
+    chosen a stance. ``Modes`` are boxes in world axes. max_nodes, time_limit_s: of the search.
     """
 
     name = "two-stage"
@@ -52,10 +53,10 @@ class EnvelopeCoursePlanner:
         envelopes: EnvelopeSet | Modes,
         *,
         projection: Projection = "scp",
-        acceptance: PlanAcceptance = PlanAcceptance(),
+        acceptance: Acceptance = Acceptance(),
         max_nodes: int = 200,
         time_limit_s: float = 60.0,
-        models: CourseModels | None = None,
+        programs: Programs | None = None,
     ) -> None:
         if projection not in PROJECTIONS:
             raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
@@ -64,15 +65,14 @@ class EnvelopeCoursePlanner:
         self.projection: Projection = projection
         self.acceptance = acceptance
         self.max_nodes, self.time_limit_s = max_nodes, time_limit_s
-        self.models = models or CourseModels()
-        self._compiled: dict[tuple[object, ...], EnvelopedCourse | ModedCourse] = {}
+        self.programs = programs or Programs()
 
     def solve(self, course: Course) -> PlanOutcome:
         """Plan one course. Raises InvalidInput that names the stance that the envelopes were not learned for."""
-        clock, scaled = Clock.start(), ScaledCourse.of(course)
+        clock, scaled = Clock.start(), Scaled.of(course)
         learned = self.envelopes.boxes if isinstance(self.envelopes, Modes) else self.envelopes
-        boxes = boxes_of(scaled, learned, self.axes)
-        search = _Search(self, scaled, boxes, clock)
+        boxes = boxes_of(course, learned, self.axes)
+        search = _Search(self, course, scaled, boxes, clock)
         search.run()
         details = search.details()
         plan, message = None, search.message
@@ -80,80 +80,63 @@ class EnvelopeCoursePlanner:
             choice, point, chosen = search.found
             modes = modes_of_frames(scaled.layout, chosen) if isinstance(self.envelopes, Modes) else None
             made = {"planner": self.name, "projection": self.projection, "p1": learned.problem_class}
-            plan = plan_of(scaled, choice, point, provenance=made, modes=modes)
+            plan = plan_of(course, scaled, choice, point, provenance=made, modes=modes)
         elif search.solved_none and len(boxes) == 1:
             details["margin"] = self.margin(scaled, boxes[0], clock).margin
             if np.isinf(details["margin"]):  # infeasible whatever the box: the lift may prove it
-                proof = TwoStageCoursePlanner(models=self.models, acceptance=self.acceptance).solve(course)
+                proof = TwoStageCoursePlanner(programs=self.programs, acceptance=self.acceptance).solve(course)
                 if proof.status is Status.INFEASIBLE:
                     return proof
             message = f"P1 misses the envelope by {details['margin']:.3g}; over a learned box that is no proof"
         elif search.solved_none:
             message = message or "P1 has no answer for any choice of boxes; over learned ones that is no proof"
-        return self.acceptance.outcome(
+        return self.acceptance.plan_outcome(
             course, method=self.name, clock=clock, plan=plan, message=message, details=details,
             claim="" if plan is not None else "infeasible" if search.solved_none else "",
         )  # fmt: skip
 
-    def margin(self, scaled: ScaledCourse, box: Envelope, clock: Clock | None = None) -> EnvelopedPlan:
-        """The signed margin of P1 over one box a bearing, all open candidates allowed."""
-        clock = clock or Clock.start()
-        model = self._model("soft", scaled, 1, clock)
-        assert isinstance(model, EnvelopedCourse)
-        answer = model.solve(scaled, box)
-        clock.count(1, answer.solution.seconds)
+    def margin(self, scaled: Scaled, box: Envelope, clock: Clock | None = None) -> RelaxationAnswer:
+        """The signed margin of P1 over one box a contact, all open candidates allowed."""
+        answer = self.programs.get(McCormick, scaled.layout, self.axes).solve(scaled, box)
+        (clock or Clock.start()).count(1, answer.seconds)
         return answer
 
-    def size(self, scaled: ScaledCourse) -> tuple[int, int]:
+    def size(self, scaled: Scaled) -> tuple[int, int]:
         """Rows and columns of P1 with one box a stance."""
-        return self._model("hard", scaled, 1, Clock.start()).model.shape
+        return self.programs.get(McCormick, scaled.layout, self.axes, False).rows.shape
 
-    def relaxed(self, scaled: ScaledCourse, boxes: Sequence[Envelope], allowed: Array, clock: Clock) -> EnvelopedPlan:
+    def relaxed(self, scaled: Scaled, boxes: Sequence[Envelope], allowed: Array, clock: Clock) -> RelaxationAnswer:
         """P1 with these boxes allowed in every stance, shape (S, E); one box a stance needs no hull."""
         if np.all(allowed.sum(axis=1) == 1.0):
-            model = self._model("hard", scaled, 1, clock)
-            assert isinstance(model, EnvelopedCourse)
-            answer = model.solve(scaled, composed(scaled.layout, boxes, allowed.argmax(axis=1)), modes=allowed)
+            box = composed(scaled.layout, boxes, allowed.argmax(axis=1))
+            answer = self.programs.get(McCormick, scaled.layout, self.axes, False).solve(scaled, box)
         else:
-            hull = self._model("hull", scaled, len(boxes), clock)
-            assert isinstance(hull, ModedCourse)
-            answer = hull.solve(scaled, boxes, allowed)
-        clock.count(1, answer.solution.seconds)
+            hull = self.programs.get(McCormick, scaled.layout, self.axes, False, len(boxes))
+            answer = hull.solve_hull(scaled, boxes, allowed)
+        clock.count(1, answer.seconds)
         return answer
 
-    def allowed(self, scaled: ScaledCourse, boxes: Sequence[Envelope], clock: Clock) -> Array:
+    def allowed(self, scaled: Scaled, boxes: Sequence[Envelope], clock: Clock) -> Array:
         """1 where a stance, looked at alone, may use a box; shape (S, E)."""
         found = allowed_boxes(scaled, boxes, self.axes)
         for stance in np.flatnonzero(found.sum(axis=1) > 1.0):
-            part, rows = alone(scaled, int(stance))
+            part, _, rows = alone(scaled, int(stance))
             for e in np.flatnonzero(found[stance]).tolist():
                 box = Envelope(low=boxes[e].low[rows], high=boxes[e].high[rows])
                 answer = self.relaxed(part, [box], np.ones((1, 1)), clock)
-                found[stance, e] = float(answer.status is not ConicStatus.INFEASIBLE)
+                found[stance, e] = float(not np.isposinf(answer.margin))
         return found
-
-    def _model(self, form: str, scaled: ScaledCourse, boxes: int, clock: Clock) -> EnvelopedCourse | ModedCourse:
-        course, layout = scaled.course, scaled.layout
-        key = (form, boxes, scaled.key)
-        if key not in self._compiled:
-            with clock.compiling():
-                self._compiled[key] = (
-                    ModedCourse(layout, course.weights, scaled.typical(), boxes=boxes, axes=self.axes)
-                    if form == "hull"
-                    else EnvelopedCourse(layout, course.weights, scaled.typical(), soft=form == "soft", axes=self.axes)
-                )
-        return self._compiled[key]
 
 
 class _Search:
-    """Best first over the choices of one course: which slots are open, (P, R), and which boxes are allowed, (S, E)."""
+    """Best first over the choices of one course: which candidates are open, (P, options), and which boxes, (S, E)."""
 
     def __init__(
-        self, planner: EnvelopeCoursePlanner, scaled: ScaledCourse, boxes: Sequence[Envelope], clock: Clock
+        self, planner: EnvelopeCoursePlanner, course: Course, scaled: Scaled, boxes: Sequence[Envelope], clock: Clock
     ) -> None:
-        self._planner, self._scaled, self._boxes, self._clock = planner, scaled, boxes, clock
-        self._heap: list[tuple[float, int, Array, Array, EnvelopedPlan]] = []
-        self.found: tuple[Index, PlanPoint, Index] | None = None
+        self._planner, self._course, self._scaled, self._boxes, self._clock = planner, course, scaled, boxes, clock
+        self._heap: list[tuple[float, int, Array, Array, RelaxationAnswer]] = []
+        self.found: tuple[Index, Point, Index] | None = None
         self.nodes = self.tried = 0
         self.message = ""
         self.open_stances = 0
@@ -169,7 +152,7 @@ class _Search:
         """Figures of the search."""
         return {
             "nodes": float(self.nodes), "projected": float(self.tried), "open_stances": float(self.open_stances),
-            "gap": self.gap, "p1_objective": self.objective * self._scaled.course.length_scale_m**2,
+            "gap": self.gap, "p1_objective": self.objective * self._scaled.length_m**2,
         }  # fmt: skip
 
     def run(self) -> None:
@@ -178,14 +161,14 @@ class _Search:
         allowed = planner.allowed(self._scaled, self._boxes, self._clock)
         if np.any(allowed.sum(axis=1) == 0.0):
             frame, limbs = layout.stances[int(np.flatnonzero(allowed.sum(axis=1) == 0.0)[0])]
-            names = ", ".join(self._scaled.course.robot.limb_names[limb] for limb in limbs)
+            names = ", ".join(self._course.robot.limb_names[limb] for limb in limbs)
             self.message = f"frame {frame}, stance on {names}: no envelope has room for it"
             return
         self.open_stances = int(np.sum(allowed.sum(axis=1) > 1.0))
-        whole = self._scaled.opened.reshape(layout.placements, layout.regions)
-        if len(self._boxes) == 1 and layout.regions > 1:
-            friction = self._scaled.friction.reshape(whole.shape)
-            self._settle(_one_of((friction > 0.0) * whole + 0.5 * whole), allowed, np.inf)
+        whole = self._scaled.opened()
+        if len(self._boxes) == 1 and whole.sum() > layout.footholds:
+            rough = self._scaled.by_candidate((self._scaled.friction > 0.0).astype(np.float64), 0.0)
+            self._settle(_one_of(rough * whole + 0.5 * whole), allowed, np.inf)
         self._add(whole, allowed)
         while self._heap and self.found is None:
             if self.nodes >= planner.max_nodes or self._clock.working() > planner.time_limit_s:
@@ -200,31 +183,33 @@ class _Search:
         """Solve a node and keep it where it has an answer."""
         self.nodes += 1
         answer = self._planner.relaxed(self._scaled.only(opened), self._boxes, allowed, self._clock)
-        if answer.status is ConicStatus.FAILED:
+        if not answer.known:
             self.message, self._open_end = "the conic solver gave up", True
-        elif answer.status is ConicStatus.SOLVED:
+        elif answer.relaxed is not None:
             order = answer.objective if len(self._boxes) > 1 else -float(self.nodes)
             heapq.heappush(self._heap, (order, self.nodes, opened, allowed, answer))
 
     def _settle(self, opened: Array, allowed: Array, most: float) -> None:
         """Solve with every choice made, and project where that costs no more than ``most``."""
         answer = self._planner.relaxed(self._scaled.only(opened), self._boxes, allowed, self._clock)
-        if answer.status is ConicStatus.SOLVED and answer.objective <= most:
-            self._project(answer)
+        if answer.relaxed is not None and answer.objective <= most:
+            self._project(answer, allowed)
 
-    def _expand(self, _: float, __: int, opened: Array, allowed: Array, answer: EnvelopedPlan) -> None:
-        shares = np.where(opened > 0.0, answer.shares, 0.0)
+    def _expand(self, _: float, __: int, opened: Array, allowed: Array, answer: RelaxationAnswer) -> None:
+        assert answer.relaxed is not None
+        shares = answer.relaxed.scaled.by_candidate(answer.relaxed.shares, 0.0)
+        modes = allowed if answer.modes is None else answer.modes
         loose = np.where(opened.sum(axis=1) > 1.0, 1.0 - shares.max(axis=1), 0.0)
-        torn = np.where(allowed.sum(axis=1) > 1.0, 1.0 - answer.modes.max(axis=1), 0.0)
+        torn = np.where(allowed.sum(axis=1) > 1.0, 1.0 - modes.max(axis=1), 0.0)
         if max(loose.max(), torn.max()) <= WHOLE:
-            self._project(answer)
+            self._project(answer, modes)
             self._open_end |= self.found is None
             return
         bound = answer.objective + max(GAP * abs(answer.objective), 1e-8)
-        self._settle(_one_of(shares), _one_of(answer.modes * allowed), bound if len(self._boxes) > 1 else np.inf)
+        self._settle(_one_of(shares), _one_of(modes * allowed), bound if len(self._boxes) > 1 else np.inf)
         if self.found is not None:
             return
-        which, table = (0, shares) if loose.max() >= torn.max() else (1, answer.modes)
+        which, table = (0, shares) if loose.max() >= torn.max() else (1, modes)
         row = int((loose, torn)[which].argmax())
         column = int(table[row].argmax())
         for keep in (False, True):
@@ -235,16 +220,15 @@ class _Search:
             parts[which][row, column] = kept if keep else 0.0
             self._add(*parts)
 
-    def _project(self, answer: EnvelopedPlan) -> None:
+    def _project(self, answer: RelaxationAnswer, modes: Array) -> None:
         """Round the shares to a choice and project; ``found`` where that gives a plan."""
+        assert answer.relaxed is not None
         self.tried += 1
-        choice, toes = answer.rounded()
-        chosen = self._scaled.chosen(choice)
-        start = PlanPoint(com=answer.com, rotation=answer.rotation, toes=toes, forces=answer.forces, residual=np.inf)
-        projector = self._planner.models.projector(chosen)
-        point = projector.project(self._planner.projection, chosen, start, self._clock)
-        if point.found:
-            self.found = (choice, point, np.asarray(answer.modes.argmax(axis=1)))
+        choice, start = answer.relaxed.rounded()
+        point = project(self._planner.programs, self._planner.projection, self._scaled.chosen(choice), start)
+        self._clock.count(point.solves, point.seconds)
+        if point.residual <= SURFACE:
+            self.found = (choice, point, np.asarray(modes.argmax(axis=1)))
             self.gap, self.objective = answer.gap, answer.objective
 
 

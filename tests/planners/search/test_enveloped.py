@@ -8,20 +8,17 @@ import numpy as np
 import pytest
 
 from stancekit.envs.courses import perturbed
-from stancekit.planners.conic import ConicStatus
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
-from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.relax import McCormick
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.keyframes.boxes import boxes_of, mirrored
-from stancekit.planners.keyframes.enveloped import EnvelopeCoursePlanner
-from stancekit.planners.keyframes.products import box_frames, domain_of
-from stancekit.planners.keyframes.relax import EnvelopedCourse
-from stancekit.planners.keyframes.scaled import ScaledCourse
-from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.relaxation.boxes import boxes_of, mirrored
+from stancekit.planners.relaxation.domain import domain_of
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.scene import hexapod
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
+from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_certificate
 
 MIRROR = np.diag([1.0, -1.0, 1.0])
@@ -29,22 +26,17 @@ ACROSS = {"RF": "LF", "RM": "LM", "RR": "LR", "LF": "RF", "LM": "RM", "LR": "RR"
 
 
 @pytest.fixture(scope="module")
-def models():
-    return CourseModels()
-
-
-@pytest.fixture(scope="module")
-def learned(stages, drawn):
+def learned(programs, drawn):
     """Quantile boxes over witnesses, by problem class."""
 
     def learn(name, count=40, share=0.02):
         problems, points = [], []
         for seed in range(count):
             problem = drawn(name, seed)
-            posture = ExactPlanner(stages=stages).solve(problem).posture
+            posture = ExactPlanner(programs=programs).solve(problem).posture
             if posture is not None:
                 problems.append(problem)
-                points.append(ScaledProblem.of(problem).point(posture))
+                points.append(Scaled.of(problem).point(posture))
         assert len(points) > 15
         low, high = np.quantile(points, [share, 1.0 - share], axis=0)
         return EnvelopeSet.for_problems(name, problems, [Envelope(low=low, high=high)])
@@ -83,14 +75,16 @@ def points_of(plan):
 
 @pytest.mark.parametrize("name", ["wall-3", "ground-3"])
 def test_a_mirrored_envelope_says_of_a_mirrored_posture_what_the_envelope_says_of_the_posture(name, learned, drawn):
-    model, envelopes, margins = McCormick(3, 3), learned[name], []
+    envelopes, margins = learned[name], []
     image = mirrored(envelopes, hexapod())
     assert image.legs == ("LF", "LR", "RM")
     for seed in range(100, 112):
         problem = drawn(name, seed)
         image.check_fits(reflected(problem))
-        plain = model.solve(ScaledProblem.of(problem), envelopes.envelopes[0])
-        seen = model.solve(ScaledProblem.of(reflected(problem)), image.envelopes[0])
+        scaled, seen_scaled = Scaled.of(problem), Scaled.of(reflected(problem))
+        model = McCormick(scaled.layout)
+        plain = model.solve(scaled, envelopes.envelopes[0])
+        seen = model.solve(seen_scaled, image.envelopes[0])
         assert seen.margin == pytest.approx(plain.margin, abs=1e-6)
         margins.append(plain.margin)
     assert min(margins) < -1e-3 < 1e-3 < max(margins) or name == "ground-3"
@@ -112,12 +106,13 @@ def test_the_margin_of_one_stance_is_that_of_its_posture_problem(seed, learned):
     assert set(names) == set(image.legs)
     ordered = replace(stance, limbs=tuple(course.robot.limb_names.index(leg) for leg in image.legs))
     problem = course.posture_problem(ordered, np.zeros(6, dtype=int))
-    scaled = ScaledCourse.of(course)
+    scaled = Scaled.of(course)
     for grown in (0.0, -0.12):
         box = image.envelopes[0] if not grown else _shrunk(image.envelopes[0], 0.55)
-        apart = McCormick(3, scaled.layout.vertices).solve(ScaledProblem.of(problem), box)
-        (whole,) = boxes_of(scaled, replace(learned["wall-3"], envelopes=(_mirrored_back(image, box),)))
-        together = EnvelopedCourse(scaled.layout, course.weights, scaled, soft=True).solve(scaled, whole)
+        posture = Scaled.of(problem)
+        apart = McCormick(posture.layout).solve(posture, box)
+        (whole,) = boxes_of(course, replace(learned["wall-3"], envelopes=(_mirrored_back(image, box),)))
+        together = McCormick(scaled.layout).solve(scaled, whole)
         assert together.margin == pytest.approx(apart.margin, abs=2e-6)
 
 
@@ -132,77 +127,77 @@ def _mirrored_back(image, box):
 
 def test_the_hard_form_has_an_answer_exactly_where_the_margin_is_not_positive(learned):
     course = read_course("walls", frames=3)
-    scaled = ScaledCourse.of(course)
-    (box,) = boxes_of(scaled, learned["wall-3"])
-    hard = EnvelopedCourse(scaled.layout, course.weights, scaled)
-    soft = EnvelopedCourse(scaled.layout, course.weights, scaled, soft=True)
+    scaled = Scaled.of(course)
+    (box,) = boxes_of(course, learned["wall-3"])
+    hard = McCormick(scaled.layout, soft=False)
+    soft = McCormick(scaled.layout)
     said = set()
     for share in (1.0, 0.7, 0.4, 0.2, 0.1):
         narrow = _shrunk(box, share)
         answer, margin = hard.solve(scaled, narrow), soft.solve(scaled, narrow).margin
         assert abs(margin) > 1e-6  # none of these is a borderline case
-        assert answer.feasible == (margin <= 0.0) == (answer.status is ConicStatus.SOLVED)
+        assert answer.feasible == (margin <= 0.0) == (answer.relaxed is not None)
         said.add(answer.feasible)
     assert said == {True, False}
 
 
 @pytest.mark.parametrize("axes", ["contact", "world"])
-def test_an_envelope_around_a_plan_admits_it_so_that_p1_costs_no_more(axes, models):
+def test_an_envelope_around_a_plan_admits_it_so_that_p1_costs_no_more(axes, programs):
     course = perturbed("walls", np.random.default_rng(3), frames=3)
-    outcome = TwoStageCoursePlanner(models=models).solve(course)
+    outcome = TwoStageCoursePlanner(programs=programs).solve(course)
     assert outcome.plan is not None
-    scaled, points = ScaledCourse.of(course), points_of(outcome.plan)
+    scaled, points = Scaled.of(course), points_of(outcome.plan)
     if axes == "world":
-        frames = box_frames(scaled, "contact")
+        frames = scaled.chosen(outcome.plan.choice).contact_frames
         points[:, 3:] = np.einsum("bij,bj->bi", frames, points[:, 3:])
     domain = domain_of(scaled, axes)
     assert np.all(points >= domain.low - 1e-7)
     assert np.all(points <= domain.high + 1e-7)
     box = Envelope(low=points - 0.02, high=points + 0.02)
-    answer = EnvelopedCourse(scaled.layout, course.weights, scaled, axes=axes).solve(scaled, box)
+    answer = McCormick(scaled.layout, axes, False).solve(scaled, box)
     assert answer.feasible
     assert answer.objective * course.length_scale_m**2 <= outcome.objective + 1e-7
     assert answer.gap <= 0.02 * 0.02 + 1e-6  # the furthest that the envelope of a square of this size is from p f
 
 
 @pytest.mark.parametrize(("name", "of"), [("walls", "wall-3"), ("stairs", "ground-3"), ("icy-walls", "wall-3")])
-def test_p1_over_an_envelope_then_p2_gives_plans_that_the_verifier_accepts(name, of, learned, models):
+def test_p1_over_an_envelope_then_p2_gives_plans_that_the_verifier_accepts(name, of, learned, programs):
     course = read_course(name, frames=3)
     wide = replace(learned[of], envelopes=(learned[of].envelopes[0].widened(0.05),))
-    outcome = EnvelopeCoursePlanner(wide, models=models).solve(course)
+    outcome = EnvelopeCoursePlanner(wide, programs=programs).solve(course)
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert np.isnan(outcome.bound)  # a learned box proves no bound
 
 
 @pytest.mark.parametrize("projection", ["fix-p", "fix-toes"])
-def test_the_papers_projections_are_there_too(projection, learned, models):
+def test_the_papers_projections_are_there_too(projection, learned, programs):
     course = read_course("walls", frames=3)
-    outcome = EnvelopeCoursePlanner(learned["wall-3"], projection=projection, models=models).solve(course)
+    outcome = EnvelopeCoursePlanner(learned["wall-3"], projection=projection, programs=programs).solve(course)
     assert outcome.status is Status.FEASIBLE, outcome.message
 
 
-def test_a_box_too_small_is_reported_with_its_margin_and_proves_nothing(learned, models):
+def test_a_box_too_small_is_reported_with_its_margin_and_proves_nothing(learned, programs):
     narrow = replace(learned["wall-3"], envelopes=(_shrunk(learned["wall-3"].envelopes[0], 0.1),))
-    outcome = EnvelopeCoursePlanner(narrow, models=models).solve(read_course("walls", frames=3))
+    outcome = EnvelopeCoursePlanner(narrow, programs=programs).solve(read_course("walls", frames=3))
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "infeasible")
     assert outcome.details["margin"] > 1e-3
     assert "over a learned box that is no proof" in outcome.message
 
 
-def test_of_several_envelopes_the_one_that_fits_is_taken(learned, models):
+def test_of_several_envelopes_the_one_that_fits_is_taken(learned, programs):
     box = learned["wall-3"].envelopes[0]
     up = np.array([0.0, 0.0, 0.4, 0.0, 0.0, 0.0])
     away = Envelope(low=box.low + up, high=box.high + up)
     several = replace(learned["wall-3"], envelopes=(away, box))
-    outcome = EnvelopeCoursePlanner(several, models=models).solve(read_course("walls", frames=2))
+    outcome = EnvelopeCoursePlanner(several, programs=programs).solve(read_course("walls", frames=2))
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert outcome.plan.modes is None  # envelopes of one terrain are no modes
 
 
-def test_a_course_that_is_infeasible_whatever_the_box_gets_the_lifts_proof(learned, models):
+def test_a_course_that_is_infeasible_whatever_the_box_gets_the_lifts_proof(learned, programs):
     course = read_course("walls", frames=3)
     short = replace(course, com_radius_m=np.full(3, 1e-3), steps=replace(course.steps, com_m=0.01, progress_m=0.0))
-    outcome = EnvelopeCoursePlanner(learned["wall-3"], models=models).solve(short)
+    outcome = EnvelopeCoursePlanner(learned["wall-3"], programs=programs).solve(short)
     assert outcome.status is Status.INFEASIBLE
     assert check_certificate(short, outcome.certificate).accepted
 
@@ -213,30 +208,32 @@ def test_stances_that_the_set_was_not_learned_for_are_named(learned):
     with pytest.raises(
         InvalidInput, match=r"frame 0: expected a stance on RF, RR, LM or LF, LR, RM, .*got one on LF, "
     ):
-        boxes_of(ScaledCourse.of(six), learned["wall-3"])
+        boxes_of(six, learned["wall-3"])
     with pytest.raises(InvalidInput, match=r"frame 0, stance on .*: contacts\[\d\]\.normal: expected one within"):
-        boxes_of(ScaledCourse.of(read_course("tube", frames=3)), learned["wall-3"])
+        boxes_of(read_course("tube", frames=3), learned["wall-3"])
     turned = tuple(
         replace(one, candidates=tuple(replace(p, shear_reference=np.array([1.0, 0, 0])) for p in one.candidates))
         for one in course.placements
     )
     with pytest.raises(InvalidInput, match=r"frame 0, stance on .*, limb \w\w: expected the shear axis z up on walls"):
-        boxes_of(ScaledCourse.of(replace(course, placements=turned)), learned["wall-3"])
+        boxes_of(replace(course, placements=turned), learned["wall-3"])
 
 
-def test_candidates_of_different_slopes_need_boxes_in_world_axes():
+def test_candidates_of_different_slopes_need_boxes_in_world_axes(learned):
     course = read_course("walls", frames=2)
     leaning = course.placements[0].candidates[0]
     normal = np.array([0.0, np.cos(0.1), np.sin(0.1)]) * np.sign(leaning.normal[1])
     height = (leaning.vertices_m - leaning.centre_m) @ normal
     other = replace(leaning, normal=normal, vertices_m=leaning.vertices_m - height[:, None] * normal)
     changed = replace(course.placements[0], candidates=(leaning, other))
-    several = ScaledCourse.of(replace(course, placements=(changed, *course.placements[1:])))
+    several = replace(course, placements=(changed, *course.placements[1:]))
     with pytest.raises(
         InvalidInput, match=r"frame 0, limb LF: expected candidate patches that share one contact frame"
     ):
-        box_frames(several, "contact")
-    np.testing.assert_array_equal(box_frames(several, "world")[0], np.eye(3))
+        boxes_of(several, learned["wall-3"])
+    (box,) = boxes_of(several, learned["wall-3"], "world")
+    scaled = Scaled.of(several)
+    assert McCormick(scaled.layout, "world").solve(scaled, box).known
 
 
 def test_a_robot_that_is_not_symmetric_has_no_mirrored_envelope(learned):

@@ -1,4 +1,4 @@
-"""Learned envelopes over the bearings of a course: which box belongs to which limb of which stance.
+"""Learned envelopes over the stance contacts of a course: which box belongs to which limb of which stance.
 
 An envelope is learned for some legs, RF, RR and LM for one. The other tripod LF, LR and RM is its mirror image about
 the sagittal plane. With S = diag(1, −1, 1) a toe at p goes to S p and a force F to S F. The shear axes of the house, up
@@ -14,13 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import Array
-from ..contact.envelope import Envelope, EnvelopeSet
 from ..outcome import InvalidInput
 from ..scene.course import Course, Stance
 from ..scene.robot import Robot
 from ..scene.surfaces import shear_of
-from .products import Axes
-from .scaled import ScaledCourse
+from .envelope import Envelope, EnvelopeSet
+from .mccormick import Axes
 
 MIRROR = np.array([1.0, -1.0, 1.0])
 """S: world to mirrored world."""
@@ -40,23 +39,23 @@ def mirrored(envelopes: EnvelopeSet, robot: Robot) -> EnvelopeSet:
     )
 
 
-def boxes_of(scaled: ScaledCourse, envelopes: EnvelopeSet, axes: Axes = "contact") -> tuple[Envelope, ...]:
-    """Every envelope of the set, as a box over the B bearings of a course.
+def boxes_of(course: Course, envelopes: EnvelopeSet, axes: Axes = "contact") -> tuple[Envelope, ...]:
+    """Every envelope of the set, as a box over the B stance contacts of a course.
 
     Raises InvalidInput that names the first stance whose limbs or patches the set was not learned for.
     """
-    course, layout = scaled.course, scaled.layout
     either = (envelopes, mirrored(envelopes, course.robot))
-    stance_of, limb_of, _ = layout.bearing
-    low, high = (np.zeros((len(envelopes.envelopes), len(limb_of), 6)) for _ in range(2))
-    for index, stance in enumerate(course.stances):
+    low, high = list[Array](), list[Array]()
+    for stance in course.stances:
         fitting = _fitting(course, stance, either)
         _check(course, stance, fitting, axes)
-        rows = np.flatnonzero(stance_of == index)
-        columns = [fitting.legs.index(course.robot.limb_names[limb]) for limb in limb_of[rows]]
-        low[:, rows] = np.stack([box.low[columns] for box in fitting.envelopes])
-        high[:, rows] = np.stack([box.high[columns] for box in fitting.envelopes])
-    return tuple(Envelope(low=below, high=above) for below, above in zip(low, high, strict=True))
+        for limb in stance.limbs if axes == "contact" else ():
+            _check_one_frame(course, limb, int(course.holds[stance.frame, limb]))
+        columns = [fitting.legs.index(course.robot.limb_names[limb]) for limb in stance.limbs]
+        low.append(np.stack([box.low[columns] for box in fitting.envelopes]))
+        high.append(np.stack([box.high[columns] for box in fitting.envelopes]))
+    ends = (np.concatenate(side, axis=1) for side in (low, high))
+    return tuple(Envelope(low=below, high=above) for below, above in zip(*ends, strict=True))
 
 
 def _partner(robot: Robot, leg: str) -> str:
@@ -79,6 +78,17 @@ def _fitting(course: Course, stance: Stance, either: tuple[EnvelopeSet, ...]) ->
         f"frame {stance.frame}: expected a stance on {known}, as the envelope learned for "
         f"{either[0].problem_class} has it, got one on {', '.join(names)}"
     )
+
+
+def _check_one_frame(course: Course, limb: int, foothold: int) -> None:
+    """Raise InvalidInput unless the candidates of a foothold share one contact frame."""
+    placement = course.placements[foothold]
+    frames = np.array([patch.frame for patch in placement.candidates])
+    if np.abs(frames - frames[0]).max() > 1e-6:
+        raise InvalidInput(
+            f"frame {placement.frame}, limb {course.robot.limb_names[limb]}: expected candidate patches that share one "
+            "contact frame, for boxes on the forces in it; got several: use boxes in world axes, or one candidate"
+        )
 
 
 def _check(course: Course, stance: Stance, envelopes: EnvelopeSet, axes: Axes) -> None:

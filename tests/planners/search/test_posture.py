@@ -1,4 +1,4 @@
-"""P1 → P2: what the two stages may claim, and of which problem."""
+"""P1 → P2: what the two programs may claim, and of which problem."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
-from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.lift import LiftAnswer
 from stancekit.planners.contact.methods import METHODS, make_planner
-from stancekit.planners.contact.planner import Acceptance
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.contact.stages import PROJECTIONS, Stages
-from stancekit.planners.contact.twostage import TwoStagePlanner
+from stancekit.planners.equilibrium.rows import ConicStatus
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.projection.project import POSTURE_PROJECTIONS
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.lift import LiftProgram
+from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.search import posture
+from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.posture import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_posture
 
 SEEDS = range(60)
@@ -23,16 +26,16 @@ NO_PROOF = "the relaxation is infeasible; over a learned box that is no proof"
 
 
 @pytest.fixture(scope="module")
-def truth(stages, drawn):
+def truth(programs, drawn):
     """Wall-3 problems with the exact planner's answer."""
-    planner = ExactPlanner(stages=stages)
+    planner = ExactPlanner(programs=programs)
     return [(drawn("wall-3", seed), planner.solve(drawn("wall-3", seed))) for seed in SEEDS]
 
 
 @pytest.fixture(scope="module")
 def learned(truth):
     """Quantile boxes of the first witnesses, two of them."""
-    points = np.array([ScaledProblem.of(p).point(o.posture) for p, o in truth if o.status is Status.FEASIBLE])
+    points = np.array([Scaled.of(p).point(o.posture) for p, o in truth if o.status is Status.FEASIBLE])
     boxes = [Envelope(low=np.quantile(points, q, axis=0), high=np.quantile(points, 1 - q, axis=0)) for q in (0.2, 0.05)]
     return EnvelopeSet.for_problems("wall-3", [problem for problem, _ in truth], boxes)
 
@@ -45,10 +48,10 @@ def point_box(value):
     return Envelope(low=np.full((3, 6), value), high=np.full((3, 6), value))
 
 
-@pytest.mark.parametrize("projection", [*PROJECTIONS, None])
+@pytest.mark.parametrize("projection", [*POSTURE_PROJECTIONS, None])
 @pytest.mark.parametrize("with_box", [True, False])
-def test_a_status_is_always_one_of_the_whole_problem(stages, truth, learned, projection, with_box):
-    planner = TwoStagePlanner(envelopes=learned if with_box else None, projection=projection, stages=stages)
+def test_a_status_is_always_one_of_the_whole_problem(programs, truth, learned, projection, with_box):
+    planner = TwoStagePlanner(envelopes=learned if with_box else None, projection=projection, programs=programs)
     seen = dict.fromkeys(Status, 0)
     for problem, exact in truth[:40]:
         outcome = planner.solve(problem)
@@ -71,16 +74,16 @@ def test_a_status_is_always_one_of_the_whole_problem(stages, truth, learned, pro
         assert seen[Status.FEASIBLE] >= 5
 
 
-def test_scp_from_the_lift_decides_nearly_all(stages, truth):
-    planner = TwoStagePlanner(stages=stages)
+def test_scp_from_the_lift_decides_nearly_all(programs, truth):
+    planner = TwoStagePlanner(programs=programs)
     outcomes = [planner.solve(problem) for problem, _ in truth]
     agreed = [mine.status is exact.status for mine, (_, exact) in zip(outcomes, truth, strict=True)]
     assert sum(agreed) == len(truth)
 
 
 @pytest.mark.parametrize("method", ["p1", "two-stage"])
-def test_a_box_that_refuses_a_problem_proves_nothing(stages, truth, learned, method):
-    planner = make_planner(method, envelopes=boxed(learned, point_box(0.0)), stages=stages)
+def test_a_box_that_refuses_a_problem_proves_nothing(programs, truth, learned, method):
+    planner = make_planner(method, envelopes=boxed(learned, point_box(0.0)), programs=programs)
     refused = 0
     for problem, exact in truth[:30]:
         outcome = planner.solve(problem)
@@ -96,8 +99,8 @@ def test_a_box_that_refuses_a_problem_proves_nothing(stages, truth, learned, met
     assert refused >= 15
 
 
-def test_what_no_box_can_help_comes_with_the_lifts_certificate(stages, truth, learned):
-    planner = make_planner("p1", envelopes=learned, stages=stages)
+def test_what_no_box_can_help_comes_with_the_lifts_certificate(programs, truth, learned):
+    planner = make_planner("p1", envelopes=learned, programs=programs)
     trivial = 0
     for problem, exact in truth:
         if exact.details["trivial"]:
@@ -109,23 +112,23 @@ def test_what_no_box_can_help_comes_with_the_lifts_certificate(stages, truth, le
     assert trivial >= 8
 
 
-def test_the_numbers_of_p1_are_those_of_its_stages(stages, truth, learned):
-    planner = TwoStagePlanner(envelopes=learned, projection="fix-toes", stages=stages)
+def test_the_numbers_of_p1_are_those_of_its_programs(programs, truth, learned):
+    planner = TwoStagePlanner(envelopes=learned, projection="fix-toes", programs=programs)
     for problem, _ in truth[:20]:
-        scaled = ScaledProblem.of(problem)
-        answer = stages.box(scaled).solve_any(scaled, learned.envelopes)
+        scaled = Scaled.of(problem)
+        answer = programs.get(McCormick, scaled.layout).solve_any(scaled, learned.envelopes)
         details = planner.solve(problem).details
         assert details == pytest.approx(
             {"margin": answer.margin, "gap": answer.gap, "chosen": answer.chosen}, nan_ok=True
         )
 
 
-def test_p1_alone_is_feasible_only_where_its_own_point_is_a_posture(stages, truth, learned):
+def test_p1_alone_is_feasible_only_where_its_own_point_is_a_posture(programs, truth, learned):
     """In a box without size about a witness, the relaxation is the problem itself."""
     problem, exact = next((p, o) for p, o in truth if o.status is Status.FEASIBLE)
-    point = ScaledProblem.of(problem).point(exact.posture)
-    tight = make_planner("p1", envelopes=boxed(learned, Envelope(low=point, high=point)), stages=stages)
-    wide = make_planner("p1", envelopes=boxed(learned, Envelope(low=point - 0.5, high=point + 0.1)), stages=stages)
+    point = Scaled.of(problem).point(exact.posture)
+    tight = make_planner("p1", envelopes=boxed(learned, Envelope(low=point, high=point)), programs=programs)
+    wide = make_planner("p1", envelopes=boxed(learned, Envelope(low=point - 0.5, high=point + 0.1)), programs=programs)
     outcome = tight.solve(problem)
     assert outcome.status is Status.FEASIBLE
     assert outcome.residual < 1e-6
@@ -135,40 +138,36 @@ def test_p1_alone_is_feasible_only_where_its_own_point_is_a_posture(stages, trut
     assert loose.residual > 1e-3
 
 
-def test_a_projection_without_answer_is_told(truth, learned, monkeypatch):
-    stages = Stages()
-    project = stages.project
-
-    def fails(projection, scaled, start):
-        return replace(project(projection, scaled, start), residual=float("inf"))
-
-    monkeypatch.setattr(stages, "project", fails)
+def test_a_projection_without_answer_is_told(truth, programs, monkeypatch):
+    project = posture.project
+    monkeypatch.setattr(posture, "project", lambda *given: replace(project(*given), residual=float("inf")))
     problem = next(p for p, o in truth if o.status is Status.FEASIBLE)
-    outcome = TwoStagePlanner(projection="fix-f", stages=stages).solve(problem)
+    outcome = TwoStagePlanner(projection="fix-f", programs=programs).solve(problem)
     assert outcome.status is Status.UNDECIDED
     assert outcome.message == "fix-f found no answer from P1's point"
 
 
 @pytest.mark.parametrize("with_box", [True, False])
-def test_a_relaxation_that_was_not_solved_is_told(truth, learned, monkeypatch, with_box):
-    stages, none = Stages(), np.zeros(0)
-    gave_up = LiftAnswer(
-        solved=False, bound=0.0, multipliers=none, toes=none, forces=none, by_vertex=none, weights=none, com=none,
-        rotation=none,
-    )  # fmt: skip
+def test_a_relaxation_that_was_not_solved_is_told(truth, learned, programs, monkeypatch, with_box):
     problem = truth[0][0]
-    p1 = stages.box(ScaledProblem.of(problem))
-    unknown = replace(p1.solve(ScaledProblem.of(problem), learned.envelopes[0]), margin=float("nan"))
-    monkeypatch.setattr(stages, "lift", lambda scaled: gave_up)
-    monkeypatch.setattr(p1, "solve_any", lambda scaled, envelopes: unknown)
-    outcome = TwoStagePlanner(envelopes=learned if with_box else None, stages=stages).solve(problem)
+    lift, any_of = LiftProgram.solve, McCormick.solve_any
+
+    def gave_up(program, scaled):
+        return replace(lift(program, scaled), status=ConicStatus.FAILED, bound=0.0)
+
+    def unknown(program, scaled, envelopes):
+        return replace(any_of(program, scaled, envelopes), margin=float("nan"))
+
+    monkeypatch.setattr(LiftProgram, "solve", gave_up)
+    monkeypatch.setattr(McCormick, "solve_any", unknown)
+    outcome = TwoStagePlanner(envelopes=learned if with_box else None, programs=programs).solve(problem)
     assert outcome.status is Status.UNDECIDED
     assert outcome.message == "the relaxation was not solved"
     assert outcome.claim == ""
 
 
-def test_every_convex_solve_is_counted(stages, truth, learned):
-    planner = make_planner("p1", envelopes=boxed(learned, *learned.envelopes, point_box(0.0)), stages=stages)
+def test_every_convex_solve_is_counted(programs, truth, learned):
+    planner = make_planner("p1", envelopes=boxed(learned, *learned.envelopes, point_box(0.0)), programs=programs)
     assert planner.solve(truth[0][0]).solves == 3
     trivial = next(problem for problem, exact in truth if exact.details["trivial"])
     assert planner.solve(trivial).solves == 4  # and the lift, for its certificate
@@ -199,8 +198,8 @@ def refusal(call, *values, **named):
     return str(error.value)
 
 
-def test_an_envelope_of_another_class_is_refused(stages, drawn, learned):
-    planner = TwoStagePlanner(envelopes=learned, stages=stages)
+def test_an_envelope_of_another_class_is_refused(programs, drawn, learned):
+    planner = TwoStagePlanner(envelopes=learned, programs=programs)
     of = "an envelope learned for wall-3"
     assert refusal(planner.solve, drawn("wall-5", 0)) == (
         f"contacts: expected legs ['RF', 'RR', 'LM'] for {of}, got ['RF', 'RM', 'RR', 'LF', 'LR']"
@@ -214,7 +213,7 @@ def test_an_envelope_of_another_class_is_refused(stages, drawn, learned):
     up = replace(learned, normals=np.tile([0.0, 1.0, 0.0], (3, 1)), tilt_rad=np.full(3, np.deg2rad(30.0)))
     contact = drawn("ground-3", 0).contacts[0]
     lean = np.rad2deg(np.arccos(contact.patch.normal[1]))
-    assert refusal(TwoStagePlanner(envelopes=up, stages=stages).solve, drawn("ground-3", 0)) == (
+    assert refusal(TwoStagePlanner(envelopes=up, programs=programs).solve, drawn("ground-3", 0)) == (
         f"contacts[0].normal: expected one within 40° of [0.0, 1.0, 0.0] for {of}, got one {lean:.0f}° off"
     )
 
@@ -249,10 +248,10 @@ def test_planners_are_made_by_name(learned):
     assert refusal(make_planner, "micp", envelopes=learned) == "envelope: expected one envelope for micp, got 2"
 
 
-def test_a_looser_gap_lets_the_lift_hand_on_to_the_projection(stages, truth):
+def test_a_looser_gap_lets_the_lift_hand_on_to_the_projection(programs, truth):
     """Where a residual is bounded away from 0 but below the gap, nothing is refused and nothing found."""
     problem, exact = next((p, o) for p, o in truth if 1e-3 < o.lower_bound < 1.0)
-    planner = TwoStagePlanner(acceptance=Acceptance(gap=2.0), stages=stages)
+    planner = TwoStagePlanner(acceptance=Acceptance(gap=2.0), programs=programs)
     outcome = planner.solve(problem)
     assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "feasible")
     assert outcome.residual >= exact.lower_bound

@@ -10,28 +10,27 @@ import pytest
 
 from stancekit.envs.courses import perturbed
 from stancekit.learners.modes import learn_modes
-from stancekit.planners.conic import ConicStatus
-from stancekit.planners.contact.envelope import Envelope
-from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.scaled import ScaledProblem
-from stancekit.planners.keyframes.boxes import boxes_of
-from stancekit.planners.keyframes.clock import Clock
-from stancekit.planners.keyframes.enveloped import EnvelopeCoursePlanner
-from stancekit.planners.keyframes.modes import Modes, alone, composed, modes_of_frames, world_points
-from stancekit.planners.keyframes.products import domain_of
-from stancekit.planners.keyframes.relax import EnvelopedCourse, ModedCourse
-from stancekit.planners.keyframes.scaled import ScaledCourse
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.relaxation.boxes import boxes_of
+from stancekit.planners.relaxation.domain import domain_of
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.modes import Modes, composed, modes_of_frames, world_points
 from stancekit.planners.scene.course_spec import read_course, read_spec
 from stancekit.planners.scene.layout import lay_out
+from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.cuts import alone
+from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
+from stancekit.planners.search.exact import ExactPlanner
 
 SHORT = read_spec("ground-to-wall").model_copy(update={"start_m": (0.2, 0, 0.2), "goal_m": (0.25, 0, 0.4), "frames": 6})
 """The part about the switch."""
 
 
 @pytest.fixture(scope="module")
-def modes(stages):
-    return learn_modes(rng=np.random.default_rng(0), count=120, stages=stages)
+def modes(programs):
+    return learn_modes(rng=np.random.default_rng(0), count=120, programs=programs)
 
 
 @pytest.fixture(scope="module")
@@ -43,18 +42,18 @@ def planner(modes):
 def small():
     """A small climb, two boxes over it that cost something, and P1 with each of their eight choices."""
     course = read_course("walls", frames=2)
-    scaled = ScaledCourse.of(course)
+    scaled = Scaled.of(course)
     domain = domain_of(scaled, "world")
     boxes = []
     for axis, room in ((0, 0.08), (2, 0.08)):  # the body kept back, or kept down: off the goal either way
         low = domain.low.copy()
         low[:, axis] = domain.high[:, axis] - room
         boxes.append(Envelope(low=low, high=domain.high))
-    single = EnvelopedCourse(scaled.layout, course.weights, scaled, axes="world")
+    single = McCormick(scaled.layout, "world", False)
     assert len(scaled.layout.stances) == 3
     choices = {z: single.solve(scaled, composed(scaled.layout, boxes, np.array(z)))
                for z in itertools.product((0, 1), repeat=3)}  # fmt: skip
-    return scaled, tuple(boxes), choices
+    return course, scaled, tuple(boxes), choices
 
 
 @pytest.mark.parametrize("seed", [None, 1])
@@ -81,24 +80,24 @@ def test_the_envelopes_of_ground_and_wall_exclude_each_other(modes):
 
 
 def test_the_hull_with_every_choice_made_is_p1_over_the_chosen_boxes(small):
-    scaled, boxes, choices = small
-    hull = ModedCourse(scaled.layout, scaled.course.weights, scaled, boxes=2)
+    _, scaled, boxes, choices = small
+    hull = McCormick(scaled.layout, "world", False, 2)
     for z, single in choices.items():
-        answer = hull.solve(scaled, boxes, np.eye(2)[list(z)])
-        assert answer.status is single.status
-        if single.status is ConicStatus.SOLVED:
+        answer = hull.solve_hull(scaled, boxes, np.eye(2)[list(z)])
+        assert (answer.known, answer.feasible) == (True, single.feasible)
+        if single.feasible:
             assert answer.objective == pytest.approx(single.objective, abs=1e-6)
             np.testing.assert_allclose(answer.modes, np.eye(2)[list(z)], atol=1e-6)
 
 
 def test_the_hull_bounds_every_choice_and_the_search_finds_the_best(small, modes):
-    scaled, boxes, choices = small
-    solved = {z: answer.objective for z, answer in choices.items() if answer.status is ConicStatus.SOLVED}
+    course, scaled, boxes, choices = small
+    solved = {z: answer.objective for z, answer in choices.items() if answer.feasible}
     assert len(solved) > 1
     best = min(solved.values())
     assert max(solved.values()) > best + 1e-5  # it matters which
-    hull = ModedCourse(scaled.layout, scaled.course.weights, scaled, boxes=2)
-    assert hull.solve(scaled, boxes, np.ones((3, 2))).objective <= best + 1e-6
+    hull = McCormick(scaled.layout, "world", False, 2)
+    assert hull.solve_hull(scaled, boxes, np.ones((3, 2))).objective <= best + 1e-6
 
     class Given(EnvelopeCoursePlanner):
         def allowed(self, scaled, boxes, clock):
@@ -108,28 +107,28 @@ def test_the_hull_bounds_every_choice_and_the_search_finds_the_best(small, modes
             return super().relaxed(scaled, given if len(boxes) == 2 else boxes, allowed, clock)
 
     given = boxes
-    outcome = Given(modes).solve(scaled.course)
+    outcome = Given(modes).solve(course)
     assert outcome.status is Status.FEASIBLE
-    length = scaled.course.length_scale_m
+    length = scaled.length_m
     assert outcome.details["p1_objective"] / length**2 == pytest.approx(best, rel=2e-4, abs=2e-8)
 
 
 def test_a_stance_alone_relaxes_the_course(small):
-    scaled, boxes, choices = small
-    assert any(answer.status is ConicStatus.SOLVED for answer in choices.values())
+    _, scaled, boxes, choices = small
+    assert any(answer.feasible for answer in choices.values())
     for stance in range(3):
-        part, rows = alone(scaled, stance)
-        model = EnvelopedCourse(part.layout, scaled.course.weights, part, axes="world")
+        part, _, rows = alone(scaled, stance)
+        model = McCormick(part.layout, "world", False)
         for e in (0, 1):
             box = Envelope(low=boxes[e].low[rows], high=boxes[e].high[rows])
-            if model.solve(part, box).status is ConicStatus.INFEASIBLE:
+            if np.isposinf(model.solve(part, box).margin):
                 assert not any(answer.feasible for z, answer in choices.items() if z[stance] == e)
 
 
 def test_closing_boxes_leaves_what_a_stance_can_use(planner, modes):
     course = lay_out(SHORT, Path())
-    scaled = ScaledCourse.of(course)
-    allowed = planner.allowed(scaled, boxes_of(scaled, modes.boxes, "world"), Clock.start())
+    scaled = Scaled.of(course)
+    allowed = planner.allowed(scaled, boxes_of(course, modes.boxes, "world"), Clock.start())
     wanted = [course.modes[frame] for frame, _ in scaled.layout.stances]
     carried = [all(abs(_normal(course, stance, limb)[2]) > 0.7 for limb in stance.limbs) for stance in course.stances]
     np.testing.assert_array_equal(allowed.argmax(axis=1), 1 - np.array(carried))
@@ -141,12 +140,12 @@ def _normal(course, stance, limb):
     return course.placements[course.holds[stance.frame, limb]].candidates[0].normal
 
 
-def test_world_points_are_the_forces_of_the_postures(stages, drawn):
+def test_world_points_are_the_forces_of_the_postures(programs, drawn):
     problems = [drawn("wall-3", seed) for seed in range(12)]
-    outcomes = [ExactPlanner(stages=stages).solve(problem) for problem in problems]
+    outcomes = [ExactPlanner(programs=programs).solve(problem) for problem in problems]
     found = [(p, o.posture) for p, o in zip(problems, outcomes, strict=True) if o.posture is not None]
     assert found
-    points = np.array([ScaledProblem.of(problem).point(posture) for problem, posture in found])
+    points = np.array([Scaled.of(problem).point(posture) for problem, posture in found])
     turned = world_points([problem for problem, _ in found], points)
     for row, (problem, posture) in zip(turned, found, strict=True):
         np.testing.assert_allclose(row[:, 3:] * problem.weight_n, posture.forces_n, atol=1e-9)
