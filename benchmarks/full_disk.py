@@ -83,6 +83,7 @@ def disk() -> Iterator[tuple[Path, bool]]:
         try:
             yield Path(folder), mounted
         finally:
+            os.chdir("/")
             if mounted:
                 subprocess.run(["umount", folder], check=True)
 
@@ -130,14 +131,15 @@ class Trial:
 
     def faulted(self, at: int, fault: Fault) -> list[str]:
         """What is wrong after a fault at a call."""
-        done = self.again(at, fault)
+        struck = self.again(at, fault)
         if fault == "full":
-            return self.judged(done)
+            return self.judged(struck)
         wrong = self.harm(left=True)
-        if done.code != -9:
-            wrong.append(f"exit code {done.code}, expected to be killed")
+        if struck.code != -9:
+            wrong.append(f"exit code {struck.code}, expected to be killed")
         after = self.run(self._case.verb)
-        if after.code != self._case.code:
+        done = self._case.once and not self._names - set(contents(self._work))
+        if after.code != self._case.code and not done:
             wrong.append(f"the next run: exit code {after.code}: {after.said.strip()[-300:]}")
         return wrong + [f"after the next run: {line}" for line in self.harm()]
 

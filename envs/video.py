@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import errno
-import os
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
@@ -16,7 +14,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.files import check_writable
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.writing import replaced
+from stancekit.planners.writing import failure_of, replaced
 
 Frame = NDArray[np.uint8]
 
@@ -97,16 +95,7 @@ def _encoder(path: Path, first: Frame, fps: float) -> Iterator[Callable[[Frame],
                     stream.close()
         if failed:
             said.seek(0)
-            raise _failure(said.read().decode(errors="replace"))
-
-
-def _failure(said: str) -> OSError:
-    """What made ffmpeg fail, by its last words."""
-    known = (number for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO) if os.strerror(number) in said)
-    number = next(known, None)
-    if number is not None:
-        return OSError(number, os.strerror(number))
-    return OSError(f"ffmpeg failed: {said.strip().splitlines()[-1] if said.strip() else 'without a word'}")
+            raise failure_of("ffmpeg", said.read().decode(errors="replace"))
 
 
 def _ffmpeg() -> str:

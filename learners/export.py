@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import gymnasium
@@ -22,6 +23,7 @@ from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.writing import replaced
+from stancekit.planners.writing import failure_of, replaced
 
 from .dataset import Dataset, LabelledPosture
 
@@ -84,13 +86,21 @@ def export(
         episodes.append(_episode(minari, env, index, observation, expert_action(scenes.row, room)))
         if progress is not None:
             progress(index + 1, len(rows))
-    with replaced(out, folder=True) as partial, _minari_root(partial):
-        minari.create_dataset_from_buffers(
-            dataset_id, episodes, env=_spec(dataset.problem_class),
-            observation_space=env.observation_space, action_space=env.action_space,
-            algorithm_name="stancekit exact planner", requirements=[f"stancekit=={version('stancekit')}"],
-            description=_description(dataset, room),
-        )  # fmt: skip
+    with replaced(out, folder=True) as partial:
+
+        def create() -> None:
+            with _minari_root(partial):
+                minari.create_dataset_from_buffers(
+                    dataset_id, episodes, env=_spec(dataset.problem_class),
+                    observation_space=env.observation_space, action_space=env.action_space,
+                    algorithm_name="stancekit exact planner", requirements=[f"stancekit=={version('stancekit')}"],
+                    description=_description(dataset, room),
+                )  # fmt: skip
+                written = load_exported(partial)
+                if sum(1 for _ in written.iterate_episodes()) != len(episodes):
+                    raise OSError("expected all episodes back")
+
+        _apart(create)
     return Exported(
         root=out.resolve(),
         dataset_id=dataset_id,
@@ -98,6 +108,26 @@ def export(
         mean_reward=float(np.mean([episode.rewards[0] for episode in episodes])),
         agreement=float(np.mean([e.infos["label"][0, 0] == e.infos["p1_feasible"][0, 0] for e in episodes])),
     )
+
+
+def _apart(create: Callable[[], None]) -> None:
+    """Do it in a process of its own: a full disk takes HDF5 down with the process. Raises OSError where it failed."""
+    with TemporaryFile() as said:
+        process = os.fork()
+        if not process:
+            status = 1
+            try:
+                os.dup2(said.fileno(), 2)
+                create()
+                status = 0
+            except BaseException as error:
+                os.write(2, f"{error}\n".encode(errors="replace"))
+            finally:
+                os._exit(status)  # and not by way of HDF5's own clean-up
+        _, status = os.waitpid(process, 0)
+        if status:
+            said.seek(0)
+            raise failure_of("Minari", said.read().decode(errors="replace"))
 
 
 def load_exported(root: Path) -> Any:

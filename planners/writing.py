@@ -114,6 +114,15 @@ def unwritable(path: str | Path, error: Exception) -> InvalidInput:
     return InvalidInput(f"{path}: cannot be written: {said}")
 
 
+def failure_of(name: str, said: str) -> OSError:
+    """What made another program, or a library in a process of its own, fail to write, by its last words."""
+    known = (number for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO) if os.strerror(number) in said)
+    number = next(known, None)
+    if number is not None:
+        return OSError(number, os.strerror(number))
+    return OSError(f"{name} failed: {said.strip().splitlines()[-1] if said.strip() else 'without a word'}")
+
+
 def _locked(target: Path, folder: bool) -> tuple[Path, int]:
     """A new file or folder beside the target, and the descriptor that holds its lock."""
     while True:

@@ -18,6 +18,7 @@ Words = tuple[str, ...]
 class Case:
     """A verb. before: what was run in the folder before; dropped: patterns of what is then removed. code: its usual
     exit code. partial: what a run that was cut off may leave, by design. paths: what its errors may name besides.
+    once: it is refused where all of it is there.
     """
 
     name: str
@@ -27,6 +28,7 @@ class Case:
     code: int = 0
     partial: Words = ()
     paths: Words = ()
+    once: bool = False
 
 
 def over(name: str, verb: Words, *others: str, **more: object) -> Case:
@@ -61,7 +63,7 @@ CASES = (
     over("warp", ("warp", "{in}/plain.npy", "--cells", "8,8,3", "--out", "m.npz", "--picture", "m.png")),
     over("gait", (*GAIT, "--out", "walk.json", "--picture", "w.png", "--html", "w.html"), "--friction", "0.7",
          partial=("walk.partial.npz",)),
-    Case(name="export", verb=("export", "{in}/data", "minari"), before=()),
+    Case(name="export", verb=("export", "{in}/data", "minari"), before=(), once=True, paths=("minari",)),
     Case(name="train", verb=("train", "{in}/train.yaml", "--out", "run", "--steps", "256", "--resume"),
          before=(("train", "{in}/train.yaml", "--out", "run", "--steps", "128"),), paths=("run",)),
     Case(name="bench gait", verb=(*BENCH, "--out", "bench"), before=(), paths=("bench",)),

@@ -10,6 +10,7 @@ from __future__ import annotations
 import builtins
 import errno
 import io
+import mmap
 import os
 import signal
 import sys
@@ -86,7 +87,8 @@ class _Disk:
     """What the calls of this process meet; for good, so only for a process that ends."""
 
     def __init__(self, folder: Path, calls: int, at: int, fault: Fault) -> None:
-        self._folder, self._calls, self._at, self._fault, self._count = f"{folder}{os.sep}", calls, at, fault, 0
+        self._folder, self._calls, self._at, self._fault = f"{folder}{os.sep}", calls, at, fault
+        self._count = memoryview(mmap.mmap(-1, 8)).cast("q")  # of this process and those that it forks
 
     def install(self) -> None:
         """From now on."""
@@ -113,9 +115,9 @@ class _Disk:
         """Count a call; whether it is to fail. It may be the last of this process."""
         if path is None:
             return False
-        self._count += 1
+        self._count[0] += 1
         os.write(self._calls, f"{what} {path.removeprefix(self._folder)!r}\n".encode())
-        struck = 0 < self._at <= self._count
+        struck = 0 < self._at <= self._count[0]
         if struck and self._fault == "killed":
             os.kill(os.getpid(), signal.SIGKILL)
         if struck and what in ROOM and what != "write":
