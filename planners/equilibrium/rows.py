@@ -14,7 +14,7 @@ import enum
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import clarabel
 import numpy as np
@@ -69,13 +69,22 @@ class ConicSolution:
         return np.asarray(self.z[self.groups[name]])
 
 
-_STATUS = {
+class Solvable(Protocol):
+    """A formulation of a program for one problem, such as ``model.Model``."""
+
+    def solve(self) -> ConicSolution:
+        """Solve it."""
+        ...
+
+
+STATUS = {
     clarabel.SolverStatus.Solved: ConicStatus.SOLVED,
     clarabel.SolverStatus.AlmostSolved: ConicStatus.SOLVED,
     clarabel.SolverStatus.PrimalInfeasible: ConicStatus.INFEASIBLE,
     clarabel.SolverStatus.AlmostPrimalInfeasible: ConicStatus.INFEASIBLE,
 }
-_EXACT = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.PrimalInfeasible)
+"""Of Clarabel; what is not here failed."""
+EXACT = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.PrimalInfeasible)
 
 
 class Rows(Generic[D]):
@@ -93,6 +102,7 @@ class Rows(Generic[D]):
         self._linear: list[tuple[Index, Fill[D]]] = []
         self._constants: list[Fill[D]] = []
         self._solver: clarabel.DefaultSolver | None = None
+        self._reference: Callable[[D], Solvable] | None = None
         self.columns: dict[str, Index] = {}
         self.groups: dict[str, Index] = {}
         self.shape = (0, 0)
@@ -143,8 +153,14 @@ class Rows(Generic[D]):
         self._linear.append((columns, _given(values)))
         self._constants += [] if constant is None else [constant]
 
+    def solve_instead(self, reference: Callable[[D], Solvable]) -> None:
+        """From now on ``solve`` asks another formulation of the same program, with its names and shapes."""
+        self._reference = reference
+
     def solve(self, data: D) -> ConicSolution:
         """Solve for this problem."""
+        if self._reference is not None:
+            return self._reference(data).solve()
         hessian, q, matrix, b = self.load(data)
         begin = time.perf_counter()
         if self._solver is None or not self._keep:
@@ -153,19 +169,19 @@ class Rows(Generic[D]):
         else:
             self._solver.update(q=q, A=matrix.data, b=b)
         answer = self._solver.solve()
-        if answer.status not in _STATUS:  # rare: ask again, with refined steps
+        if answer.status not in STATUS:  # rare: ask again, with refined steps
             careful = solver_settings(equilibrate=True, careful=True)
             answer = clarabel.DefaultSolver(hessian, q, matrix, b, self._cones, careful).solve()
         constant = float(sum(float(np.sum(fill(data))) for fill in self._constants))
         return ConicSolution(
-            status=_STATUS.get(answer.status, ConicStatus.FAILED),
+            status=STATUS.get(answer.status, ConicStatus.FAILED),
             x=np.array(answer.x),
             z=np.array(answer.z),
             columns=self.columns,
             groups=self.groups,
             objective=float(answer.obj_val) + constant,
             bound=min(float(answer.obj_val), float(answer.obj_val_dual)) + constant,
-            exact=answer.status in _EXACT,
+            exact=answer.status in EXACT,
             iterations=int(answer.iterations),
             seconds=time.perf_counter() - begin,
         )

@@ -16,7 +16,7 @@ from ..arrays import Array
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.multipliers import multipliers
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import ConicSolution, ConicStatus, Rows
+from ..equilibrium.rows import ConicSolution, ConicStatus, Rows, Solvable
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, Moments, objective
 
@@ -89,7 +89,7 @@ class LiftProgram:
     """
 
     def __init__(self, layout: Layout, implied: bool, least_moment: bool) -> None:
-        self.layout, self.rows = layout, Rows[Given](keep=layout.frames == 1)
+        self.layout, self.rows, self._least = layout, Rows[Given](keep=layout.frames == 1), least_moment
         rows = self.rows
         body = Body(rows, layout)
         toes = FreeToes(rows, layout, explicit=not least_moment, implied=implied)
@@ -113,6 +113,12 @@ class LiftProgram:
         """Solve for a problem of this layout."""
         solution = self.rows.solve(Given(scaled))
         return self._answer(scaled, solution)
+
+    def reference(self, given: Given) -> Solvable:
+        """The same in cvxpy."""
+        from ..equilibrium.reference import lift  # cvxpy takes a second to import
+
+        return lift(given.scaled, least_moment=self._least)
 
     def _answer(self, scaled: Scaled, solution: ConicSolution) -> LiftAnswer:
         least = "residual" in solution.columns
