@@ -7,7 +7,7 @@ in ``terms``. All quantities are non-dimensional (E3, E4; ``scaled``).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol, TypeAlias
+from typing import Literal, Protocol, TypeAlias
 
 import cvxpy as cp
 import numpy as np
@@ -22,17 +22,20 @@ Vectors: TypeAlias = cp.Expression | Array
 """A vector a row, shape (n, 3)."""
 
 
+Axes = Literal["contact", "world"]
+
+
 class Box(Protocol):
-    """Bounds on p and f of every stance contact, shape (B, 3) each."""
+    """Bounds on [p, f] of every stance contact: p in world axes, f in those that the model is asked for."""
 
     @property
-    def position(self) -> tuple[Array, Array]:
-        """Low and high, p in world axes."""
+    def low(self) -> Array:
+        """Shape (B, 6)."""
         ...
 
     @property
-    def force(self) -> tuple[Array, Array]:
-        """Low and high, f in the axes that the model is asked for."""
+    def high(self) -> Array:
+        """Shape (B, 6)."""
         ...
 
 
@@ -135,7 +138,7 @@ class Forces:
     """Forces f_n, f_y, f_z (E3), n of them: of which stance contact, on which candidate, how large a share of it."""
 
     def __init__(self, scaled: Scaled, contact: Index, candidate: Index, share: cp.Expression | Array) -> None:
-        self._scaled, self._contact, self._candidate, self._share = scaled, contact, candidate, share
+        self._scaled, self.contact, self._candidate, self._share = scaled, contact, candidate, share
         self.stance = scaled.layout.contacts[0][contact]
         self.forces = cp.Variable((len(contact), 3), name="forces")
         self.world = rotated(scaled.frames[candidate], self.forces)
@@ -165,7 +168,7 @@ class Forces:
 
     def in_boxes(self) -> Terms:
         """Share · f_min ≤ f ≤ share · f_max."""
-        low, high = self._scaled.force_min[self._contact], self._scaled.force_max[self._contact]
+        low, high = self._scaled.force_min[self.contact], self._scaled.force_max[self.contact]
         share = self._share[:, None]
         return {"most": self.forces <= cp.multiply(share, high), "least": cp.multiply(share, low) <= self.forces}
 
@@ -186,28 +189,28 @@ def within(moment: cp.Expression) -> tuple[cp.Expression, Terms]:
 class Products:
     """m = p f of every stance contact as a variable (E8): m_jk in the column 3j + k, shape (B, 9).
 
-    axes: R of the axes that f is measured in, shape (B, 3, 3); None takes the frame of a contact's only candidate.
+    axes: of f: the frame of a contact's first candidate, which is all candidates' where there are several; or the
+    world's, in which candidates of different slopes can be compared.
     """
 
-    def __init__(self, plan: Plan, forces: Forces, axes: Array | None) -> None:
-        self._plan, contacts = plan, len(plan.layout.contacts[0])
+    def __init__(self, plan: Plan, forces: Forces, axes: Axes) -> None:
+        layout = self._layout = plan.layout
+        contacts, first = len(layout.contacts[0]), np.searchsorted(layout.candidate_footholds, layout.contacts[2])
+        self._axes = np.tile(np.eye(3), (contacts, 1, 1)) if axes == "world" else plan.scaled.frames[first]
         self.position = cp.Variable((contacts, 3), name="position")
-        self.moments = cp.Variable((contacts, 9), name="moments")
-        self.forces, self._sums = forces.forces, Terms()
-        self._axes = plan.scaled.contact_frames if axes is None else axes
-        if axes is not None:
+        self.forces, self.moments = forces.forces, cp.Variable((contacts, 9), name="moments")
+        self._sums: Terms = {"legs": self.position == plan.legs}
+        if axes == "world" or len(layout.candidate_footholds) > layout.footholds:
             self.forces = cp.Variable((contacts, 3), name="box_forces")
-            total = added(forces.world, plan.layout.contact_candidates[0], contacts)
-            self._sums = {"box_forces": rotated(axes, self.forces) == total}
+            total = added(forces.world, forces.contact, contacts)
+            self._sums["turned"] = self.forces == rotated(self._axes.transpose(0, 2, 1), total)
         self.parts = (self.position, self.forces, self.moments)
 
     def terms(self) -> Terms:
-        """p = p_w − c (E2), f in the axes asked for, and Σ m = 0 in every stance (E9)."""
+        """p = p_w − c (E2), f in its axes, and Σ m = 0 in every stance (E9)."""
         by_p = [rotated(self._axes, self.moments[:, 3 * j : 3 * j + 3]) for j in range(3)]  # p_j F
         moment = cp.vstack([by_p[i][:, j] - by_p[j][:, i] for i, j in ((1, 2), (2, 0), (0, 1))]).T
-        stance, count = self._plan.layout.contacts[0], len(self._plan.layout.stances)
-        legs: Terms = {"position": self.position == self._plan.legs}
-        return legs | self._sums | {"moment": added(moment, stance, count) == 0}
+        return {**self._sums, "moment": added(moment, self._layout.contacts[0], len(self._layout.stances)) == 0}
 
 
 def mccormick(
@@ -218,7 +221,7 @@ def mccormick(
     share: z of every stance contact, shape (B,); None for 1. margin: t.
     """
     position, forces, moments = parts
-    one = np.ones((len(box.position[0]), 1)) if share is None else share[:, None]
+    one = np.ones((len(box.low), 1)) if share is None else share[:, None]
     over_j, over_k = np.kron(np.eye(3), np.ones((1, 3))), np.kron(np.ones((1, 3)), np.eye(3))  # to the columns 3j + k
 
     def plane(p: Array, f: Array) -> cp.Expression:
@@ -226,16 +229,12 @@ def mccormick(
         p, f = p @ over_j, f @ over_k
         return cp.multiply(p, forces @ over_k) + cp.multiply(f, position @ over_j) - cp.multiply(one, p * f)
 
-    (p_low, p_high), (f_low, f_high) = box.position, box.force
+    (p_low, f_low), (p_high, f_high) = ((end[:, :3], end[:, 3:]) for end in (box.low, box.high))
+    below, above = (plane(p_low, f_low), plane(p_high, f_high)), (plane(p_low, f_high), plane(p_high, f_low))
+    at = cp.hstack([position, forces])
     return {
-        "low_low": plane(p_low, f_low) - moments <= margin,
-        "high_high": plane(p_high, f_high) - moments <= margin,
-        "low_high": moments - plane(p_low, f_high) <= margin,
-        "high_low": moments - plane(p_high, f_low) <= margin,
-        "p_above": cp.multiply(one, p_low) - position <= margin,
-        "p_below": position - cp.multiply(one, p_high) <= margin,
-        "f_above": cp.multiply(one, f_low) - forces <= margin,
-        "f_below": forces - cp.multiply(one, f_high) <= margin,
+        "envelope": cp.vstack([*(side - moments for side in below), *(moments - side for side in above)]) <= margin,
+        "sides": cp.vstack([cp.multiply(one, box.low) - at, at - cp.multiply(one, box.high)]) <= margin,
     }
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from types import SimpleNamespace
 
 import cvxpy as cp
@@ -50,6 +50,26 @@ class Model:
             iterations=answer.iterations,
             seconds=seconds,
         )
+
+    def solve_as(self, columns: Mapping[str, Index], groups: Mapping[str, Index]) -> ConicSolution:
+        """``solve``, x and z in the order of a program in rows.
+
+        A name whose size the model does not have is left out, with NaN in its place: toes that are columns of their
+        own, and groups that are smaller where some rows follow from the others.
+        """
+        own = self.solve()
+        x, kept = _placed(columns, own.columns, own.x)
+        z, rows = _placed(groups, own.groups, own.z)
+        return replace(own, x=x, z=z, columns=kept, groups=rows)
+
+
+def _placed(wanted: Mapping[str, Index], has: Mapping[str, Index], values: Array) -> tuple[Array, dict[str, Index]]:
+    """Values in the places that are wanted, by name, and those names."""
+    kept = {name: at for name, at in wanted.items() if name in has and has[name].size == at.size}
+    placed = np.full(sum(at.size for at in wanted.values()), np.nan)
+    for name, at in kept.items():
+        placed[at] = values[has[name]].reshape(at.shape)
+    return placed, kept
 
 
 def _dual(term: cp.Constraint) -> Array:

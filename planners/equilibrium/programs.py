@@ -7,7 +7,7 @@ from collections.abc import Callable, Hashable
 from typing import Any, Literal, Protocol, TypeVar, cast, get_args, runtime_checkable
 
 from ..outcome import InvalidInput
-from .rows import Rows, Solvable
+from .rows import Reference, Rows
 
 T = TypeVar("T")
 Engine = Literal["rows", "cvxpy"]
@@ -22,7 +22,7 @@ class Written(Protocol):
 
     rows: Rows[Any]
 
-    def reference(self, given: Any) -> Solvable:
+    def reference(self, given: Any) -> Reference:
         """The model of ``equilibrium.reference`` that the rows say again, for what they are loaded with."""
         ...
 

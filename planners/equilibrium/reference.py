@@ -12,7 +12,7 @@ from collections.abc import Sequence
 import cvxpy as cp
 
 from ..arrays import Array
-from .equations import Box, Forces, Plan, Products, cross, mccormick, within
+from .equations import Axes, Box, Forces, Plan, Products, cross, mccormick, within
 from .model import Model, Terms
 from .scaled import Point, Scaled
 
@@ -24,7 +24,7 @@ def without_moments(scaled: Scaled) -> Model:
     return Model(0.0, {**_on_toes(plan), **_on_forces(forces)})
 
 
-def p1(scaled: Scaled, box: Box, *, soft: bool, axes: Array | None = None) -> Model:
+def p1(scaled: Scaled, box: Box, *, soft: bool, axes: Axes = "contact") -> Model:
     """P1: m = p f replaced by its envelope over one box a stance contact (§III).
 
     soft: the signed margin t, by which every row of the envelope is relaxed, is minimised; else the objective.
@@ -37,24 +37,22 @@ def p1(scaled: Scaled, box: Box, *, soft: bool, axes: Array | None = None) -> Mo
     return Model(margin[0], {**terms, **mccormick(products.parts, box, margin=margin)})
 
 
-def p1_of_modes(scaled: Scaled, boxes: Sequence[Box], allowed: Array, *, axes: Array | None = None) -> Model:
+def p1_of_modes(scaled: Scaled, boxes: Sequence[Box], allowed: Array, *, axes: Axes = "contact") -> Model:
     """P1 over several boxes, one chosen a stance (§IV-A): the convex hull of the choices.
 
-    Each stance has z_e ≥ 0, Σ z = 1; its (p, f, m) are sums of copies, the e-th in z_e M_c(B_e). allowed: bounds of z,
+    Each stance has z_e ≥ 0, Σ z = 1; its (p, f, m) is a sum of copies, the e-th in z_e M_c(B_e). allowed: bounds of z,
     shape (S, E).
     """
     plan, products, terms = coupled(scaled, axes)
     modes = cp.Variable(allowed.shape, name="modes")
-    terms |= {"one_mode": cp.sum(modes, axis=1) == 1, "modes": modes >= 0, "allowed": modes <= allowed}
-    copies = [
-        [cp.Variable(part.shape, name=f"{part.name()}_{e}") for part in products.parts] for e in range(len(boxes))
-    ]
-    for e, (copy, box) in enumerate(zip(copies, boxes, strict=True)):
-        rows = mccormick(copy, box, share=modes[:, e][scaled.layout.contacts[0]])
+    terms |= {"one_mode": cp.sum(modes, axis=1) == 1, "mode_positive": modes >= 0, "mode_allowed": modes <= allowed}
+    whole, copies = cp.hstack(products.parts), []
+    for e, box in enumerate(boxes):
+        copies.append(cp.Variable(whole.shape, name=f"copy_{e}"))
+        parts = copies[e][:, :3], copies[e][:, 3:6], copies[e][:, 6:]
+        rows = mccormick(parts, box, share=modes[:, e][scaled.layout.contacts[0]])
         terms |= {f"{name}_{e}": row for name, row in rows.items()}
-    for part, *parts in zip(products.parts, *copies, strict=True):
-        terms[f"sum_{part.name()}"] = part == sum(parts)
-    return Model(plan.objective(), terms)
+    return Model(plan.objective(), {**terms, "added": sum(copies) - whole == 0})
 
 
 def lift(scaled: Scaled, *, least_moment: bool) -> Model:
@@ -102,7 +100,7 @@ def positions(scaled: Scaled) -> Model:
     return Model(plan.objective(), _on_toes(plan))
 
 
-def coupled(scaled: Scaled, axes: Array | None) -> tuple[Plan, Products, Terms]:
+def coupled(scaled: Scaled, axes: Axes) -> tuple[Plan, Products, Terms]:
     """What P1 and the mixed-integer program share: everything but what stands for m = p f, and the cost."""
     plan = Plan(scaled)
     forces = Forces.of_candidates(plan)

@@ -69,11 +69,11 @@ class ConicSolution:
         return np.asarray(self.z[self.groups[name]])
 
 
-class Solvable(Protocol):
-    """A formulation of a program for one problem, such as ``model.Model``."""
+class Reference(Protocol):
+    """Another formulation of a program for one problem: ``model.Model``."""
 
-    def solve(self) -> ConicSolution:
-        """Solve it."""
+    def solve_as(self, columns: Mapping[str, Index], groups: Mapping[str, Index]) -> ConicSolution:
+        """Solve it; x and z in this order, by names."""
         ...
 
 
@@ -102,7 +102,7 @@ class Rows(Generic[D]):
         self._linear: list[tuple[Index, Fill[D]]] = []
         self._constants: list[Fill[D]] = []
         self._solver: clarabel.DefaultSolver | None = None
-        self._reference: Callable[[D], Solvable] | None = None
+        self._reference: Callable[[D], Reference] | None = None
         self.columns: dict[str, Index] = {}
         self.groups: dict[str, Index] = {}
         self.shape = (0, 0)
@@ -153,14 +153,14 @@ class Rows(Generic[D]):
         self._linear.append((columns, _given(values)))
         self._constants += [] if constant is None else [constant]
 
-    def solve_instead(self, reference: Callable[[D], Solvable]) -> None:
+    def solve_instead(self, reference: Callable[[D], Reference]) -> None:
         """From now on ``solve`` asks another formulation of the same program, with its names and shapes."""
         self._reference = reference
 
     def solve(self, data: D) -> ConicSolution:
         """Solve for this problem."""
         if self._reference is not None:
-            return self._reference(data).solve()
+            return self._reference(data).solve_as(self.columns, self.groups)
         hessian, q, matrix, b = self.load(data)
         begin = time.perf_counter()
         if self._solver is None or not self._keep:

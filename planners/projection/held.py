@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..equilibrium.layout import Layout
-from ..equilibrium.rows import ConicSolution, Rows, Solvable
+from ..equilibrium.rows import ConicSolution, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled, skew
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Moments, objective
 
@@ -45,7 +45,7 @@ class FixToes:
             body.steps(None)
         self._hold_body, self._least = hold_body, least_moment
 
-    def reference(self, given: Given) -> Solvable:
+    def reference(self, given: Given) -> Reference:
         """The same in cvxpy."""
         from ..equilibrium.reference import fix_toes  # cvxpy takes a second to import
 
@@ -71,7 +71,7 @@ class FixForces:
         body.limits()
         body.steps(toes)
 
-    def reference(self, given: Given) -> Solvable:
+    def reference(self, given: Given) -> Reference:
         """The same in cvxpy."""
         from ..equilibrium.reference import fix_forces
 
@@ -120,7 +120,7 @@ class Linearised:
         body.limits()
         body.steps(toes)
 
-    def reference(self, given: Given) -> Solvable:
+    def reference(self, given: Given) -> Reference:
         """The same in cvxpy."""
         from ..equilibrium.reference import linearised
 

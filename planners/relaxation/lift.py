@@ -16,7 +16,7 @@ from ..arrays import Array
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.multipliers import multipliers
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import ConicSolution, ConicStatus, Rows, Solvable
+from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, Moments, objective
 
@@ -114,7 +114,7 @@ class LiftProgram:
         solution = self.rows.solve(Given(scaled))
         return self._answer(scaled, solution)
 
-    def reference(self, given: Given) -> Solvable:
+    def reference(self, given: Given) -> Reference:
         """The same in cvxpy."""
         from ..equilibrium.reference import lift  # cvxpy takes a second to import
 
