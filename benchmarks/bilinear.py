@@ -15,9 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.micp import domain_of
-from stancekit.planners.contact.project import Point
-from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.equilibrium.scaled import Point, Scaled
+from stancekit.planners.relaxation.domain import domain_of
 
 MODULES = {"gurobi": "gurobipy", "scip": "pyscipopt"}
 Form = Literal["eliminated", "paper"]
@@ -48,18 +47,18 @@ class _Unknowns:
     position: Any = None
     moments: Any = None
 
-    def point(self, scaled: ScaledProblem, value: Any) -> Point:
+    def point(self, scaled: Scaled, value: Any) -> Point:
         """The point at which ``value`` gives every variable's value."""
         com, rotation, weights, forces = (
             np.array([[value(x) for x in row] for row in np.atleast_2d(part)])
             for part in (self.com, self.rotation, self.weights, self.forces)
         )
         weights = np.hstack([weights, 1.0 - weights.sum(axis=1, keepdims=True)])
-        toes = np.einsum("nu,nud->nd", weights, scaled.vertices)
-        return Point(com=com[0], rotation=rotation[0], toes=toes, forces=forces, residual=float("nan"))
+        toes = np.einsum("nu,nud->nd", weights, scaled.patches)
+        return Point(com=com, rotation=rotation, toes=toes, forces=forces, residual=float("nan"))
 
 
-def solve(solver: str, scaled: ScaledProblem, *, form: Form, time_limit_s: float) -> BilinearAnswer:
+def solve(solver: str, scaled: Scaled, *, form: Form, time_limit_s: float) -> BilinearAnswer:
     """Solve on one thread."""
     return {"gurobi": _gurobi, "scip": _scip}[solver](scaled, form, time_limit_s)
 
@@ -69,7 +68,7 @@ def installed(solver: str) -> bool:
     return find_spec(MODULES[solver]) is not None
 
 
-def _gurobi(scaled: ScaledProblem, form: Form, time_limit_s: float) -> BilinearAnswer:
+def _gurobi(scaled: Scaled, form: Form, time_limit_s: float) -> BilinearAnswer:
     import gurobipy as gp
 
     with gp.Env(params={"OutputFlag": 0}) as env, gp.Model(env=env) as model:
@@ -97,7 +96,7 @@ def _gurobi(scaled: ScaledProblem, form: Form, time_limit_s: float) -> BilinearA
         return BilinearAnswer(label="infeasible" if proved else "unknown", point=None, seconds=seconds)
 
 
-def _scip(scaled: ScaledProblem, form: Form, time_limit_s: float) -> BilinearAnswer:
+def _scip(scaled: Scaled, form: Form, time_limit_s: float) -> BilinearAnswer:
     import pyscipopt
 
     model = pyscipopt.Model()
@@ -118,13 +117,13 @@ def _scip(scaled: ScaledProblem, form: Form, time_limit_s: float) -> BilinearAns
     return BilinearAnswer(label="infeasible" if proved else "unknown", point=None, seconds=seconds)
 
 
-def _unknowns(scaled: ScaledProblem, form: Form, add: Any) -> _Unknowns:
+def _unknowns(scaled: Scaled, form: Form, add: Any) -> _Unknowns:
     """Variables with the tightest plain bounds: those of the centre of mass' ball, the cones and the reach.
 
     In the paper's form the forces have their own box, and p and m lie in [−1, 1].
     """
     contacts, vertices = scaled.size
-    f_low, f_high = (scaled.force_min, scaled.force_max) if form == "paper" else domain_of(scaled).force
+    f_low, f_high = (scaled.force_min, scaled.force_max) if form == "paper" else domain_of(scaled, "contact").force
     one = np.ones((contacts, 3))
 
     def block(low: Array, high: Array) -> Any:
@@ -134,7 +133,7 @@ def _unknowns(scaled: ScaledProblem, form: Form, add: Any) -> _Unknowns:
     tilt, weights = np.full(3, scaled.tilt), np.zeros((contacts, vertices - 1))
     reach = np.repeat(scaled.reach[:, None], 3, axis=1)
     return _Unknowns(
-        com=block(scaled.com - scaled.com_radius, scaled.com + scaled.com_radius),
+        com=block(scaled.com[0] - scaled.com_radius, scaled.com[0] + scaled.com_radius),
         rotation=block(-tilt, tilt),
         weights=block(weights, weights + 1.0),
         forces=block(f_low, f_high),
@@ -144,14 +143,14 @@ def _unknowns(scaled: ScaledProblem, form: Form, add: Any) -> _Unknowns:
     )
 
 
-def _toe(scaled: ScaledProblem, unknowns: _Unknowns, i: int) -> list[Any]:
+def _toe(scaled: Scaled, unknowns: _Unknowns, i: int) -> list[Any]:
     """p_w of limb i, from its last vertex."""
-    last = scaled.vertices[i, -1]
-    edges = scaled.vertices[i, :-1] - last
+    last = scaled.patches[i, -1]
+    edges = scaled.patches[i, :-1] - last
     return [last[j] + sum(edges[u, j] * unknowns.weights[i, u] for u in range(len(edges))) for j in range(3)]
 
 
-def _equal_zero(scaled: ScaledProblem, unknowns: _Unknowns) -> list[Any]:
+def _equal_zero(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
     """Net force (eq. 5), net moment (eq. 6, about the world's origin) and the definition of the legs (eq. 11)."""
     com, weight = unknowns.com, scaled.weight
     force, moment, rows = [0.0, 0.0, -weight], [-weight * com[1], weight * com[0], 0.0], []
@@ -177,7 +176,7 @@ def _equal_zero(scaled: ScaledProblem, unknowns: _Unknowns) -> list[Any]:
     return [*force, *moment, *rows]
 
 
-def _moment_of_products(scaled: ScaledProblem, unknowns: _Unknowns) -> list[Any]:
+def _moment_of_products(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
     """Σ m_ijk P_j × F_ik (eq. 9), about the centre of mass."""
     total: list[Any] = [0.0, 0.0, 0.0]
     for i in range(scaled.size[0]):
@@ -188,10 +187,10 @@ def _moment_of_products(scaled: ScaledProblem, unknowns: _Unknowns) -> list[Any]
     return total
 
 
-def _at_most_zero(scaled: ScaledProblem, unknowns: _Unknowns) -> list[Any]:
+def _at_most_zero(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
     """Patches (eq. 1), cones (eq. 10), reach (eq. 11) and the ball of the centre of mass."""
-    off = [unknowns.com[j] - float(scaled.com[j]) for j in range(3)]
-    rows = [_square(off) - scaled.com_radius**2]
+    off = [unknowns.com[j] - float(scaled.com[0, j]) for j in range(3)]
+    rows = [_square(off) - float(scaled.com_radius[0]) ** 2]
     for i in range(scaled.size[0]):
         f = unknowns.forces[i]
         rows.append(sum(unknowns.weights[i]) - 1.0)

@@ -49,15 +49,15 @@ def make_planner(
 
         return NlpPlanner(acceptance=acceptance, time_limit_s=time_limit_s)
     if method == "micp":
-        from .micp import MicpPlanner
+        from ..search import answer, micp
 
         if envelopes is not None and len(envelopes.envelopes) > 1:
             raise InvalidInput(f"envelope: expected one envelope for micp, got {len(envelopes.envelopes)}")
-        return MicpPlanner(
+        return micp.MicpPlanner(
             solver=solver,
-            intervals=intervals,
-            envelope=None if envelopes is None else envelopes.envelopes[0],
+            grid=micp.Grid(intervals=intervals),
+            envelope=envelopes,
             time_limit_s=time_limit_s,
-            acceptance=acceptance,
+            acceptance=answer.Acceptance(tolerance=acceptance.tolerance, gap=acceptance.gap),
         )
     raise InvalidInput(f"method: expected one of {', '.join(METHODS)}, got {method!r}")

@@ -205,6 +205,7 @@ class Products:
             total = added(forces.world, forces.contact, contacts)
             self._sums["turned"] = self.forces == rotated(self._axes.transpose(0, 2, 1), total)
         self.parts = (self.position, self.forces, self.moments)
+        self.world = rotated(self._axes, self.forces)
 
     def terms(self) -> Terms:
         """p = p_w − c (E2), f in its axes, and Σ m = 0 in every stance (E9)."""
