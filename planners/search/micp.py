@@ -20,7 +20,8 @@ import numpy as np
 from ..arrays import Array, checked
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
-from ..equilibrium.reference import coupled, mccormick
+from ..equilibrium.equations import mccormick
+from ..equilibrium.reference import coupled
 from ..equilibrium.scaled import Point, Scaled
 from ..keyframes.boxes import boxes_of
 from ..keyframes.scaled import ScaledCourse
