@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
-from .keyframes.planner import CoursePlanner
 from .plan import Plan, PlanOutcome
 from .scene.course import Course
 from .scene.patch import Patch
+from .search.answer import CoursePlanner
 
 SHARES = (0.8, 0.9, 1.0)
 """Shares of the friction that are planned with, the most cautious first."""
@@ -20,10 +20,12 @@ SHARES = (0.8, 0.9, 1.0)
 
 def slippery(course: Course, share: float) -> Course:
     """The course with this share of its friction everywhere."""
+    if share == 1.0:
+        return course
 
     @cache
     def dulled(patch: Patch) -> Patch:
-        return replace(patch, friction=share * patch.friction)
+        return patch.with_friction(share * patch.friction)
 
     placements = tuple(
         replace(placement, candidates=tuple(dulled(patch) for patch in placement.candidates))

@@ -43,7 +43,8 @@ class Point:
 class Scaled:
     """The numbers of a problem; see ``Layout`` for the counts.
 
-    which: the number, in the problem, of every open candidate, by foothold. vertices: v_u, shape (V, 3); a toe that
+    options: most candidates of a foothold in the problem; which: the number, in the problem, of every open candidate,
+    by foothold. vertices: v_u, shape (V, 3); a toe that
     already stands is a candidate of one vertex. frames: R_WC, columns n, y, z, shape (K, 3, 3); friction: (K,).
     shoulders: (N, 3); reach: (N,). force_min, force_max: on (f_n, f_y, f_z) of every stance contact, (B, 3).
     weight: m·g. com: nominal, (M, 3); com_radius: (M,). tilt: limit [rad]. steps: largest step of the COM, of a toe and
@@ -52,6 +53,7 @@ class Scaled:
     """
 
     layout: Layout
+    options: int
     which: tuple[tuple[int, ...], ...]
     vertices: Array
     frames: Array
@@ -122,11 +124,6 @@ class Scaled:
         """[v_u]× R_WC of every vertex under a stance contact: maps a force at it to its moment, shape (F, 3, 3)."""
         vertex = self.layout.contact_vertices[1]
         return np.asarray(np.matmul(skew(self.vertices[vertex]), self.frames[self.layout.vertex_candidates[vertex]]))
-
-    @property
-    def options(self) -> int:
-        """Most candidates of a foothold, open or not, as far as they are here."""
-        return 1 + max(max(numbers) for numbers in self.which)
 
     def opened(self) -> Array:
         """1 where a candidate of a foothold is open, shape (P, options)."""
@@ -216,6 +213,7 @@ def _of_posture(problem: PostureProblem) -> Scaled:
     corners = tuple((len(contact.patch.vertices_m),) for contact in contacts)
     return Scaled(
         layout=Layout(holds=(feet,), stances=((0, feet),), corners=corners),
+        options=1,
         which=((0,),) * len(contacts),
         vertices=np.concatenate([contact.patch.vertices_m for contact in contacts]) / length_m,
         frames=np.array([contact.patch.frame for contact in contacts]),
@@ -253,6 +251,7 @@ def _of_course(course: Course) -> Scaled:
     carrying = sum(len(limbs) for _, limbs in layout.stances)
     return Scaled(
         layout=layout,
+        options=max(len(placement.candidates) for placement in course.placements),
         which=tuple(tuple(range(len(placement.candidates))) for placement in course.placements),
         vertices=np.concatenate(borders) / scale,
         frames=np.array([patch.frame for patch in patches]),

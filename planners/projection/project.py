@@ -46,14 +46,19 @@ def project(programs: Programs, projection: Projection, scaled: Scaled, start: P
     return scp(programs, scaled, start, steps=steps)
 
 
-def scp(programs: Programs, scaled: Scaled, start: Point, *, steps: int = STEPS) -> Point:
-    """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new toes."""
+def scp(
+    programs: Programs, scaled: Scaled, start: Point, *, steps: int = STEPS, worth: float = float("inf")
+) -> Point:
+    """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new toes.
+
+    worth: of a posture, take no step where the first toes leave more than this.
+    """
     least = scaled.weights is None
     held, step = programs.get(FixToes, scaled.layout, False, least), None
     best = point = held.solve(scaled, start)
     solves, seconds = 1, point.seconds
     for _ in range(steps):
-        if best.residual <= SURFACE or (least and not np.isfinite(point.residual)):
+        if best.residual <= SURFACE or (least and not (np.isfinite(point.residual) and best.residual <= worth)):
             break
         about = point if least else programs.get(FixToes, scaled.layout, False, True).solve(scaled, point)
         if not np.isfinite(about.residual):

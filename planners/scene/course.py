@@ -19,7 +19,7 @@ from ..arrays import Array, checked, frozen, gathered
 from ..outcome import InvalidInput
 from .patch import Patch
 from .posture import GRAVITY_M_S2, TILT_LIMIT_RAD, Contact, PostureProblem
-from .robot import Robot
+from .robot import Limb, Robot
 
 MOST_FRAMES = 200
 
@@ -148,6 +148,39 @@ class Course:
         if np.any(self.force_min > np.minimum(self.force_max, 0.0)) or np.any(self.force_max < 0.0):
             raise InvalidInput("force_min, force_max: expected bounds that admit no force at all (a limb in the air)")
         _ = self.holds  # every limb stands on something from the first frame on
+
+    @classmethod
+    def of_posture(cls, problem: PostureProblem, name: str = "posture") -> Course:
+        """A posture problem as a course of one frame: a foothold a contact, all of them one stance, and no objective.
+
+        Raises InvalidInput where its force bounds differ between contacts, or admit no limb in the air: a course has
+        one pair of bounds, in units of the weight.
+        """
+        scale = float(problem.force_scale_n or problem.weight_n) / problem.weight_n
+        bounds = np.array([[contact.force_min, contact.force_max] for contact in problem.contacts])
+        if np.ptp(bounds, axis=0).max() > 0.0:
+            raise InvalidInput("contacts: expected one force_min and force_max for all in a course, got several")
+        limbs = tuple(Limb(name=c.leg, shoulder_m=c.shoulder_m, reach_m=c.reach_m) for c in problem.contacts)
+        patches = tuple(contact.patch for contact in problem.contacts)
+        return cls(
+            name=name,
+            robot=Robot(name="posture", mass_kg=problem.mass_kg, limbs=limbs),
+            terrain=patches,
+            placements=tuple(
+                Placement(limb=limb.name, frame=0, candidates=(patch,))
+                for limb, patch in zip(limbs, patches, strict=True)
+            ),
+            lifts=((),),
+            com_nominal_m=problem.com_nominal_m[None],
+            com_radius_m=np.array([problem.com_radius_m]),
+            goal_m=problem.com_nominal_m,
+            weights=Weights(goal=0.0, com_step=0.0, toe_step=0.0, tilt=0.0),
+            tilt_limit_rad=problem.tilt_limit_rad,
+            gravity_m_s2=problem.gravity_m_s2,
+            length_scale_m=problem.length_scale_m,
+            force_min=scale * bounds[0, 0],
+            force_max=scale * bounds[0, 1],
+        )
 
     @property
     def frames(self) -> int:

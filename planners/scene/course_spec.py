@@ -17,10 +17,12 @@ from .course import Course
 from .course_json import course_from_json
 from .course_keys import MADE_UP, PLAIN, CourseSpec
 from .layout import lay_out
+from .posture import FORMAT as POSTURE
+from .posture import PostureProblem
 
 
 def read_course(course: str | Path, frames: int | None = None) -> Course:
-    """The course of a built-in name, of a YAML file, or of a JSON file that holds it explicitly.
+    """The course of a built-in name, of a YAML file, or of a JSON file that holds it, or one posture, explicitly.
 
     frames: M, where another one is wanted than the file says; not for JSON files, whose placements are fixed.
     Raises InvalidInput with every key that is wrong, or with the frame and the limb that have no place to stand.
@@ -28,8 +30,11 @@ def read_course(course: str | Path, frames: int | None = None) -> Course:
     if Path(course).suffix == ".json":
         if frames is not None:
             raise InvalidInput(f"{course}: expected no other number of frames for a course whose placements are fixed")
+        data = parse_json(read_text(course), str(course))
         try:
-            return course_from_json(parse_json(read_text(course), str(course)))
+            if isinstance(data, Mapping) and data.get("format") == POSTURE:
+                return Course.of_posture(PostureProblem.from_json(data), Path(course).stem)
+            return course_from_json(data)
         except InvalidInput as error:
             raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
     spec = read_spec(course)

@@ -53,6 +53,13 @@ class Patch:
         axes.setflags(write=False)
         return axes
 
+    def with_friction(self, friction: float) -> Patch:
+        """The same surface with another friction; its geometry is not looked at again. Raises InvalidInput."""
+        new = object.__new__(Patch)
+        new.__dict__.update(self.__dict__)
+        object.__setattr__(new, "friction", checked(friction, "friction", least=0.0))
+        return new
+
     @property
     def centre_m(self) -> Array:
         """Mean of the vertices, shape (3,) [m]."""

@@ -1,32 +1,160 @@
-"""How a planner's claim becomes an answer: only through the verifier."""
+"""What every planner is, and how its claim becomes an answer: only through the verifier."""
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from ..contact import planner as postures
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Point, Scaled
-from ..keyframes.planner import PlanAcceptance
+from ..outcome import Certificate, Outcome, Posture, Status
 from ..plan import Plan, PlanOutcome
+from ..scene import PostureProblem
 from ..scene.course import Course
+from ..verify import check_certificate, check_plan, check_posture
 from .clock import Clock
 
 
+class Planner(Protocol):
+    """Anything that answers posture problems. ``name`` is the method's name on the command line."""
+
+    name: str
+
+    def solve(self, problem: PostureProblem) -> Outcome:
+        """Answer one problem. Raises InvalidInput where the planner is not made for it."""
+        ...
+
+
+class CoursePlanner(Protocol):
+    """Anything that answers courses. ``name`` is its name on the command line."""
+
+    name: str
+
+    def solve(self, course: Course) -> PlanOutcome:
+        """Answer one course. Raises InvalidInput where the planner is not made for it."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
-class Acceptance(postures.Acceptance):
-    """When a claim is accepted, of postures and of plans."""
+class Acceptance:
+    """When a claim is accepted.
 
-    def plan_outcome(self, course: Course, *, method: str, clock: Clock, **claimed: Any) -> PlanOutcome:
+    tolerance: largest violation of any constraint by a posture or a plan, non-dimensional. gap: moment residual that a
+    certificate of a posture problem must prove, non-dimensional.
+    """
+
+    tolerance: float = 1e-6
+    gap: float = 1e-4
+
+    def outcome(
+        self,
+        problem: PostureProblem,
+        *,
+        method: str,
+        begin: float,
+        posture: Posture | None = None,
+        certificate: Certificate | None = None,
+        solves: int = 0,
+        claim: str = "",
+        message: str = "",
+        details: Mapping[str, float] | None = None,
+    ) -> Outcome:
+        """Feasible if the posture is verified, infeasible if the certificate is, else undecided.
+
+        begin: ``time.perf_counter()`` when the work on the problem began.
+        """
+        status, lower_bound = Status.UNDECIDED, 0.0
+        residual = residual_nm = float("nan")
+        if posture is not None:
+            report = check_posture(problem, posture, tolerance=self.tolerance)
+            residual, residual_nm = report.worst, report.residual_nm
+            if report.accepted:
+                status = Status.FEASIBLE
+            else:
+                message = message or f"witness refused: {report.message}"
+        if certificate is not None and status is Status.UNDECIDED:
+            proof = check_certificate(problem, certificate, tolerance=self.gap)
+            lower_bound = proof.lower_bound
+            if proof.accepted:
+                status, message = Status.INFEASIBLE, ""
+            else:
+                message = message or f"certificate refused: {proof.message}"
+        return Outcome(
+            status=status,
+            method=method,
+            posture=posture if status is Status.FEASIBLE else None,
+            certificate=certificate if status is Status.INFEASIBLE else None,
+            residual=residual,
+            residual_nm=residual_nm,
+            lower_bound=lower_bound,
+            solves=solves,
+            seconds=time.perf_counter() - begin,
+            claim=claim,
+            message=message,
+            details=dict(details or {}),
+        )
+
+    def plan_outcome(
+        self,
+        course: Course,
+        *,
+        method: str,
+        clock: Clock,
+        plan: Plan | None = None,
+        certificate: Certificate | None = None,
+        bound: float = float("nan"),
+        claim: str = "",
+        message: str = "",
+        details: Mapping[str, float] | None = None,
+    ) -> PlanOutcome:
         """Feasible if the plan is verified, infeasible if the certificate is, else undecided."""
-        return PlanAcceptance(tolerance=self.tolerance).outcome(course, method=method, clock=clock, **claimed)
+        status, residual, kept, begin = Status.UNDECIDED, float("nan"), None, clock.elapsed()
+        if plan is not None:
+            report = check_plan(plan, tolerance=self.tolerance, between=False)  # convexity proves the way between
+            residual = report.worst
+            if report.accepted:
+                status, kept = Status.FEASIBLE, plan
+            else:
+                message = message or f"plan refused: {report.message}"
+        if certificate is not None and kept is None:
+            proof = check_certificate(course, certificate, tolerance=0.0)
+            if proof.accepted:
+                status, bound, message = Status.INFEASIBLE, float("inf"), proof.message
+            else:
+                message = message or f"certificate refused: {proof.message}"
+        seconds = clock.elapsed()
+        return PlanOutcome(
+            status=status,
+            method=method,
+            plan=kept,
+            objective=objective_of(kept) if kept is not None else float("nan"),
+            bound=bound,
+            certificate=certificate if status is Status.INFEASIBLE else None,
+            residual=residual,
+            solves=clock.solves,
+            compile_s=clock.compile_s,
+            seconds=seconds - clock.compile_s,
+            solver_seconds=clock.solver_s,
+            verifier_seconds=seconds - begin,
+            claim=claim,
+            message=message,
+            details=dict(details or {}),
+        )
 
 
-def plan_of(course: Course, scaled: Scaled, choice: Index, point: Point, *, provenance: Mapping[str, Any]) -> Plan:
+def plan_of(
+    course: Course,
+    scaled: Scaled,
+    choice: Index,
+    point: Point,
+    *,
+    provenance: Mapping[str, Any],
+    modes: Index | None = None,
+) -> Plan:
     """Give a point on one choice of candidates its units back. scaled: as asked for, or chosen; choice: shape (P,)."""
     chosen = scaled.chosen(choice)
     stance, limb, _ = chosen.layout.contacts
@@ -39,5 +167,17 @@ def plan_of(course: Course, scaled: Scaled, choice: Index, point: Point, *, prov
         toes_m=point.toes * scaled.length_m,
         choice=choice,
         forces_n=forces,
+        modes=modes,
         provenance=provenance,
     )
+
+
+def objective_of(plan: Plan) -> float:
+    """The objective of ``Weights`` at a plan, SI: recomputed, whatever a solver said."""
+    course, weights = plan.course, plan.course.weights
+    cost = weights.goal * float(np.sum((plan.com_m[-1] - course.goal_m) ** 2))
+    cost += weights.tilt * float(np.sum(plan.rotation_rad**2))
+    cost += weights.com_step * float(np.sum(np.diff(plan.com_m, axis=0) ** 2))
+    steps = np.array([plan.toes_at(k) - plan.toes_at(k - 1) for k in range(1, course.frames)])
+    return cost + weights.toe_step * float(np.sum(steps**2))
+

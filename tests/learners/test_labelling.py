@@ -32,7 +32,6 @@ from stancekit.learners.labelling import (
     samples,
 )
 from stancekit.planners.outcome import InvalidInput, Status
-from stancekit.planners.refute import contact_frames
 
 PLAN = LabelPlan(distribution="wall-3", feasible=18, infeasible=14, shard_size=6, seed=5)
 NATURAL = LabelPlan(distribution="wall-3", feasible=0, infeasible=40, shard_size=20, seed=6, natural=True)
@@ -365,7 +364,8 @@ def test_points_of_s_balance_and_points_of_s_bar_do_so_but_for_the_moment(balanc
     for row in Dataset.open(balanced):
         assert row.point is not None
         position, force = row.point[:, :3], row.point[:, 3:]
-        world = np.einsum("njk,nk->nj", contact_frames(row.problem), force)
+        frames = np.array([contact.patch.frame for contact in row.problem.contacts])
+        world = np.einsum("njk,nk->nj", frames, force)
         moment = np.abs(np.cross(position, world).sum(axis=0)).max()
         friction = np.array([contact.patch.friction for contact in row.problem.contacts])
         np.testing.assert_allclose(world.sum(axis=0), [0.0, 0.0, 1.0], atol=1e-6)

@@ -1,0 +1,59 @@
+"""Better plans from a plan: steps along the linearised surface, each of which ends with the toes held.
+
+With the toes held the rest is convex and solved to its optimum; so every accepted step is a plan, and a better one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from ..equilibrium.programs import Programs
+from ..equilibrium.scaled import Point, Scaled
+from .held import FixToes, Linearised
+from .project import SURFACE
+
+SHARES = (1.0, 0.3, 0.1)
+"""Of a linearised step, tried in this order until one is better."""
+
+
+class Counter(Protocol):
+    """Whoever counts solves."""
+
+    def count(self, solves: int, solver_s: float) -> None:
+        """Note solves and their time [s]."""
+        ...
+
+
+def improved(
+    programs: Programs, scaled: Scaled, point: Point, clock: Counter, *, steps: int = 8, least: float = 1e-9
+) -> Point:
+    """A plan at least as good. point: on the surface, one candidate a foothold; least: an improvement worth a step."""
+    step, held = programs.get(Linearised, scaled.layout, False), programs.get(FixToes, scaled.layout, False, False)
+    best, value = point, cost(scaled, point)
+    for _ in range(steps):
+        stepped = step.solve(scaled, best)
+        clock.count(1, stepped.seconds)
+        if not np.isfinite(stepped.residual):
+            return best
+        before = value
+        for share in SHARES:
+            found = held.solve(scaled, replace(best, toes=best.toes + share * (stepped.toes - best.toes)))
+            clock.count(1, found.seconds)
+            if found.residual <= SURFACE and cost(scaled, found) < value:
+                best, value = found, cost(scaled, found)
+                break
+        if before - value < least:
+            return best
+    return best
+
+
+def cost(scaled: Scaled, point: Point) -> float:
+    """The objective of ``terms.objective`` at a point, in units of the length scale squared."""
+    weights, moves = scaled.aim, scaled.layout.moves
+    value = weights.goal * float(np.sum((point.com[-1] - scaled.goal) ** 2))
+    value += weights.tilt / scaled.length_m**2 * float(np.sum(point.rotation**2))
+    value += weights.com_step * float(np.sum(np.diff(point.com, axis=0) ** 2))
+    return value + weights.toe_step * float(np.sum((point.toes[moves[:, 1]] - point.toes[moves[:, 0]]) ** 2))

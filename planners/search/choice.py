@@ -1,0 +1,261 @@
+"""The choice of patches: depth-first branch and bound whose node problem is the lift on the candidates still open.
+
+At every node the shares are rounded to a choice, and the lift on that choice alone, in its own one-candidate program,
+is solved first: where it has no point, no projection can find a plan, and the multipliers that say so cost one small
+solve. These Farkas cuts are kept: they close other nodes without a solve, tell which foothold to branch on, the one
+whose other candidates weaken the cut most, and guide a dive before the first branching. Where the lift has a point and
+P2 finds no plan, stances that cannot be held alone leave nogoods, which do the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array
+from ..equilibrium.layout import Index
+from ..equilibrium.programs import Programs
+from ..equilibrium.rows import ConicStatus
+from ..equilibrium.scaled import Point, Scaled
+from ..outcome import Certificate
+from ..projection.descent import cost
+from ..projection.project import SURFACE
+from ..relaxation.lift import LiftAnswer, solve_lift
+from .clock import Clock
+from .cuts import LEAF
+from .farkas_cuts import FarkasCuts
+from .nogoods import Nogoods
+
+WHOLE = 1e-4
+"""A share this close to 1 is a choice already made."""
+LEAST = 3e-6
+"""A gap is relative to the objective, or to this where the objective is smaller."""
+DIVES, SWEEPS, CUT_PRICE, GUMBEL = 12, 4, 200.0, 0.3
+"""Of the dive: tries, sweeps of a descent over the choices, price of a violated cut, noise on the preference."""
+Project = Callable[[Scaled, Point, bool], Point]
+"""A point of the lift on one choice of patches, on to the bilinear surface; in one try, or else patiently."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """Where a search stops. gap: relative to the best plan's objective; None stops at the first plan."""
+
+    max_nodes: int
+    time_limit_s: float
+    gap: float | None = None
+
+
+class ChoiceSearch:
+    """Depth-first over the choices of one course.
+
+    found: the best choice, (P,), and its point. bound: on the objective, of what was searched. complete: whether the
+    tree was searched to its end, every leaf refuted; else message says why not.
+    """
+
+    def __init__(self, programs: Programs, scaled: Scaled, project: Project, limits: Limits, clock: Clock) -> None:
+        self._programs, self._scaled, self._limits, self._clock = programs, scaled, limits, clock
+        self._onto_surface = project
+        self.found: tuple[Index, Point] | None = None
+        self.upper, self.bound = float("inf"), float("nan")
+        self.nodes = self.tried = self.dived = 0
+        self.guessed = self.limited = False
+        self.message = ""
+        self._cuts, self._nogoods = FarkasCuts(scaled), Nogoods(programs, scaled, clock)
+        self._tried: set[tuple[int, ...]] = set()
+        self._tree: list[tuple[float, ...]] = []
+        self._leaves: list[Array] = []
+        self._open_end = False
+        self._root: LiftAnswer | None = None
+
+    def run(self) -> None:
+        """Search until there is a plan as good as asked for, nothing left, or a limit."""
+        if self._scaled.options > 1:
+            self._guess()
+        stack = [(float("-inf"), self._scaled.opened())]  # bounds and open candidates of what is left
+        ended = [float("inf")]  # bounds of parts given up
+        while stack and not (self._limits.gap is None and self.found is not None):
+            if self.nodes >= self._limits.max_nodes or self._late():
+                limit = f"{self._limits.max_nodes} nodes" if self.nodes >= self._limits.max_nodes else "its time limit"
+                self._open_end = self.limited = True
+                self.message = f"the search for patches met its limit ({limit})"
+                break
+            bound, opened = stack.pop()
+            if self._beaten(bound):
+                ended.append(bound)
+            else:
+                stack += self._expand(bound, opened, ended)
+        if self.found is None and self._open_end and not self.message:
+            self.message = "P1 admits the course, but P2 found no plan from its points"
+        if self._limits.gap is not None and self.nodes:
+            self.bound = min([self.upper, *ended, *(bound for bound, _ in stack)])
+
+    @property
+    def closed(self) -> bool:
+        """Whether the best plan is proved to be within the gap."""
+        return self._beaten(self.bound)
+
+    def certificate(self) -> Certificate | None:
+        """The proof that there is no plan, where the tree was searched to its end."""
+        if self.found is not None or self._open_end or not self._leaves:
+            return None
+        return Certificate(
+            tree=np.array(self._tree, dtype=np.float64), multipliers=np.array(self._leaves)
+        )
+
+    def _guess(self) -> None:
+        """Try the first candidates that have friction, which are the nearest; then dive, unless the root is refuted."""
+        self._try(nearest(self._scaled))
+        self.guessed = self.found is not None
+        if self.found is not None or self._cuts.refuting(self._scaled.opened()) is not None:
+            return
+        self._root = root = self._solve(self._scaled)
+        if root.status is ConicStatus.INFEASIBLE:
+            self._cuts.add(root.multipliers)
+        if root.status is not ConicStatus.SOLVED:
+            return
+        rng = np.random.default_rng(0)
+        preference = _preference(self._scaled)
+        for k in range(DIVES):
+            if self.found is not None or self._late():
+                break
+            self.dived = k + 1
+            noise = GUMBEL * rng.gumbel(size=preference.shape) if k else 0.0
+            self._try(self._dive(preference, np.argmax(preference + noise, axis=1), rng))
+
+    def _dive(self, preference: Array, choice: Index, rng: np.random.Generator) -> Index:
+        """Coordinate descent over choices on the violation of all cuts and the preference."""
+        tables, rows = self._cuts.tables, np.arange(len(choice))
+        finite = np.where(np.isfinite(tables), tables, 0.0)
+        for _ in range(SWEEPS if len(tables) or self._nogoods.entries else 0):
+            before = choice.copy()
+            value = finite[:, rows, choice].sum(axis=1) + self._cuts.constants
+            for p in rng.permutation(len(choice)):
+                rest = value - finite[:, p, choice[p]]
+                violation = np.maximum(rest[:, None] + finite[:, p], 0.0).sum(axis=0)
+                violation = violation + self._nogoods.covering(choice, int(p))
+                choice[p] = int(np.argmin(CUT_PRICE * violation - preference[p]))
+                value = rest + finite[:, p, choice[p]]
+            if (before == choice).all():
+                break
+        return choice
+
+    def _expand(self, bound: float, opened: Array, ended: list[float]) -> list[tuple[float, Array]]:
+        """Solve a node; its children, the one to look at first last."""
+        self.nodes += 1
+        nogood = self._nogoods.refuting(opened)
+        if nogood is not None:
+            self._prove(nogood, opened)
+            return []
+        cut = self._cuts.refuting(opened)
+        lifted, self._root = None if cut is not None else self._root or self._solve(self._scaled.only(opened)), None
+        if lifted is not None and lifted.status is ConicStatus.INFEASIBLE:
+            cut = self._cuts.add(lifted.multipliers)
+        if cut is not None or lifted is None:
+            assert cut is not None
+            self._tree.append(LEAF)
+            self._leaves.append(self._cuts.rows[cut])
+            return []
+        if not lifted.solved:
+            self._open_end, self.message = True, "the conic solver gave up"
+            ended.append(bound)
+            return []
+        bound = max(bound, lifted.bound)
+        self.bound = bound if self.nodes == 1 else self.bound
+        shares = lifted.scaled.by_candidate(lifted.shares, -1.0)
+        choice = np.asarray(shares.argmax(axis=1), dtype=np.int_)
+        blamed = self._try(choice, lifted if shares.max(axis=1).min() > 1.0 - WHOLE else None)
+        nogood = self._nogoods.refuting(opened)
+        if nogood is not None:
+            self._prove(nogood, opened)
+            return []
+        split = self._split(opened, shares, choice, blamed)
+        if split is None or self._beaten(bound):
+            ended.append(bound)
+            self._open_end = self._open_end or (split is None and self.found is None)
+            return []
+        p, r = split
+        self._tree.append((1.0, float(p), float(r), 0.0, 0.0))
+        on, off = opened.copy(), opened.copy()
+        on[p], off[p, r] = 0.0, 0.0
+        on[p, r] = 1.0
+        return [(bound, off), (bound, on)]
+
+    def _split(self, opened: Array, shares: Array, choice: Index, blamed: int | None) -> tuple[int, int] | None:
+        """Foothold and candidate to branch on; None where every choice is made."""
+        several = opened.sum(axis=1) > 1.0
+        if not several.any():
+            return None
+        if blamed is not None:
+            relief = np.where(several, self._cuts.relief(blamed, choice, opened), -1.0)
+            p = int(relief.argmax())
+            if relief[p] > 0.0:
+                return p, int(choice[p])
+        nogood = self._nogoods.refuting(np.eye(self._scaled.options)[choice])
+        loose = None if nogood is None else self._nogoods.blame(nogood, opened)
+        p = loose if loose is not None else int(np.where(several, 1.0 - shares.max(axis=1), -1.0).argmax())
+        return p, int(choice[p])
+
+    def _prove(self, nogood: int, opened: Array) -> None:
+        """End a part of the tree with the subtree of a nogood."""
+        tree, multipliers = self._nogoods.rows(nogood, opened)
+        self._tree += tree
+        self._leaves += multipliers
+
+    def _try(self, choice: Index, lifted: LiftAnswer | None = None) -> int | None:
+        """Look for a plan on one choice, unless it was looked at. Returns the cut that refutes the choice, or None.
+
+        lifted: a point of the lift that makes this choice already.
+        """
+        key = tuple(int(r) for r in choice)
+        only = np.eye(self._scaled.options)[choice]
+        cut = self._cuts.refuting(only)
+        if cut is not None or key in self._tried or self._nogoods.refuting(only) is not None:
+            return cut
+        self._tried.add(key)
+        lifted = lifted or self._solve(self._scaled.chosen(choice))
+        if lifted.status is ConicStatus.INFEASIBLE:
+            return self._cuts.add(lifted.multipliers)
+        if lifted.solved:
+            self._project(lifted)
+        return None
+
+    def _project(self, lifted: LiftAnswer) -> None:
+        self.tried += 1
+        choice, start = lifted.rounded()
+        chosen = self._scaled.chosen(choice)
+        point = self._onto_surface(chosen, start, False)
+        if not point.residual <= SURFACE:
+            if self._nogoods.learn(choice, self._limits.time_limit_s):
+                return
+            point = self._onto_surface(chosen, start, True)
+        if point.residual <= SURFACE and cost(chosen, point) < self.upper:
+            self.found, self.upper = (choice, point), cost(chosen, point)
+
+    def _beaten(self, bound: float) -> bool:
+        """Whether no plan of this bound is better than the one there is by more than the gap."""
+        gap = self._limits.gap
+        return gap is not None and self.found is not None and bound >= self.upper - gap * max(self.upper, LEAST)
+
+    def _late(self) -> bool:
+        return self._clock.working() > self._limits.time_limit_s
+
+    def _solve(self, scaled: Scaled) -> LiftAnswer:
+        lifted = solve_lift(self._programs, scaled, least_moment=False)
+        self._clock.count(1, lifted.seconds)
+        return lifted
+
+
+def nearest(scaled: Scaled) -> Index:
+    """The first open candidate of every foothold that has friction, or its first, by number, shape (P,)."""
+    grips = scaled.by_candidate(np.where(scaled.friction > 0.0, 2.0, 1.0), 0.0)
+    return np.asarray(np.argmax(grips, axis=1), dtype=np.int_)
+
+
+def _preference(scaled: Scaled) -> Array:
+    """Log of how much a candidate is liked before anything is known: near, and with friction; shape (P, options)."""
+    grips = scaled.by_candidate((scaled.friction > 0.0).astype(np.float64), 0.0)
+    rank = np.cumsum(grips, axis=1) - 1.0
+    liked = np.where(grips > 0.0, 0.7 * 0.35 ** np.maximum(rank, 0.0), 0.01)
+    return np.where(scaled.opened() > 0.0, np.log(liked + 0.02), -1e3)

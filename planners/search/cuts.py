@@ -1,0 +1,233 @@
+"""Cuts in space: best-first branch and bound on candidates, pieces of patches and force boxes, for any M ≥ 1.
+
+The lower bound is the lift with the least moment residual, the upper bound SCP from its toes. A node confines footholds
+to some candidates, candidates to pieces of their patches, stance contacts to boxes of forces; on a piece of no size the
+lift is exact, so bisection ends. A node whose moment residual is proved above the gap is closed; when all are, the tree
+and the lift's multipliers are the certificate. A posture problem is the case of one frame.
+
+Copies of one hard stance over many frames multiply the tree, so the stances of a plan are tried ``alone`` first, each a
+relaxation of it (``nogoods``).
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..arrays import Array
+from ..equilibrium.layout import Index, Layout
+from ..equilibrium.programs import Programs
+from ..equilibrium.scaled import Point, Scaled
+from ..outcome import Certificate
+from ..projection.project import SURFACE, scp
+from ..relaxation.lift import LiftAnswer, solve_lift
+
+LEAF = (0.0, 0.0, 0.0, 0.0, 0.0)
+WHOLE = 1e-4
+"""A share this close to 1 is a choice already made."""
+PATCH_UNIT_M = 0.1
+"""A force interval of half this many patch sizes is as wide as the patch: the rule of when to cut the patch instead."""
+WORTH, WORTH_LEAST = 3.0, 2e-3
+"""Below the root, SCP steps on only where the first toes leave less than this many bounds, and this, of moment."""
+STEPS = 4
+"""Most linearised steps of SCP at a node."""
+
+
+@dataclass(kw_only=True, eq=False)
+class Node:
+    """A part of a problem, what the lift says there, and how it was split: a row of the certificate's tree."""
+
+    scaled: Scaled
+    lift: LiftAnswer
+    row: tuple[float, ...] = LEAF
+    children: list[Node] = field(default_factory=list)
+
+    def rows(self) -> tuple[list[tuple[float, ...]], list[Array]]:
+        """The certificate's rows from this node on, in preorder."""
+        tree, multipliers = [self.row], [] if self.children else [self.lift.multipliers]
+        for child in self.children:
+            below, proofs = child.rows()
+            tree += below
+            multipliers += proofs
+        return tree, multipliers
+
+
+class CutSearch:
+    """One search: for a point on the bilinear surface, or a proof that there is none.
+
+    gap: moment residual at which a node counts as refuted. tolerance: violation that a point may have. max_nodes,
+    deadline (``time.perf_counter()``): where to stop. found: choice, (P,), and point; stopped: why there is neither.
+    """
+
+    def __init__(
+        self, programs: Programs, scaled: Scaled, *, gap: float, tolerance: float, max_nodes: int, deadline: float
+    ) -> None:
+        self._programs, self._gap = programs, gap
+        self._on_surface = max(SURFACE, 0.5 * tolerance)
+        self._max_nodes, self._deadline = max_nodes, deadline
+        self._whole = replace(scaled, weights=None)  # it decides, and has no objective
+        self.solves = self.nodes = 0
+        self.seconds = 0.0
+        self.stopped = ""
+        self.found: tuple[Index, Point] | None = None
+        self.root = self._node(self._whole)
+
+    def run(self) -> None:
+        """Search until there is a point, every node is refuted, or a limit."""
+        order = itertools.count()
+        queue = [(self.root.lift.bound, next(order), self.root)]
+        while queue:
+            bound, _, node = heapq.heappop(queue)
+            if bound > self._gap:
+                return  # best first: every open node is closed, too
+            if self.nodes > self._max_nodes or time.perf_counter() > self._deadline or not node.lift.solved:
+                self.stopped = "stopped at the time, node or solver limit"
+                return
+            if self._project(node):
+                return
+            for child in self._branch(node):
+                node.children.append(child)
+                heapq.heappush(queue, (child.lift.bound, next(order), child))
+
+    def certificate(self) -> Certificate | None:
+        """The proof that there is no point, where every node was refuted."""
+        if self.found is not None or self.stopped:
+            return None
+        tree, multipliers = self.root.rows()
+        return Certificate(tree=np.array(tree), multipliers=np.array(multipliers))
+
+    def _node(self, scaled: Scaled) -> Node:
+        self.solves += 1
+        self.nodes += 1
+        lift = solve_lift(self._programs, scaled, least_moment=True)
+        self.seconds += lift.seconds
+        return Node(scaled=scaled, lift=lift)
+
+    def _project(self, node: Node) -> bool:
+        """Look for a point from the node's toes. The whole problem's pieces and boxes hold, not only the node's."""
+        choice, start = node.lift.rounded()
+        worth = float("inf") if node is self.root else WORTH * node.lift.bound + WORTH_LEAST
+        point = scp(self._programs, self._whole.chosen(choice), start, steps=STEPS, worth=worth)
+        self.solves += point.solves
+        self.seconds += point.seconds
+        if point.residual <= self._on_surface:
+            self.found = (choice, point)
+        return self.found is not None
+
+    def _branch(self, node: Node) -> list[Node]:
+        """Two children that cover the node."""
+        node.row, parts = branch(node.scaled, node.lift)
+        return [self._node(part) for part in parts]
+
+
+def branch(scaled: Scaled, lift: LiftAnswer, contact: int | None = None) -> tuple[tuple[float, ...], list[Scaled]]:
+    """A row of a certificate's tree that splits a problem where its lift is loose, and the two parts, which cover it.
+
+    First a foothold torn between candidates; then the force box of the stance contact and component whose f_u / λ_u
+    differ most, or, where that is narrower than its patch, the patch. contact: where another one is wanted.
+    """
+    torn = _torn(scaled, lift)
+    if torn is not None:
+        p, r = torn
+        on, off = scaled.opened(), scaled.opened()
+        on[p], off[p, r] = 0.0, 0.0
+        on[p, r] = 1.0
+        return (1.0, float(p), float(r), 0.0, 0.0), [scaled.only(on), scaled.only(off)]
+    spread = spreads(lift)
+    contact = int(spread.max(axis=1).argmax()) if contact is None else contact
+    axis = int(spread[contact].argmax())
+    foothold = int(scaled.layout.contacts[2][contact])
+    candidate = _largest(scaled.layout, lift.shares, foothold)
+    piece, low, high = scaled.pieces[candidate], scaled.force_min.copy(), scaled.force_max.copy()
+    width = float(high[contact, axis] - low[contact, axis])
+    size = float(np.max(np.linalg.norm(piece[:, None] - piece[None], axis=-1))) * scaled.length_m
+    if len(piece) > 2 and (spread[contact, axis] < 1e-9 or width < 0.5 * size / PATCH_UNIT_M):
+        first, second = halving_chord(piece)
+        row = (2.0, float(foothold), float(np.concatenate(scaled.which)[candidate]), first, second)
+        return row, [scaled.with_piece(candidate, part) for part in cut(piece, first, second)]
+    value = 0.5 * float(low[contact, axis] + high[contact, axis])
+    below, above = high.copy(), low.copy()
+    below[contact, axis] = above[contact, axis] = value
+    parts = [scaled.with_force_box(low, below), scaled.with_force_box(above, high)]
+    return (3.0, float(contact), float(axis), value, 0.0), parts
+
+
+def _torn(scaled: Scaled, lift: LiftAnswer) -> tuple[int, int] | None:
+    """The foothold that is least decided between its candidates, and the best of these; None where all are."""
+    if all(len(counts) == 1 for counts in scaled.layout.corners):
+        return None
+    shares = scaled.by_candidate(lift.shares, 0.0)
+    open_ = np.where(scaled.opened().sum(axis=1) > 1.0, 1.0 - shares.max(axis=1), -1.0)
+    p = int(open_.argmax())
+    return (p, int(shares[p].argmax())) if open_[p] > WHOLE else None
+
+
+def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
+    """One stance as a problem of one frame, with its footholds and the rows of its contacts in the whole one.
+
+    Every plan holds an answer of it: limbs that do not carry are in reach of their footholds, too.
+    """
+    layout = scaled.layout
+    frame, limbs = layout.stances[stance]
+    footholds = np.array(layout.holds[frame], dtype=np.int_)
+    contacts = np.flatnonzero(layout.contacts[0] == stance)
+    kept = np.concatenate([np.flatnonzero(layout.candidate_footholds == p) for p in footholds])
+    vertices = np.concatenate([np.flatnonzero(layout.vertex_footholds == p) for p in footholds])
+    part = replace(
+        scaled,
+        layout=Layout(
+            holds=(tuple(range(layout.limbs)),), stances=((0, limbs),),
+            corners=tuple(layout.corners[p] for p in footholds),
+        ),
+        which=tuple(scaled.which[p] for p in footholds),
+        vertices=scaled.vertices[vertices], frames=scaled.frames[kept], friction=scaled.friction[kept],
+        force_min=scaled.force_min[contacts], force_max=scaled.force_max[contacts],
+        com=scaled.com[[frame]], com_radius=scaled.com_radius[[frame]],
+        direction=np.zeros((0, 3)), progress=np.zeros(0),
+    )  # fmt: skip
+    return part, footholds, contacts
+
+
+def spreads(lift: LiftAnswer) -> Array:
+    """How much f_u / λ_u differ over the vertices under each stance contact, by component, weighted by λ; (B, 3)."""
+    contact, vertex = lift.scaled.layout.contact_vertices
+    starts = np.searchsorted(contact, np.arange(len(lift.scaled.force_min)))
+    share = lift.weights[vertex][:, None]
+    mean = np.add.reduceat(lift.by_vertex, starts)
+    away = lift.by_vertex / np.maximum(share, 1e-9) - mean[contact]
+    return np.asarray(np.sqrt(np.add.reduceat(share * away**2, starts)))
+
+
+def _largest(layout: Layout, shares: Array, foothold: int) -> int:
+    """The candidate of a foothold that has most of it, among all candidates."""
+    own = np.flatnonzero(layout.candidate_footholds == foothold)
+    return int(own[shares[own].argmax()])
+
+
+def halving_chord(piece: Array) -> tuple[float, float]:
+    """Border coordinates of a chord that halves a polygon: a triangle's median to its longest edge, else a diagonal."""
+    count = len(piece)
+    if count > 3:
+        return 0.0, float(count // 2)
+    edge = int(np.argmax(np.linalg.norm(np.roll(piece, -1, axis=0) - piece, axis=1)))
+    first, second = sorted((edge + 0.5, float((edge + 2) % 3)))
+    return first, second
+
+
+def cut(piece: Array, first: float, second: float) -> tuple[Array, Array]:
+    """The two parts of a convex polygon on either side of a chord, as ``Certificate`` orders them."""
+    count = len(piece)
+
+    def point(coordinate: float) -> Array:
+        edge, share = int(coordinate), coordinate - int(coordinate)
+        return np.asarray(piece[edge] + share * (piece[(edge + 1) % count] - piece[edge]))
+
+    def run(start: float, stop: float) -> Array:
+        between = [piece[k % count] for k in range(int(start) + 1, int(np.ceil(stop)))]
+        return np.array([point(start), *between, point(stop % count)])
+
+    return run(first, second), run(second, first + count)

@@ -1,0 +1,249 @@
+"""The exact planners: a posture decided by cuts in space; a course planned to within a gap of its best plan.
+
+A posture is feasible with a witness or infeasible with a certificate (``cuts``). A course is first searched over its
+patches to the end (``choice``): where the lift is tight that closes the gap, or refutes the course. What it leaves open
+is cut in space, best first: the lift is the lower bound of the objective; fix-toes, SCP and descent from its toes are
+the upper bound. A course that only cuts in space refute gets its certificate from ``two_stage.decide``.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Array, checked
+from ..equilibrium.layout import Index
+from ..equilibrium.programs import Programs
+from ..equilibrium.rows import ConicStatus
+from ..equilibrium.scaled import Point, Scaled, cones_met, skew
+from ..outcome import InvalidInput, Outcome
+from ..plan import PlanOutcome
+from ..projection.descent import cost, improved
+from ..projection.project import SURFACE, project
+from ..relaxation.lift import LiftAnswer, solve_lift
+from ..scene import PostureProblem
+from ..scene.course import Course
+from .answer import Acceptance, plan_of
+from .choice import LEAST, ChoiceSearch
+from .clock import Clock
+from .cuts import CutSearch, branch
+from .two_stage import TwoStageCoursePlanner, decide
+
+
+class ExactPlanner:
+    """Feasible with a witness, infeasible with a certificate, or undecided at a limit.
+
+    acceptance: problems whose least moment residual lies between its two figures stay undecided.
+    max_nodes, time_limit_s: where to stop and say undecided.
+    """
+
+    name = "exact"
+
+    def __init__(
+        self,
+        *,
+        acceptance: Acceptance = Acceptance(),
+        max_nodes: int = 2000,
+        time_limit_s: float = 30.0,
+        programs: Programs | None = None,
+    ) -> None:
+        if not time_limit_s >= 0.0:
+            raise InvalidInput(f"time_limit_s: expected a number of at least 0, got {time_limit_s!r}")
+        if max_nodes < 0:
+            raise InvalidInput(f"max_nodes: expected 0 or more, got {max_nodes!r}")
+        self.acceptance = acceptance
+        self.max_nodes = max_nodes
+        self.time_limit_s = time_limit_s
+        self.programs = programs or Programs()
+
+    def solve(self, problem: PostureProblem) -> Outcome:
+        """Decide whether a posture problem has an answer (paper E's P, exactly).
+
+        Returns FEASIBLE with a posture, INFEASIBLE with a certificate whose leaves all prove a moment residual above
+        ``acceptance.gap``, both checked by the verifier; or UNDECIDED with the reason. details: nodes of the tree, and
+        trivial, 1.0 where not even P̄ has an answer. The verdict depends on the problem alone.
+        """
+        begin = time.perf_counter()
+        scaled = Scaled.of(problem)
+        search = CutSearch(
+            self.programs, scaled, gap=self.acceptance.gap, tolerance=self.acceptance.tolerance,
+            max_nodes=self.max_nodes, deadline=begin + self.time_limit_s,
+        )  # fmt: skip
+        search.run()
+        return self.acceptance.outcome(
+            problem,
+            method=self.name,
+            begin=begin,
+            posture=None if search.found is None else scaled.posture(search.found[1]),
+            certificate=search.certificate(),
+            solves=search.solves,
+            message=search.stopped,
+            details={"nodes": float(search.nodes), "trivial": float(np.isinf(search.root.lift.bound))},
+        )
+
+
+class ExactCoursePlanner:
+    """A plan within ``gap`` of the best, a certificate that there is none, or what is known at a limit.
+
+    gap: relative. max_nodes, time_limit_s: where to stop; the bound is then what is proved so far.
+    """
+
+    name = "exact"
+
+    def __init__(
+        self,
+        *,
+        acceptance: Acceptance = Acceptance(),
+        gap: float = 1e-3,
+        max_nodes: int = 20000,
+        time_limit_s: float = 60.0,
+        programs: Programs | None = None,
+    ) -> None:
+        self.acceptance = acceptance
+        self.gap = checked(gap, "gap", above=0.0)
+        if max_nodes < 1:
+            raise InvalidInput(f"max_nodes: expected 1 or more, got {max_nodes}")
+        self.max_nodes = max_nodes
+        self.time_limit_s = checked(time_limit_s, "time_limit_s", least=0.0)
+        self.programs = programs or Programs()
+        self._choices = TwoStageCoursePlanner(
+            gap=gap, max_nodes=max_nodes, time_limit_s=time_limit_s, programs=self.programs
+        )
+
+    def solve(self, course: Course) -> PlanOutcome:
+        """Plan one course. claim: optimal where the gap is closed, infeasible where cuts refute it without a proof."""
+        clock, scaled = Clock.start(), Scaled.of(course)
+        head = self._choices.search(scaled, clock)
+        proof, details = head.certificate(), {"nodes": float(head.nodes), "cuts": 0.0}
+        found, upper, lower, stopped = head.found, head.upper, head.bound, ""
+        if proof is None and not head.closed:
+            tail = _BestPlan(self, head, scaled, clock)
+            tail.run()
+            found, upper, lower, stopped = tail.best, tail.upper, tail.lower, tail.stopped
+            details = {"nodes": float(head.nodes + tail.nodes), "cuts": float(tail.cuts)}
+        if found is None and proof is None and not stopped:
+            _, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes, self.time_limit_s)
+            details["nodes"] += nodes
+        plan, claim = None, "" if stopped or proof is not None else "infeasible"
+        if found is not None:
+            plan = plan_of(course, scaled, *found, provenance={"planner": self.name, "gap": self.gap})
+            details["gap"] = max(0.0, upper - lower) / max(upper, LEAST)
+            claim = "" if stopped else "optimal"
+        bound = float("nan") if claim == "infeasible" else lower * course.length_scale_m**2
+        return self.acceptance.plan_outcome(
+            course, method=self.name, clock=clock, plan=plan, certificate=proof, bound=bound, claim=claim,
+            message=stopped, details=details,
+        )  # fmt: skip
+
+
+@dataclass(kw_only=True, eq=False)
+class _Node:
+    """A part of the course and what the lift says there."""
+
+    lift: LiftAnswer
+    bound: float
+    depth: int = 0
+
+
+class _BestPlan:
+    """Best-first branch and bound in space for the best plan, from what the search over patches knows."""
+
+    def __init__(self, planner: ExactCoursePlanner, head: ChoiceSearch, scaled: Scaled, clock: Clock) -> None:
+        self._planner, self._programs, self._clock = planner, planner.programs, clock
+        self._scaled = scaled
+        self.best: tuple[Index, Point] | None = head.found
+        self.upper = head.upper
+        self._known = head.bound if np.isfinite(head.bound) else 0.0  # no objective is negative
+        self.lower = self._known
+        self.nodes = self.cuts = 0
+        self.stopped = ""
+        self._lost = float("inf")  # least bound of a node that the solver gave up on
+        self._queue: list[tuple[float, int, int, _Node]] = []
+        self._order = itertools.count()
+        self._quantum = 0.1 * planner.gap * max(self._known, LEAST)
+
+    def run(self) -> None:
+        """Search until the gap is closed, nothing is left, or a limit."""
+        layout = self._scaled.layout
+        grip = self._scaled.by_candidate(self._scaled.friction, 0.0).max(axis=1)[layout.contacts[2]]
+        box = cones_met(self._scaled.force_min, self._scaled.force_max, grip)
+        self._push(self._node(self._scaled.with_force_box(*box)))
+        while self._queue:
+            bound, _, _, node = heapq.heappop(self._queue)
+            self.lower = max(self._known, min(bound, self._lost))
+            if self._closed(self.lower):
+                return
+            if self.nodes >= self._planner.max_nodes or self._clock.working() > self._planner.time_limit_s:
+                at_nodes = self.nodes >= self._planner.max_nodes
+                limit = f"{self._planner.max_nodes} nodes" if at_nodes else "its time limit"
+                self.stopped = f"the search met its limit ({limit})"
+                return
+            self._project(node)
+            if self._closed(self.lower):
+                return
+            for child in self._branch(node):
+                self._push(self._node(child, node))
+        self.lower = min(self.upper, self._lost)
+        if np.isfinite(self._lost):
+            self.stopped = "the conic solver gave up on a part of the course"
+
+    def _closed(self, bound: float) -> bool:
+        return self.best is not None and bound >= self.upper - self._planner.gap * max(self.upper, LEAST)
+
+    def _node(self, part: Scaled, above: _Node | None = None) -> _Node:
+        self.nodes += 1
+        lift = solve_lift(self._programs, part, least_moment=False)
+        self._clock.count(1, lift.seconds)
+        known, depth = (float("-inf"), 0) if above is None else (above.bound, above.depth + 1)
+        bound = max(known, lift.bound) if lift.status is ConicStatus.SOLVED else known
+        return _Node(lift=lift, bound=bound, depth=depth)
+
+    def _push(self, node: _Node) -> None:
+        """By bound, in steps of a tenth of the gap; of equal ones the deepest first."""
+        if node.lift.status is ConicStatus.SOLVED:
+            bound = float(np.floor(node.bound / self._quantum)) * self._quantum
+            heapq.heappush(self._queue, (bound, -node.depth, next(self._order), node))
+        elif node.lift.status is ConicStatus.FAILED:
+            self._lost = min(self._lost, node.bound)
+
+    def _project(self, node: _Node) -> None:
+        """A plan from the node's toes. The whole course's patches and boxes hold, not only the node's."""
+        choice, start = node.lift.rounded()
+        chosen = self._scaled.chosen(choice)
+        point = project(self._programs, "fix-toes" if self.best is not None else "scp", chosen, start)
+        self._clock.count(point.solves, point.seconds)
+        if point.residual <= SURFACE and cost(chosen, point) < self.upper:
+            self._keep(choice, point, cost(chosen, point))
+            least = 0.1 * self._planner.gap * max(self.upper, LEAST)
+            point = improved(self._programs, chosen, point, self._clock, least=least)
+            self._keep(choice, point, cost(chosen, point))
+
+    def _keep(self, choice: Index, point: Point, value: float) -> None:
+        if value < self.upper:
+            self.best, self.upper = (choice, point), value
+
+    def _branch(self, node: _Node) -> list[Scaled]:
+        """Two parts that cover the node: a candidate's, where shares are torn, or halves in space."""
+        row, parts = branch(node.lift.scaled, node.lift, _most_gained(node.lift))
+        self.cuts += row[0] != 1.0
+        return parts
+
+
+def _most_gained(lift: LiftAnswer) -> int:
+    """The stance contact at which the lift gains the most moment: by forces that its vertices spread."""
+    part, layout = lift.scaled, lift.scaled.layout
+    contact, vertex = layout.contact_vertices
+    share, points = lift.weights[vertex], part.vertices[vertex]
+    world = np.matmul(part.frames[layout.vertex_candidates[vertex]], lift.by_vertex[..., None])[..., 0]
+    starts = np.searchsorted(contact, np.arange(len(part.force_min)))
+    toe, total = np.add.reduceat(share[:, None] * points, starts), np.add.reduceat(world, starts)
+    gained = np.add.reduceat(_cross(points, world), starts) - _cross(toe, total)
+    return int(np.linalg.norm(gained, axis=1).argmax())
+
+
+def _cross(first: Array, second: Array) -> Array:
+    return np.asarray(np.matmul(skew(first), second[..., None])[..., 0])

@@ -1,0 +1,108 @@
+"""Farkas cuts: multipliers that refuted one part of the choices, tried on others; what a search learns from failures.
+
+The bound that multipliers prove (``verify.certificate``) is a constant plus, for each foothold, the least of a number a
+candidate. So a table of these says at once which other parts they refute, and which footholds' candidates are to blame
+(logic-based Benders).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays import Array
+from ..equilibrium.layout import Index
+from ..equilibrium.scaled import Scaled
+
+MARGIN = 1e-3
+"""A bound above this, for multipliers of at most 1, is refused by no rounding and no tolerance of the verifier."""
+
+
+class FarkasCuts:
+    """The cuts found so far on one problem. rows: multipliers, as a leaf of a certificate has them."""
+
+    def __init__(self, scaled: Scaled) -> None:
+        self._scaled = scaled
+        self.rows: list[Array] = []
+        self.constants = np.zeros(0)
+        self.tables = np.zeros((0, scaled.layout.footholds, scaled.options))
+
+    def add(self, row: Array) -> int:
+        """Keep multipliers that refuted something; their number."""
+        parts = split(self._scaled, row)
+        self.rows.append(row)
+        self.constants = np.append(self.constants, self._constant(parts))
+        self.tables = np.concatenate([self.tables, self._table(parts)[None]])
+        return len(self.rows) - 1
+
+    def refuting(self, opened: Array) -> int | None:
+        """A cut that refutes these open candidates, shape (P, options), or None."""
+        if not self.rows:
+            return None
+        least = np.where(opened > 0.0, self.tables, np.inf).min(axis=2).sum(axis=1) + self.constants
+        best = int(least.argmax())
+        return best if least[best] > MARGIN else None
+
+    def relief(self, cut: int, choice: Index, opened: Array) -> Array:
+        """By how much other open candidates of every foothold would weaken a cut against a choice, shape (P,)."""
+        table = self.tables[cut]
+        best = np.where(opened > 0.0, table, np.inf).min(axis=1)
+        return np.asarray(table[np.arange(len(table)), choice] - best)
+
+    def _constant(self, parts: dict[str, Array]) -> float:
+        """All of the bound but the toes."""
+        scaled, layout, norm = self._scaled, self._scaled.layout, np.linalg.norm
+        reach, nu_M = parts["reach"], parts["nu_M"]
+        pull, twist = -reach.sum(axis=1), -np.cross(scaled.shoulders, reach).sum(axis=1)
+        across = np.column_stack([nu_M[:, 1], -nu_M[:, 0], 0.0 * nu_M[:, 0]])  # −ν·(c × e_z) = (−e_z × ν)·c
+        np.add.at(pull, layout.stance_frames, scaled.weight * across)
+        step = parts["com_step"] - parts["progress"][:, None] * scaled.direction
+        for slope, change in ((pull, step), (twist, parts["rotation_step"])):
+            slope[1:] += change
+            slope[:-1] -= change
+        com_step, toe_step, rotation_step = scaled.steps
+        return float(
+            np.sum(pull * scaled.com)
+            - scaled.weight * parts["nu_F"][:, 2].sum()
+            - norm(pull, axis=1) @ scaled.com_radius
+            - scaled.tilt * np.abs(twist).sum()
+            - np.sum(reach * scaled.shoulders)
+            - norm(reach, axis=2).sum(axis=0) @ scaled.reach
+            - com_step * norm(parts["com_step"], axis=1).sum()
+            - rotation_step * norm(parts["rotation_step"], axis=1).sum()
+            - toe_step * norm(parts["toe_step"], axis=1).sum()
+            + parts["progress"] @ scaled.progress
+        )
+
+    def _table(self, parts: dict[str, Array]) -> Array:
+        """The least that a toe and the forces on it contribute, by foothold and candidate, shape (P, options).
+
+        Of the force box only f_n counts here, which makes the bound weaker and never wrong.
+        """
+        scaled, layout = self._scaled, self._scaled.layout
+        pull = np.zeros((layout.footholds, 3))
+        np.add.at(pull, np.array(layout.holds).ravel(), parts["reach"].reshape(-1, 3))
+        np.add.at(pull, layout.moves[:, 1], parts["toe_step"])
+        np.add.at(pull, layout.moves[:, 0], -parts["toe_step"])
+        value = np.sum(scaled.vertices * pull[layout.vertex_footholds], axis=1)
+        contact, vertex = layout.contact_vertices
+        stance, candidate = layout.contacts[0][contact], layout.vertex_candidates[vertex]
+        nu = parts["nu_F"][stance] + np.cross(parts["nu_M"][stance], scaled.vertices[vertex])  # ν·(v × F) = (ν × v)·F
+        slope = np.matmul(nu[:, None], scaled.frames[candidate])[:, 0]
+        along = slope[:, 0] - scaled.friction[candidate] * np.hypot(slope[:, 1], slope[:, 2])  # of f_n, in the cone
+        normal = np.stack([np.maximum(scaled.force_min[contact, 0], 0.0), scaled.force_max[contact, 0]])
+        np.add.at(value, vertex, (along * normal).min(axis=0))
+        ends = np.cumsum(np.bincount(layout.vertex_candidates))
+        return scaled.by_candidate(np.minimum.reduceat(value, np.r_[0, ends[:-1]]), np.inf)
+
+
+def split(scaled: Scaled, row: Array) -> dict[str, Array]:
+    """The groups of a certificate's row by name."""
+    layout = scaled.layout
+    stances, steps = (len(layout.stances), 3), layout.frames - 1
+    shapes: dict[str, tuple[int, ...]] = {
+        "nu_F": stances, "nu_M": stances, "reach": (layout.frames, layout.limbs, 3), "com_step": (steps, 3),
+        "rotation_step": (steps, 3), "progress": (steps,), "toe_step": (len(layout.moves), 3),
+    }  # fmt: skip
+    ends = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])
+    parts = np.split(row, ends[:-1])
+    return {name: part.reshape(shape) for (name, shape), part in zip(shapes.items(), parts, strict=True)}

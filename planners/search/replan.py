@@ -1,0 +1,40 @@
+"""Receding horizon: the coming key frames planned anew from where the robot stands, with nothing kept from before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from ..caution import plan_with_reserve
+from ..plan import PlanOutcome
+from ..plan_window import Standing, course_window
+from ..scene.course import Course
+from .answer import CoursePlanner
+from .two_stage import TwoStageCoursePlanner
+
+
+def replan(
+    state: Standing | None,
+    course: Course,
+    *,
+    frame: int = 0,
+    horizon: int | None = None,
+    planner: CoursePlanner | Callable[[Course], CoursePlanner] | None = None,
+    shares: tuple[float, ...] = (1.0,),
+) -> PlanOutcome:
+    """Plan key frames ``frame`` to ``frame + horizon`` of a course from where the robot stands.
+
+    state: pose and toes at ``frame``, whose toes stay; None at the beginning, where they are free as in the course.
+    horizon: how many frames ahead; None for all that are left. planner: one, or what chooses one for the window (a
+    policy); by default the two-stage planner over the lift. shares: of the friction, tried in this order until there is
+    a plan (``caution.plan_with_reserve``).
+
+    Returns the planner's outcome over the window, whose plan begins at ``state``; ``plan_window.joined`` puts windows
+    together. The answer depends on the arguments alone: no program, guess or earlier plan is kept.
+    Raises InvalidInput for frames that there are not, and where the planner is not made for the window.
+    """
+    last = course.frames - 1 if horizon is None else min(frame + horizon, course.frames - 1)
+    window = course_window(course, frame, last, state)
+    if planner is None:
+        planner = TwoStageCoursePlanner()
+    chosen: CoursePlanner = planner if hasattr(planner, "solve") else planner(window)  # type: ignore[assignment]
+    return plan_with_reserve(chosen, window, shares)

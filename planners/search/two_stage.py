@@ -1,0 +1,118 @@
+"""The two-stage planner P1 → P2 over the lift (paper E §II, §IV-B), for postures and for courses.
+
+A course is tried in this order: the nearest patches that have friction; a dive and a branch and bound over the choices
+(``choice``), every node rounded and projected, with cuts in space against stances that cannot be held alone
+(``nogoods``); cuts in space over all frames (``cuts``), where P1 still has points and P2 finds no plan. Feasible with a
+plan, infeasible with a certificate, or undecided at a limit.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from ..arrays import checked
+from ..equilibrium.layout import Index
+from ..equilibrium.programs import Programs
+from ..equilibrium.scaled import Point, Scaled
+from ..outcome import Certificate, InvalidInput
+from ..plan import PlanOutcome
+from ..projection.descent import improved
+from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, project
+from ..scene.course import Course
+from .answer import Acceptance, plan_of
+from .choice import ChoiceSearch, Limits
+from .clock import Clock
+from .cuts import CutSearch
+from .nogoods import GAP
+
+QUICK = 2
+"""Linearised steps of SCP before anybody asks whether the stances can be held at all."""
+CHOICE_SHARE = 0.5
+"""Of the time limit that the search over choices may use; cuts in space get the rest."""
+
+
+class TwoStageCoursePlanner:
+    """P1 by the lift, P2 by projection, branch and bound over candidates, and cuts where P1 says yes and P2 no.
+
+    projection: see ``projection.project``. gap: None takes the first plan that the search finds; else the search goes
+    on, and improves plans, until one is proved to be within this relative gap of the best. max_nodes: of each search.
+    time_limit_s: of one course. cuts: whether to cut in space.
+    """
+
+    name = "two-stage"
+
+    def __init__(
+        self,
+        *,
+        projection: Projection = "scp",
+        acceptance: Acceptance = Acceptance(),
+        gap: float | None = None,
+        max_nodes: int = 2000,
+        time_limit_s: float = 60.0,
+        cuts: bool = True,
+        programs: Programs | None = None,
+    ) -> None:
+        if projection not in PROJECTIONS:
+            raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
+        self.projection: Projection = projection
+        self.acceptance = acceptance
+        self.gap = None if gap is None else checked(gap, "gap", above=0.0)
+        self.max_nodes = max_nodes
+        self.time_limit_s = time_limit_s
+        self.cuts = cuts
+        self.programs = programs or Programs()
+
+    def solve(self, course: Course) -> PlanOutcome:
+        """Plan one course; bound is the root's lower bound on the objective, with ``gap`` that of the whole search."""
+        clock, scaled = Clock.start(), Scaled.of(course)
+        search = self.search(scaled, clock)
+        found, proof, message = search.found, search.certificate(), search.message
+        details = {
+            "nodes": float(search.nodes), "guessed": float(search.guessed), "projected": float(search.tried),
+            "dived": float(search.dived), "cuts": 0.0,
+        }  # fmt: skip
+        if found is None and proof is None and self.cuts:
+            found, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes, self.time_limit_s)
+            message, details["cuts"] = "" if found or proof else message, float(nodes)
+        plan = None
+        if found is not None:
+            made = {"planner": self.name, "projection": self.projection, "p1": "lift"}
+            plan = plan_of(course, scaled, *found, provenance=made)
+        return self.acceptance.plan_outcome(
+            course, method=self.name, clock=clock, plan=plan, certificate=proof,
+            bound=search.bound * course.length_scale_m**2, message=message, details=details,
+        )  # fmt: skip
+
+    def search(self, scaled: Scaled, clock: Clock) -> ChoiceSearch:
+        """The search over the patches of one course, run."""
+        share = CHOICE_SHARE if self.cuts else 1.0
+        limits = Limits(max_nodes=self.max_nodes, time_limit_s=share * self.time_limit_s, gap=self.gap)
+
+        def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
+            point = project(self.programs, self.projection, chosen, start, steps=STEPS if patient else QUICK)
+            clock.count(point.solves, point.seconds)
+            if self.gap is None or not point.residual <= SURFACE:
+                return point
+            return improved(self.programs, chosen, point, clock)
+
+        search = ChoiceSearch(self.programs, scaled, projected, limits, clock)
+        search.run()
+        return search
+
+
+def decide(
+    programs: Programs, scaled: Scaled, clock: Clock, max_nodes: int, time_limit_s: float
+) -> tuple[tuple[Index, Point] | None, Certificate | None, int]:
+    """Decide a course by cuts in space: choice and point, or certificate, or neither at a limit; and how many nodes."""
+    deadline = time.perf_counter() + max(time_limit_s - clock.working(), 0.0)
+    search = CutSearch(programs, scaled, gap=GAP, tolerance=1e-6, max_nodes=max_nodes, deadline=deadline)
+    search.run()
+    clock.count(search.solves, search.seconds)
+    if search.found is None:
+        return None, search.certificate(), search.nodes
+    choice, point = search.found
+    best = project(programs, "fix-toes", scaled.chosen(choice), point)  # with the course's objective
+    return (choice, best if np.isfinite(best.residual) else replace(point, objective=float("nan"))), None, search.nodes

@@ -1,0 +1,201 @@
+"""One certificate for postures and courses: the same bounds on either, old forms, and no proof of what is not so."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stancekit.envs.terrains import DISTRIBUTIONS
+from stancekit.planners.contact.exact import ExactPlanner
+from stancekit.planners.outcome import Certificate, InvalidInput
+from stancekit.planners.proof_file import check_proof_file, read_proof, write_proof
+from stancekit.planners.scene.course import Course, Placement
+from stancekit.planners.scene.robot import Limb, Robot
+from stancekit.planners.verify import check_certificate, check_certificates, explain
+from stancekit.planners.verify.certificate import forest_of
+from stancekit.planners.verify.geometry import cut
+from stancekit.planners.verify.lagrangian import least_lagrangians, multiplier_count
+from stancekit.planners.verify.stances import Schedule
+
+SEEDS = st.integers(0, 2**32 - 1)
+LEAF = (0, 0, 0, 0, 0)
+
+
+@pytest.fixture(scope="module")
+def refuted():
+    """Natural problems that the exact planner refutes, one of them by a tree, with their certificates."""
+    rng, planner, found = np.random.default_rng(1), ExactPlanner(), []
+    while len(found) < 9 or not any(len(proof.multipliers) > 1 for _, proof in found):
+        problem = DISTRIBUTIONS[("wall-3", "wall-5", "ground-3")[len(found) % 3]].sample(rng)
+        outcome = planner.solve(problem)
+        if outcome.certificate is not None:
+            found.append((problem, outcome.certificate))
+    return found
+
+
+def as_course(problem):
+    """A posture problem as a course of one frame."""
+    limbs = tuple(Limb(name=c.leg, shoulder_m=c.shoulder_m, reach_m=c.reach_m) for c in problem.contacts)
+    return Course(
+        name="posture", robot=Robot(name="robot", mass_kg=problem.mass_kg, limbs=limbs),
+        terrain=tuple(c.patch for c in problem.contacts), lifts=((),), com_nominal_m=[problem.com_nominal_m],
+        placements=tuple(Placement(limb=c.leg, frame=0, candidates=(c.patch,)) for c in problem.contacts),
+        com_radius_m=[problem.com_radius_m], goal_m=np.zeros(3), tilt_limit_rad=problem.tilt_limit_rad,
+        gravity_m_s2=problem.gravity_m_s2, length_scale_m=problem.length_scale_m,
+        force_min=problem.contacts[0].force_min, force_max=problem.contacts[0].force_max,
+    )  # fmt: skip
+
+
+def random_tree(rng, course, depth=4):
+    """A tree of random choices, cuts and splits over a course, and its number of leaves."""
+    pieces = {
+        (p, r): patch.vertices_m if put.toe_m is None else None
+        for p, put in enumerate(course.placements)
+        for r, patch in enumerate(put.candidates)
+    }
+    carrying = sum(len(stance.limbs) for stance in course.stances)
+    boxes = np.stack([np.tile(course.force_min, (carrying, 1)), np.tile(course.force_max, (carrying, 1))])
+
+    def grow(pieces, boxes, depth):
+        kind = 0 if depth == 0 or rng.random() < 0.1 else int(rng.integers(1, 4))
+        slot = sorted(pieces)[int(rng.integers(len(pieces)))]
+        if kind == 1:
+            on = {key: piece for key, piece in pieces.items() if key[0] != slot[0] or key == slot}
+            off = {key: piece for key, piece in pieces.items() if key != slot} or on
+            return [(1, *slot, 0, 0), *grow(on, boxes, depth - 1), *grow(off, boxes, depth - 1)]
+        if kind == 2 and pieces[slot] is not None:
+            ends = np.sort(rng.uniform(0, len(pieces[slot]), 2))
+            parts = [grow(pieces | {slot: part}, boxes, depth - 1) for part in cut(pieces[slot], *ends)]
+            return [(2, *slot, *ends), *parts[0], *parts[1]]
+        if kind == 3:
+            b, k = int(rng.integers(carrying)), int(rng.integers(3))
+            at, children = rng.uniform(boxes[0, b, k], boxes[1, b, k]), []
+            for side in (1, 0):
+                box = boxes.copy()
+                box[side, b, k] = at
+                children += grow(pieces, box, depth - 1)
+            return [(3, b, k, at, 0), *children]
+        return [LEAF]
+
+    tree = np.array(grow(pieces, boxes, depth), dtype=float)
+    return tree, int(np.sum(tree[:, 0] == 0))
+
+
+def test_a_posture_and_its_course_of_one_frame_have_one_bound(refuted):
+    for problem, proof in refuted:
+        alone, course = check_certificate(problem, proof), check_certificate(as_course(problem), proof)
+        assert alone.accepted
+        assert course.accepted
+        assert course.lower_bound == pytest.approx(alone.lower_bound, rel=1e-12)
+        assert (course.leaves, course.weakest, course.message) == (alone.leaves, alone.weakest, alone.message)
+
+
+@given(seed=SEEDS)
+@settings(max_examples=25, deadline=None)
+def test_every_leaf_of_any_tree_is_worth_the_same_on_either(refuted, seed):
+    rng = np.random.default_rng(seed)
+    problem, proof = refuted[int(rng.integers(len(refuted)))]
+    tree, leaves = random_tree(rng, as_course(problem))
+    rows = rng.choice(proof.multipliers, leaves) + rng.normal(
+        0, rng.choice([0.0, 0.3]), (leaves, proof.multipliers.shape[1])
+    )
+    found = []
+    for subject in (problem, as_course(problem)):
+        forest = forest_of(subject)
+        replayed = forest.replay(0, Certificate(tree=tree, multipliers=rows))
+        found.append(least_lagrangians(forest.numbers, forest.leaves({0: replayed})))
+    (one, empty), (other, also) = found
+    assert np.array_equal(empty, also)
+    np.testing.assert_allclose(one[:, ~empty], other[:, ~empty], rtol=1e-12, atol=1e-12)
+    assert np.all(one[0, ~empty] >= one[1, ~empty])  # slack only takes away
+
+
+@given(seed=SEEDS)
+@settings(max_examples=40, deadline=None)
+def test_no_tree_refutes_a_course_that_has_a_plan(walk, seed):
+    rng = np.random.default_rng(seed)
+    course = walk(3, "tripod").course
+    tree, leaves = random_tree(rng, course)
+    count = multiplier_count(Schedule.of_course(course))
+    rows = rng.normal(size=(leaves, count)) * (rng.random((leaves, count)) < rng.choice([0.02, 0.3, 1.0]))
+    report = check_certificate(course, Certificate(tree=tree, multipliers=rows))
+    assert report.leaves == leaves
+    assert not report.accepted
+
+
+def test_no_foreign_certificate_is_accepted_where_there_is_an_answer(refuted):
+    rng, planner, looked = np.random.default_rng(7), ExactPlanner(), 0
+    while looked < 120:
+        problem = DISTRIBUTIONS[("wall-3", "wall-5", "ground-3")[looked % 3]].sample(rng)
+        if planner.solve(problem).posture is None:
+            continue
+        proofs = [proof for of, proof in refuted if len(of.contacts) == len(problem.contacts)]
+        noisy = [
+            Certificate(tree=p.tree, multipliers=p.multipliers + rng.normal(0, s, p.multipliers.shape))
+            for p in proofs
+            for s in (0.0, 0.05, 0.5)
+        ]
+        assert not np.any(check_certificates([problem] * len(noisy), noisy))
+        looked += len(noisy)
+
+
+def test_many_certificates_at_once_prove_what_each_proves_alone(refuted):
+    problems, proofs = (list(column) for column in zip(*refuted, strict=True))
+    problems.append(problems[0])
+    proofs.append(Certificate(tree=[LEAF, LEAF], multipliers=proofs[0].multipliers))
+    alone = [check_certificate(*pair).lower_bound for pair in zip(problems, proofs, strict=True)]
+    assert check_certificates(problems, proofs) == pytest.approx(alone, rel=1e-12)
+    assert alone[-1] == 0.0
+    assert check_certificates([], []).shape == (0,)
+
+
+def test_a_leaf_without_a_candidate_needs_no_proof(refuted):
+    problem, proof = next(pair for pair in refuted if len(pair[1].multipliers) == 1)
+    rows = np.vstack([proof.multipliers, np.zeros_like(proof.multipliers)])
+    report = check_certificate(problem, Certificate(tree=[(1, 0, 0, 0, 0), LEAF, LEAF], multipliers=rows))
+    assert report.lower_bound == check_certificate(problem, proof).lower_bound
+    swapped = Certificate(tree=[(1, 0, 0, 0, 0), LEAF, LEAF], multipliers=rows[::-1])
+    assert not check_certificate(problem, swapped).accepted
+
+
+def test_older_forms_are_read_as_what_they_meant():
+    rows = [[1.0] * 15] * 4
+    old = [[2, 1, 0.5, 2.0], [1, 2, 0, 0.25], [0, 0, 0, 0], [0, 0, 0, 0], [1, 0, 1, -0.5], [0, 0, 0, 0], [0, 0, 0, 0]]
+    new = [[2, 1, 0, 0.5, 2.0], [3, 2, 0, 0.25, 0], LEAF, LEAF, [3, 0, 1, -0.5, 0], LEAF, LEAF]
+    read = Certificate.from_json({"tree": old, "multipliers": rows})
+    np.testing.assert_array_equal(read.tree, new)
+    again = Certificate.from_json(json.loads(json.dumps(read.to_json())))
+    np.testing.assert_array_equal(again.tree, new)
+    course = Certificate.from_arrays(np.array([(4, 1), (-1, -1), (5, 0), (-1, -1), (-1, -1)]), np.ones((3, 7)))
+    np.testing.assert_array_equal(course.tree, [(1, 4, 1, 0, 0), LEAF, (1, 5, 0, 0, 0), LEAF, LEAF])
+    with pytest.raises(InvalidInput, match=r"expected a tree of shape \(K, 5\)"):
+        Certificate.from_arrays(np.zeros((1, 3)), np.ones((1, 9)))
+
+
+def test_a_kind_that_the_older_form_had_not_stays_malformed(refuted):
+    problem, proof = refuted[0]
+    read = Certificate.from_arrays(
+        np.array([[3.0, 0, 0, 0.5], [0] * 4, [0] * 4]), np.repeat(proof.multipliers[:1], 2, 0)
+    )
+    assert not check_certificate(problem, read).accepted
+
+
+def test_the_proof_of_a_posture_is_a_file_like_that_of_a_course(refuted, tmp_path):
+    problem, proof = refuted[0]
+    write_proof(tmp_path / "proof.json", problem, proof)
+    again, certificate = read_proof(tmp_path / "proof.json")
+    assert again.to_json() == problem.to_json()
+    np.testing.assert_array_equal(certificate.multipliers, proof.multipliers)
+    check = check_proof_file(tmp_path / "proof.json")
+    assert check.accepted
+    assert check.to_json()["kind"] == "no-posture"
+    assert check.message == f"posture on {', '.join(problem.legs)}: {explain(problem, proof).message}"
+    data = json.loads((tmp_path / "proof.json").read_text())
+    loose = data["subject"] | {"com_radius_m": 5.0}
+    loose["contacts"] = [contact | {"reach_m": 9.0, "friction": 2.0} for contact in loose["contacts"]]
+    (tmp_path / "proof.json").write_text(json.dumps(data | {"subject": loose}))
+    assert check_proof_file(tmp_path / "proof.json").to_json()["verdict"] == "refused"
