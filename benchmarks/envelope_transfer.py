@@ -19,12 +19,12 @@ import numpy as np
 from stancekit.envs.terrains import distribution
 from stancekit.learners.modes import solved_postures
 from stancekit.learners.selectors.quantile import quantile_box
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.gait.seeds import Seat
 from stancekit.planners.outcome import Status
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.scene.terrains import reference_terrain
 from stancekit.planners.warp.conformal import flatten
 from stancekit.planners.warp.spline_map import SplineMap

@@ -24,11 +24,11 @@ from stancekit.envs.selection import ADMITTED
 from stancekit.envs.terrains import DISTRIBUTIONS, PostureDistribution, distribution
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.selectors.heuristic import heuristic_envelope
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.contact.planner import Acceptance
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.scene import PostureProblem
 
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"

@@ -17,10 +17,10 @@ from stancekit.planners.outcome import InvalidInput
 from .console import as_options, complain, emit, out, progress
 
 if TYPE_CHECKING:
-    from stancekit.planners.contact.envelope import EnvelopeSet
     from stancekit.planners.keyframes.modes import Modes
     from stancekit.planners.keyframes.planner import CoursePlanner
     from stancekit.planners.plan import Plan, PlanOutcome
+    from stancekit.planners.relaxation.envelope import EnvelopeSet
     from stancekit.planners.scene.course import Course
     from stancekit.planners.verify import Report
 

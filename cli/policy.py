@@ -10,7 +10,7 @@ from stancekit.planners.outcome import InvalidInput
 if TYPE_CHECKING:
     from stancekit.envs.runner.choice import SelectorPolicy
     from stancekit.learners.selectors.selector import Learned
-    from stancekit.planners.contact.envelope import EnvelopeSet
+    from stancekit.planners.relaxation.envelope import EnvelopeSet
     from stancekit.planners.scene.course import Course
 
 LIFT = "lift"

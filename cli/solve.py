@@ -17,8 +17,8 @@ from stancekit.planners.outcome import InvalidInput
 from .console import as_options, complain, emit, out, progress, text_of
 
 if TYPE_CHECKING:
-    from stancekit.planners.contact.envelope import EnvelopeSet
     from stancekit.planners.contact.planner import Planner
+    from stancekit.planners.relaxation.envelope import EnvelopeSet
     from stancekit.planners.scene import PostureProblem
 
 LONGEST_S = 1e6

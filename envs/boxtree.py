@@ -16,13 +16,13 @@ import numpy as np
 
 from stancekit.planners.arrays import Array
 from stancekit.planners.conic import ConicStatus
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.planner import Acceptance
 from stancekit.planners.contact.project import Point
 from stancekit.planners.contact.relax import p1_values
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Projection, Stages
 from stancekit.planners.outcome import Posture, Status
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.scene import PostureProblem
 
 REFUTED_MARGIN = 1e-6

@@ -20,9 +20,9 @@ from matplotlib.patches import Circle, Ellipse, FancyArrow, Rectangle, Wedge
 from numpy.typing import NDArray
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.files import check_writable, write_bytes
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
 
 Size = tuple[int, int]
 SIZE_PX, CHART_PX = (1200, 900), (1200, 640)

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.scene import Robot, hexapod
 from stancekit.planners.scene.posture import GRAVITY_M_S2
 

@@ -12,8 +12,8 @@ from matplotlib.colors import to_rgb as rgb
 from matplotlib.figure import Figure
 
 from stancekit.planners.arrays import Array, frozen
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.outcome import InvalidInput, Posture
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.scene import Patch, PostureProblem
 
 from . import chart

@@ -13,7 +13,6 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.contact.planner import Acceptance
 from stancekit.planners.contact.project import Point
 from stancekit.planners.contact.relax import RelaxationAnswer
@@ -21,6 +20,7 @@ from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import PROJECTIONS, Projection, Stages
 from stancekit.planners.files import read_envelopes
 from stancekit.planners.outcome import InvalidInput, Outcome, Posture, Status
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from .picture import draw_posture, to_rgb
 from .scenes import SampledScenes, Scene, SceneSource

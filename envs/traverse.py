@@ -11,7 +11,6 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.contact.envelope import EnvelopeSet
 from stancekit.planners.keyframes.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.keyframes.modes import Modes
 from stancekit.planners.keyframes.planner import CoursePlanner
@@ -19,6 +18,7 @@ from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePl
 from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
 from stancekit.planners.plan import Plan, PlanOutcome
 from stancekit.planners.plan_window import Standing, course_window, joined
+from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.scene.course import Course
 from stancekit.planners.scene.course_keys import CourseSpec
 from stancekit.planners.scene.course_spec import read_spec

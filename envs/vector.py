@@ -22,10 +22,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from stancekit.planners.contact.envelope import EnvelopeSet
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Projection
 from stancekit.planners.outcome import InvalidInput, StancekitError
+from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 from .scenes import Scene, SceneSource
 from .selection import RewardWeights, SelectionTask, observe_batch

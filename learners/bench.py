@@ -13,10 +13,10 @@ from typing import Any, ClassVar, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from stancekit.envs.scenes import Scene
-from stancekit.planners.contact.envelope import EnvelopeSet
 from stancekit.planners.contact.stages import Projection
 from stancekit.planners.files import write_text
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 from .dataset import Dataset
 from .evaluate import Score, Share, evaluate, evaluate_lift, scenes_of
@@ -140,9 +140,7 @@ class _Class:
                 return row, load_selector(path)
         begin, checkpoint = perf_counter(), self._folder / f"{method}.checkpoint-{key[:12]}"
         bar = self._told(f"fit {method}")
-        learned = learn(
-            method, train, self._experiment.fit, bar, calibration=calibration, checkpoint=checkpoint
-        )
+        learned = learn(method, train, self._experiment.fit, bar, calibration=calibration, checkpoint=checkpoint)
         path = self._folder / f"{method}{learned.suffix}"
         learned.write(path)
         row = _Row(

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from stancekit.envs.scenes import Scene
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.relaxation.envelope import Envelope
 
 from .dataset import Dataset, LabelledPosture
 

@@ -8,12 +8,12 @@ import numpy as np
 
 from stancekit.envs.terrains import distribution
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.keyframes.modes import Modes, world_points
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.scene import PostureProblem
 
 from .selectors.quantile import quantile_box

@@ -15,7 +15,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stancekit.planners.contact.envelope import EnvelopeSet
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.files import parse_json, read_text, write_text
 from stancekit.planners.keyframes.clock import Clock
@@ -24,6 +23,7 @@ from stancekit.planners.keyframes.scaled import ScaledCourse
 from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.plan import PlanOutcome
+from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.search.micp import Grid, MicpPlanner
 

@@ -20,9 +20,9 @@ from stancekit.envs.refinement import refinement_space
 from stancekit.envs.selection import scene_space
 from stancekit.envs.terrains import distribution
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.refusals import refusals
+from stancekit.planners.relaxation.envelope import Envelope
 
 from .selectors.tensors import read_tensors, write_tensors
 

@@ -10,8 +10,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from .contact.envelope import EnvelopeSet
 from .outcome import Certificate, InvalidInput, Outcome, Posture
+from .relaxation.envelope import EnvelopeSet
 from .scene import PostureProblem, Robot
 
 UNBOUNDED = 1e6

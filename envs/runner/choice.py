@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.keyframes.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.keyframes.planner import CoursePlanner
 from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.plan import PlanOutcome
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course import Course
 

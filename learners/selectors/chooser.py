@@ -16,11 +16,11 @@ from torch.nn import functional
 
 from stancekit.envs.selection import ADMITTED
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.refusals import refusals
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..dataset import Dataset
 from .network import Architecture, ChoiceNetwork, SceneTensors

@@ -17,10 +17,10 @@ from pathlib import Path
 import numpy as np
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..dataset import Dataset
 from .convergence import Generation, Run, read_checkpoint, write_checkpoint

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from sklearn.mixture import GaussianMixture
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.contact.relax import McCormick
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..dataset import Dataset
 from .quantile import quantile_box

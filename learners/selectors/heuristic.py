@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.scene import PostureProblem
 
 CLIMBING = ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4))

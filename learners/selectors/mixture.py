@@ -11,8 +11,8 @@ from scipy.stats import chi2
 from sklearn.mixture import GaussianMixture
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
 
 from .boundary import largest_box
 from .quantile import quantile_box

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.relax import FEASIBLE_MARGIN, McCormick
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.refusals import refusals
+from stancekit.planners.relaxation.envelope import Envelope
 
 from ..dataset import Dataset
 from .network import BoxNetwork, SceneTensors, as_arrays

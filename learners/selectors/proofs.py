@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.relaxation.envelope import Envelope
 
 BAND = 1e-6
 """A witness must have this margin to spare, a certificate must exclude this margin: ten times what P1 forgives."""

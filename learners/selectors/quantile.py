@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
+from stancekit.planners.relaxation.envelope import Envelope
 
 
 def quantile_box(points: Array, *, share: float = 0.05) -> Envelope:

@@ -11,9 +11,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.contact.envelope import EnvelopeSet
 from stancekit.planners.files import read_envelopes, write_envelopes
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 Observation = Mapping[str, NDArray[Any]]
 

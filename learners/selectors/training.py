@@ -16,10 +16,10 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.relax import McCormick
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
 
 from ..dataset import Dataset
 from .network import Architecture, BoxNetwork, Mirror, SceneTensors, as_arrays, pinball

@@ -19,10 +19,10 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.relax import FEASIBLE_MARGIN, Evidence, McCormick, moment_axes
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
 
 from .proofs import BAND, Bools, Bounds, Index, least, ranges, witnessed
 

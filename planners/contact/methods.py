@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 from ..outcome import InvalidInput
-from .envelope import EnvelopeSet
+from ..relaxation.envelope import EnvelopeSet
 from .exact import ExactPlanner
 from .planner import Acceptance, Planner
 from .stages import Projection, Stages

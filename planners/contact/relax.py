@@ -16,7 +16,7 @@ import numpy as np
 from ..arrays import Array
 from ..conic import ConicModel, ConicSolution, ConicStatus
 from ..outcome import InvalidInput
-from .envelope import Envelope
+from ..relaxation.envelope import Envelope
 from .project import Point
 from .scaled import ScaledProblem, side_by_side, skew
 from .terms import Body, Equilibrium, Forces, Toes

@@ -7,8 +7,8 @@ import time
 import numpy as np
 
 from ..outcome import Certificate, InvalidInput, Outcome, Posture
+from ..relaxation.envelope import EnvelopeSet
 from ..scene import PostureProblem
-from .envelope import EnvelopeSet
 from .lift import LiftAnswer
 from .planner import Acceptance
 from .project import Point

@@ -7,7 +7,7 @@ in ``terms``. All quantities are non-dimensional (E3, E4; ``scaled``).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, Protocol, TypeAlias
+from typing import Any, Literal, Protocol, TypeAlias
 
 import cvxpy as cp
 import numpy as np
@@ -49,8 +49,8 @@ class Plan:
         self.weights = cp.Variable(len(self.layout.vertex_footholds), name="weights")
 
     @property
-    def toes(self) -> Vectors:
-        """p_w = Σ_u λ_u v_u of every foothold, over all of its candidates (E1), shape (P, 3)."""
+    def toes(self) -> Any:
+        """p_w = Σ_u λ_u v_u of every foothold, over all of its candidates (E1); or held; shape (P, 3)."""
         if self._held is not None:
             return self._held
         parts = cp.multiply(self.weights[:, None], self.scaled.vertices)
@@ -151,7 +151,9 @@ class Forces:
 
     @classmethod
     def of_candidates(cls, plan: Plan) -> Forces:
-        """One for every candidate under a stance contact, as large as its share z."""
+        """One for every candidate under a stance contact, as large as its share z, which is 1 of one candidate."""
+        if len(plan.layout.candidate_footholds) == plan.layout.footholds:
+            return cls.of_contacts(plan.scaled)
         contact, candidate = plan.layout.contact_candidates
         return cls(plan.scaled, contact, candidate, plan.shares[candidate])
 

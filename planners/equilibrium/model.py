@@ -22,7 +22,7 @@ Terms = dict[str, cp.Constraint]
 class Model:
     """Minimise the cost subject to the terms; both are named as in ``rows``."""
 
-    cost: cp.Expression | float
+    cost: cp.Expression
     terms: Terms
 
     def solve(self) -> ConicSolution:
@@ -40,8 +40,7 @@ class Model:
         z, groups = _packed((name, _dual(term)) for name, term in self.terms.items())
         return ConicSolution(
             status=STATUS.get(answer.status, ConicStatus.FAILED),
-            x=x,
-            z=z,
+            answer=SimpleNamespace(x=x, z=z),
             columns=columns,
             groups=groups,
             objective=answer.obj_val + constant,
@@ -60,7 +59,7 @@ class Model:
         own = self.solve()
         x, kept = _placed(columns, own.columns, own.x)
         z, rows = _placed(groups, own.groups, own.z)
-        return replace(own, x=x, z=z, columns=kept, groups=rows)
+        return replace(own, answer=SimpleNamespace(x=x, z=z), columns=kept, groups=rows)
 
 
 def _placed(wanted: Mapping[str, Index], has: Mapping[str, Index], values: Array) -> tuple[Array, dict[str, Index]]:

@@ -21,7 +21,7 @@ def without_moments(scaled: Scaled) -> Model:
     """P̄: everything but m = p f (§III); with m free eq. 9 says nothing."""
     plan = Plan(scaled)
     forces = Forces.of_candidates(plan)
-    return Model(0.0, {**_on_toes(plan), **_on_forces(forces)})
+    return Model(cp.Constant(0.0), {**_on_toes(plan), **_on_forces(forces)})
 
 
 def p1(scaled: Scaled, box: Box, *, soft: bool, axes: Axes = "contact") -> Model:

@@ -3,29 +3,28 @@
     minimise  ½ x'P x + q'x  subject to  A x + s = b,  s in a product of zero, non-negative and second-order cones.
 
 The readable formulations of the same programs, in cvxpy, are in ``reference``; a test holds the two equal. Here a block
-of A is put once, rows and columns, with a function that gives its values for a problem: compiling is gone, and loading
-a new problem is some numpy. Clarabel solves. A program of one frame keeps its solver and has its data updated, without
-equilibration; a longer one is set up anew each time, with it. Either way an answer depends on its own problem alone.
+of A is put once, rows and columns, with what gives its values for a problem: numbers of the problem as they are
+(``Of``), all of which are loaded in one gather, or a function. Clarabel solves. A program of one frame keeps its solver
+and has its data updated, without equilibration; a longer one is set up anew each time, with it. Either way an answer
+depends on its own problem alone.
 """
 
 from __future__ import annotations
 
 import enum
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from functools import cached_property
+from typing import Any, Generic, Protocol
 
 import clarabel
 import numpy as np
 import scipy.sparse as sp
 
 from ..arrays import Array
+from .gather import D, Fill, Gather, Numbers, Values
 from .layout import Index
-
-D = TypeVar("D")
-Fill = Callable[[D], Array | float]
-"""Values of a block for a problem; they are broadcast to the block's shape."""
 
 
 class ConicStatus(enum.Enum):
@@ -40,13 +39,12 @@ class ConicStatus(enum.Enum):
 class ConicSolution:
     """One solve, by the names of variables and groups of rows.
 
-    x: primal, shape (n,); z: dual, shape (m,), a Farkas ray where infeasible. objective: of x; bound: of z, the dual
-    objective; exact: whether the solver met its own tolerances; seconds: in the solver alone [s].
+    answer: the solver's own, with x and z. objective: of x; bound: of z, the dual objective; exact: whether the solver
+    met its own tolerances; seconds: in the solver alone [s].
     """
 
     status: ConicStatus
-    x: Array
-    z: Array
+    answer: Any
     columns: Mapping[str, Index]
     groups: Mapping[str, Index]
     objective: float
@@ -54,6 +52,16 @@ class ConicSolution:
     exact: bool
     iterations: int
     seconds: float
+
+    @cached_property
+    def x(self) -> Array:
+        """Primal, shape (n,)."""
+        return np.array(self.answer.x)
+
+    @cached_property
+    def z(self) -> Array:
+        """Dual, shape (m,); a Farkas ray where infeasible."""
+        return np.array(self.answer.z)
 
     @property
     def solved(self) -> bool:
@@ -96,10 +104,10 @@ class Rows(Generic[D]):
     def __init__(self, *, keep: bool) -> None:
         self._keep = keep
         self._cones: list[object] = []
-        self._blocks: list[tuple[Index, Index, Fill[D] | None, Array]] = []
-        self._right: list[tuple[Index, Fill[D]]] = []
+        self._blocks: list[tuple[Index, Index, Values[D]]] = []
+        self._right: list[tuple[Index, Values[D]]] = []
         self._squares: list[tuple[Index, Index, Fill[D]]] = []
-        self._linear: list[tuple[Index, Fill[D]]] = []
+        self._linear: list[tuple[Index, Values[D]]] = []
         self._constants: list[Fill[D]] = []
         self._solver: clarabel.DefaultSolver | None = None
         self._reference: Callable[[D], Reference] | None = None
@@ -129,16 +137,14 @@ class Rows(Generic[D]):
         self.groups[name], self.shape = rows, (self.shape[0] + rows.size, self.shape[1])
         return rows
 
-    def put(self, rows: Index, columns: Index, values: float | Fill[D]) -> None:
+    def put(self, rows: Index, columns: Index, values: Values[D]) -> None:
         """Entries of A at ``rows`` × ``columns``, which are broadcast; no entry twice."""
         rows, columns = np.broadcast_arrays(rows, columns)
-        fill = None if isinstance(values, int | float) else values
-        start = np.full(rows.shape, values if fill is None else 0.0, dtype=np.float64)
-        self._blocks.append((rows, columns, fill, start))
+        self._blocks.append((rows, columns, values))
 
-    def right(self, rows: Index, values: float | Fill[D]) -> None:
+    def right(self, rows: Index, values: Values[D]) -> None:
         """Add to b at these rows."""
-        self._right.append((rows, _given(values)))
+        self._right.append((rows, values))
 
     def square(self, first: Index, second: Index | None, weight: Fill[D]) -> None:
         """Add weight · Σ (x[first] − x[second])² to the objective, with None weight · Σ x[first]²."""
@@ -148,9 +154,9 @@ class Rows(Generic[D]):
         for row, column, factor in pairs:
             self._squares.append((row.ravel(), column.ravel(), _scaled(factor, weight)))
 
-    def linear(self, columns: Index, values: float | Fill[D], constant: Fill[D] | None = None) -> None:
+    def linear(self, columns: Index, values: Values[D], constant: Fill[D] | None = None) -> None:
         """Add values · x[columns] and a constant to the objective."""
-        self._linear.append((columns, _given(values)))
+        self._linear.append((columns, values))
         self._constants += [] if constant is None else [constant]
 
     def solve_instead(self, reference: Callable[[D], Reference]) -> None:
@@ -167,7 +173,8 @@ class Rows(Generic[D]):
             settings = solver_settings(equilibrate=not self._keep)
             self._solver = clarabel.DefaultSolver(hessian, q, matrix, b, self._cones, settings)
         else:
-            self._solver.update(q=q, A=matrix.data, b=b, **({"P": hessian.data} if self._squares else {}))
+            numbers = {"q": q, "A": matrix.data, "b": b} | ({"P": hessian.data} if self._squares else {})
+            self._solver.update(**{name: values.tolist() for name, values in numbers.items()})  # lists are read faster
         answer = self._solver.solve()
         if answer.status not in STATUS:  # rare: ask again, with refined steps
             careful = solver_settings(equilibrate=True, careful=True)
@@ -175,8 +182,7 @@ class Rows(Generic[D]):
         constant = float(sum(float(np.sum(fill(data))) for fill in self._constants))
         return ConicSolution(
             status=STATUS.get(answer.status, ConicStatus.FAILED),
-            x=np.array(answer.x),
-            z=np.array(answer.z),
+            answer=answer,
             columns=self.columns,
             groups=self.groups,
             objective=float(answer.obj_val) + constant,
@@ -186,27 +192,24 @@ class Rows(Generic[D]):
             seconds=time.perf_counter() - begin,
         )
 
-    def lagrangian(self, data: D, solution: ConicSolution) -> tuple[float, Array]:
+    def lagrangian(self, data: D, solution: ConicSolution, without: Sequence[str] = ()) -> tuple[float, Array]:
         """The Lagrangian  z'(A x − b)  as a function of x: its constant −b'z and its slope A'z, shape (n,).
 
-        No x that satisfies the constraints makes it positive.
+        No x that satisfies the constraints makes it positive. without: groups of rows that are left out.
         """
         _, _, matrix, b = self.load(data)
-        return -float(b @ solution.z), np.asarray(matrix.T @ solution.z)
+        z = solution.z.copy()
+        for name in without:
+            z[self.groups[name]] = 0.0
+        return -float(b @ z), np.asarray(matrix.T @ z)
 
     def load(self, data: D) -> tuple[sp.csc_matrix, Array, sp.csc_matrix, Array]:
-        """(P, q, A, b) for this problem; the arrays of A and b are overwritten by the next call."""
-        if not hasattr(self, "_order"):
-            self._compile()
-        for view, fill in self._views:
-            view[...] = fill(data)
-        np.take(self._values, self._order, out=self._matrix.data)
-        b, q = np.zeros(self.shape[0]), np.zeros(self.shape[1])
-        for rows, fill in self._right:
-            b[rows] += fill(data)
-        for columns, fill in self._linear:
-            q[columns] += fill(data)
-        return self._hessian(data), q, self._matrix, b
+        """(P, q, A, b) for this problem; A is the same matrix in every call, with other values."""
+        if not hasattr(self, "_matrix"):
+            self._compile(data)
+        numbers = self._numbers.of(data)
+        self._matrix.data = self._a.load(numbers, data)
+        return self._hessian(data), self._q.load(numbers, data), self._matrix, self._b.load(numbers, data)
 
     @property
     def cone_list(self) -> list[object]:
@@ -221,22 +224,27 @@ class Rows(Generic[D]):
         self.groups[name], self.shape = rows, (self.shape[0] + size, self.shape[1])
         return rows
 
-    def _compile(self) -> None:
+    def _compile(self, data: D) -> None:
+        """Sort the entries by columns. data: any problem, for the shapes of its numbers."""
+        self._numbers = Numbers([values for *_, values in (*self._blocks, *self._right, *self._linear)], data)
         rows = np.concatenate([block[0].ravel() for block in self._blocks])
         columns = np.concatenate([block[1].ravel() for block in self._blocks])
-        self._values = np.concatenate([block[3].ravel() for block in self._blocks])
-        ends = np.cumsum([block[3].size for block in self._blocks])
-        self._views = [
-            (self._values[end - start.size : end].reshape(start.shape), fill)
-            for end, (_, _, fill, start) in zip(ends, self._blocks, strict=True)
-            if fill is not None
-        ]
-        self._order = np.lexsort((rows, columns))
-        indptr = np.searchsorted(columns[self._order], np.arange(self.shape[1] + 1))
+        order = np.lexsort((rows, columns))
+        indptr = np.searchsorted(columns[order], np.arange(self.shape[1] + 1))
         self._matrix = sp.csc_matrix(
-            (self._values[self._order], rows[self._order].astype(np.int32), indptr.astype(np.int32)), shape=self.shape
+            (np.zeros(len(rows)), rows[order].astype(np.int32), indptr.astype(np.int32)), shape=self.shape
         )
         self._empty = sp.csc_matrix((self.shape[1], self.shape[1]))
+        self._a: Gather[D] = Gather(len(rows), self._numbers)
+        places = np.argsort(order)
+        for block, _, values in self._blocks:
+            own, places = np.split(places, [block.size])
+            self._a.add(own.reshape(block.shape), values)
+        self._q: Gather[D] = Gather(self.shape[1], self._numbers)
+        self._b: Gather[D] = Gather(self.shape[0], self._numbers)
+        for gather, vectors in ((self._q, self._linear), (self._b, self._right)):
+            for index, values in vectors:
+                gather.add(index, values)
 
     def _hessian(self, data: D) -> sp.csc_matrix:
         if not self._squares:
@@ -262,12 +270,6 @@ def solver_settings(*, equilibrate: bool, careful: bool = False) -> clarabel.Def
     settings.equilibrate_enable = equilibrate
     settings.equilibrate_max_iter = 10 if careful else 2
     return settings
-
-
-def _given(values: float | Fill[D]) -> Fill[D]:
-    if isinstance(values, int | float):
-        return lambda _: values
-    return values
 
 
 def _scaled(factor: float, weight: Fill[D]) -> Fill[D]:

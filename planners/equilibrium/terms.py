@@ -7,14 +7,16 @@ quantities are non-dimensional. Programs are loaded with a ``Given``. The same t
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 
 from ..arrays import Array
+from .gather import Fill, Of
 from .layout import Index, Layout
-from .rows import Fill, Rows
-from .scaled import Point, Scaled
+from .rows import Rows
+from .scaled import Point, Scaled, skew
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,6 +31,17 @@ class Given:
         """``about``, which is there."""
         assert self.about is not None
         return self.about
+
+    @cached_property
+    def held_arms(self) -> Array:
+        """[p̄_w]× R_WC of every stance contact, the toes held; one candidate a foothold; shape (B, 3, 3)."""
+        toes = self.held.toes[self.scaled.layout.contacts[2]]
+        return np.asarray(np.matmul(skew(toes), self.scaled.contact_frames))
+
+    @cached_property
+    def held_levers(self) -> Array:
+        """[F̄]× of the force held at every stance contact, in the world, shape (B, 3, 3)."""
+        return skew(self.scaled.in_world(self.held.forces))
 
 
 class Toes(Protocol):
@@ -60,7 +73,7 @@ class FreeToes:
         if explicit:
             points, toe = rows.variable("toes", layout.footholds, 3), rows.equal("toe", layout.footholds, 3)
             rows.put(toe, points, 1.0)
-            rows.put(toe[layout.vertex_footholds], self.weights[:, None], lambda d: -d.scaled.vertices)
+            rows.put(toe[layout.vertex_footholds], self.weights[:, None], -Of("scaled.vertices"))
             self.points = points
 
     def put(self, at: Index, footholds: Index, sign: float) -> None:
@@ -69,7 +82,7 @@ class FreeToes:
             self._rows.put(at, self.points[footholds], sign)
             return
         which, vertex = self._layout.under(footholds)
-        self._rows.put(at[which], self.weights[vertex][:, None], lambda d: sign * d.scaled.vertices[vertex])
+        self._rows.put(at[which], self.weights[vertex][:, None], sign * Of("scaled.vertices", vertex))
 
 
 class HeldToes:
@@ -80,7 +93,7 @@ class HeldToes:
 
     def put(self, at: Index, footholds: Index, sign: float) -> None:
         """Add −sign · p_w of these footholds to b; at: shape (n, 3)."""
-        self._rows.right(at, lambda d: -sign * d.held.toes[footholds])
+        self._rows.right(at, -sign * Of("held.toes", footholds))
 
 
 class Body:
@@ -95,33 +108,33 @@ class Body:
         """‖c − c_nominal‖ ≤ radius and |Θ_i| ≤ tilt."""
         ball = self._rows.cones("ball", self._layout.frames, 4)
         self._rows.put(ball[:, 1:], self.com, -1.0)
-        self._rows.right(ball[:, 0], lambda d: d.scaled.com_radius)
-        self._rows.right(ball[:, 1:], lambda d: -d.scaled.com)
+        self._rows.right(ball[:, 0], Of("scaled.com_radius"))
+        self._rows.right(ball[:, 1:], -Of("scaled.com"))
         for name, sign in (("tilted", 1.0), ("tilted_back", -1.0)):
             tilted = self._rows.at_most(name, self._layout.frames, 3)
             self._rows.put(tilted, self.rotation, sign)
-            self._rows.right(tilted, lambda d: d.scaled.tilt)
+            self._rows.right(tilted, Of("scaled.tilt"))
 
     def held(self) -> None:
         """c and Θ are those of the point."""
         for name, columns in (("com", self.com), ("rotation", self.rotation)):
             stay = self._rows.equal("held_" + name, self._layout.frames, 3)
             self._rows.put(stay, columns, 1.0)
-            self._rows.right(stay, _of_point(name))
+            self._rows.right(stay, Of("held." + name))
 
     def reach(self, toes: Toes) -> None:
         """‖p_w − c − (I + [Θ]×) v‖ ≤ Δ_FK for every limb at every frame (E11), the rotation linearised."""
         layout, rows = self._layout, self._rows
         leg = rows.cones("reach", layout.frames * layout.limbs, 4)
         frame = np.repeat(np.arange(layout.frames), layout.limbs)
+        limb = np.tile(np.arange(layout.limbs), layout.frames)
         rows.put(leg[:, 1:], self.com[frame], 1.0)
         toes.put(leg[:, 1:], np.array(layout.holds, dtype=np.int_).ravel(), -1.0)
-        for k in range(3):  # (Θ × v)_k = Θ_i v_j − Θ_j v_i
-            i, j = (k + 1) % 3, (k + 2) % 3
-            rows.put(leg[:, 1 + k], self.rotation[frame, i], _of_shoulders(j, 1.0))
-            rows.put(leg[:, 1 + k], self.rotation[frame, j], _of_shoulders(i, -1.0))
-        rows.right(leg[:, 0], lambda d: _limbs(d, d.scaled.reach))
-        rows.right(leg[:, 1:], lambda d: _limbs(d, -d.scaled.shoulders))
+        i, j = [1, 2, 0], [2, 0, 1]  # (Θ × v)_k = Θ_i v_j − Θ_j v_i
+        rows.put(leg[:, 1:], self.rotation[frame][:, i], Of("scaled.shoulders", (limb[:, None], j)))
+        rows.put(leg[:, 1:], self.rotation[frame][:, j], -Of("scaled.shoulders", (limb[:, None], i)))
+        rows.right(leg[:, 0], Of("scaled.reach", limb))
+        rows.right(leg[:, 1:], -Of("scaled.shoulders", limb))
 
     def steps(self, toes: Toes | None) -> None:
         """‖c[r] − c[r−1]‖, ‖p_i[r] − p_i[r−1]‖, ‖Θ[r] − Θ[r−1]‖ ≤ Δ_max (E11), and the progress of c along its path.
@@ -135,16 +148,16 @@ class Body:
             step = rows.cones(name, count, 4)
             rows.put(step[:, 1:], columns[1:], -1.0)
             rows.put(step[:, 1:], columns[:-1], 1.0)
-            rows.right(step[:, 0], _of_steps(limit))
+            rows.right(step[:, 0], Of("scaled.steps", limit))
         ahead = rows.at_most("progress", count)  # progress − d·(c[r] − c[r−1]) ≤ 0
-        rows.put(ahead[:, None], self.com[1:], lambda d: -d.scaled.direction)
-        rows.put(ahead[:, None], self.com[:-1], lambda d: d.scaled.direction)
-        rows.right(ahead, lambda d: -d.scaled.progress)
+        rows.put(ahead[:, None], self.com[1:], -Of("scaled.direction"))
+        rows.put(ahead[:, None], self.com[:-1], Of("scaled.direction"))
+        rows.right(ahead, -Of("scaled.progress"))
         if toes is not None and len(layout.moves):
             step = rows.cones("toe_step", len(layout.moves), 4)
             toes.put(step[:, 1:], layout.moves[:, 1], -1.0)
             toes.put(step[:, 1:], layout.moves[:, 0], 1.0)
-            rows.right(step[:, 0], lambda d: d.scaled.steps[1])
+            rows.right(step[:, 0], Of("scaled.steps", 1))
 
 
 class Forces:
@@ -190,33 +203,31 @@ class Forces:
     def in_cones(self) -> None:
         """√(f_y² + f_z²) ≤ μ f_n (E10)."""
         cone = self._rows.cones("cone", len(self.contact), 3)
-        self._rows.put(cone[:, 0], self.columns[:, 0], lambda d: -d.scaled.friction[self.candidate])
+        self._rows.put(cone[:, 0], self.columns[:, 0], -Of("scaled.friction", self.candidate))
         self._rows.put(cone[:, 1:], self.columns[:, 1:], -1.0)
 
     def in_box(self, *, implied: bool) -> None:
         """share · f_min ≤ f ≤ share · f_max; implied: f_n ≤ share · f_max alone (``Scaled.box_implied``)."""
-        self._side("most", 1.0, [0] if implied else [0, 1, 2], lambda d: d.scaled.force_max)
+        axes = [0] if implied else [0, 1, 2]
+        self._side("most", 1.0, axes, "scaled.force_max")
         if not implied:
-            self._side("least", -1.0, [0, 1, 2], lambda d: -d.scaled.force_min)
+            self._side("least", -1.0, axes, "scaled.force_min")
 
     def balance(self) -> None:
         """Σ f = w e_z in every stance (E5)."""
         net = self._rows.equal("balance", len(self._layout.stances), 3)
-        self._rows.put(
-            net[self.stance][:, :, None], self.columns[:, None, :], lambda d: d.scaled.frames[self.candidate]
-        )
-        self._rows.right(net[:, 2], lambda d: d.scaled.weight)
+        self._rows.put(net[self.stance][:, :, None], self.columns[:, None, :], Of("scaled.frames", self.candidate))
+        self._rows.right(net[:, 2], Of("scaled.weight"))
 
-    def _side(self, name: str, sign: float, axes: list[int], bound: Fill[Given]) -> None:
-        """sign · f ≤ share · bound, for these components; bound: of the stance contacts, shape (B, 3)."""
+    def _side(self, name: str, sign: float, axes: list[int], bound: str) -> None:
+        """sign · f ≤ sign · share · bound, for these components; bound: of the stance contacts, shape (B, 3)."""
         side = self._rows.at_most(name, len(self.contact), len(axes))
         self._rows.put(side, self.columns[:, axes], sign)
         if self._share is None:
-            self._rows.right(side, lambda d: np.asarray(bound(d))[self.contact][:, axes])
+            self._rows.right(side, sign * Of(bound, (self.contact[:, None], axes)))
         else:
             row, column = self._share
-            contact = self.contact[row]
-            self._rows.put(side[row], column[:, None], lambda d: -np.asarray(bound(d))[contact][:, axes])
+            self._rows.put(side[row], column[:, None], -sign * Of(bound, (self.contact[row][:, None], axes)))
 
 
 class Moments:
@@ -227,18 +238,17 @@ class Moments:
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
-        self._parts: list[tuple[Index, Index, Fill[Given]]] = []
+        self._com: Index | None = None
+        self._parts: list[tuple[Index, Index, Of | Fill[Given]]] = []
         self._offsets: list[Fill[Given]] = []
 
-    def add(self, stance: Index, columns: Index, values: Fill[Given]) -> None:
+    def add(self, stance: Index, columns: Index, values: Of | Fill[Given]) -> None:
         """Add values · x[columns]; stance: shape (n,); columns: shape (n, k); values: shape (n, 3, k)."""
         self._parts.append((stance, columns, values))
 
     def of_weight(self, body: Body) -> None:
         """−w c × e_z = −w (c_y, −c_x, 0)."""
-        across = np.array([[0.0, -1.0], [1.0, 0.0], [0.0, 0.0]])
-        columns = body.com[self._layout.stance_frames][:, :2]
-        self.add(np.arange(len(columns)), columns, lambda d: d.scaled.weight * across)
+        self._com = body.com[self._layout.stance_frames]
 
     def shift(self, values: Fill[Given]) -> None:
         """Add a constant, shape (S, 3)."""
@@ -261,6 +271,9 @@ class Moments:
     def _put(self, rows: Rows[Given], net: Index, sign: float) -> None:
         for stance, columns, values in self._parts:
             rows.put(net[stance][:, :, None], columns[:, None, :], _times(sign, values))
+        if self._com is not None:
+            rows.put(net[:, 0], self._com[:, 1], -sign * Of("scaled.weight"))
+            rows.put(net[:, 1], self._com[:, 0], sign * Of("scaled.weight"))
         for offset in self._offsets:
             rows.right(net, _times(-sign, offset))
 
@@ -285,23 +298,7 @@ def objective(rows: Rows[Given], layout: Layout, body: Body, toes: FreeToes | No
         rows.square(after, before, lambda d: d.scaled.aim.toe_step)
 
 
-def _limbs(given: Given, values: Array) -> Array:
-    """Values of the limbs, repeated for every frame."""
-    frames = given.scaled.layout.frames
-    return values if frames == 1 else np.tile(values, (frames,) + (1,) * (values.ndim - 1))
-
-
-def _of_shoulders(axis: int, sign: float) -> Fill[Given]:
-    return lambda d: _limbs(d, sign * d.scaled.shoulders[:, axis])
-
-
-def _of_steps(which: int) -> Fill[Given]:
-    return lambda d: d.scaled.steps[which]
-
-
-def _of_point(name: str) -> Fill[Given]:
-    return lambda d: getattr(d.held, name)
-
-
-def _times(sign: float, values: Fill[Given]) -> Fill[Given]:
-    return values if sign > 0.0 else lambda d: -np.asarray(values(d))
+def _times(sign: float, values: Of | Fill[Given]) -> Of | Fill[Given]:
+    if isinstance(values, Of) or sign > 0.0:
+        return sign * values if isinstance(values, Of) else values
+    return lambda d: -np.asarray(values(d))

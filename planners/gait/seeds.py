@@ -14,9 +14,9 @@ from itertools import product
 import numpy as np
 
 from ..arrays import Array, frozen
-from ..contact.envelope import Envelope
 from ..outcome import InvalidInput
 from ..plan import Plan
+from ..relaxation.envelope import Envelope
 from ..scene.patch import Patch
 from ..scene.posture import PostureProblem
 from ..warp.pushforward import nearest_rotation

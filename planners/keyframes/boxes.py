@@ -14,8 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from ..arrays import Array
-from ..contact.envelope import Envelope, EnvelopeSet
 from ..outcome import InvalidInput
+from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..scene.course import Course, Stance
 from ..scene.robot import Robot
 from ..scene.surfaces import shear_of

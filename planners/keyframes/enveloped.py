@@ -17,9 +17,9 @@ import numpy as np
 
 from ..arrays import Array
 from ..conic import ConicStatus
-from ..contact.envelope import Envelope, EnvelopeSet
 from ..outcome import InvalidInput, Status
 from ..plan import PlanOutcome
+from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..scene.course import Course
 from .boxes import boxes_of
 from .clock import Clock

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Literal, get_args
 
-from ..contact.envelope import EnvelopeSet
 from ..outcome import InvalidInput
+from ..relaxation.envelope import EnvelopeSet
 from .modes import Modes
 from .planner import CoursePlanner, PlanAcceptance
 from .project import Projection

@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..contact.envelope import Envelope, EnvelopeSet
 from ..contact.scaled import ScaledProblem
 from ..outcome import InvalidInput
+from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..scene import PostureProblem
 from .layout import Index, Layout
 from .products import Axes, domain_of

@@ -12,9 +12,9 @@ import cvxpy as cp
 import numpy as np
 
 from ..arrays import Array
-from ..contact.envelope import Envelope
 from ..contact.terms import Body, Toes, friction_cones
 from ..outcome import InvalidInput
+from ..relaxation.envelope import Envelope
 from .layout import Layout, one_hot
 from .scaled import ScaledCourse
 from .terms import Candidates, Steps

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..arrays import Array
 from ..conic import ConicModel, ConicSolution, ConicStatus
-from ..contact.envelope import Envelope
 from ..contact.relax import FEASIBLE_MARGIN, box_values, mccormick_rows
+from ..relaxation.envelope import Envelope
 from ..scene.course import Weights
 from .layout import Index, Layout, one_hot
 from .products import Axes, Products, box_frames, domain_of, product_values, turned

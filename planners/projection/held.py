@@ -8,9 +8,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array
+from ..equilibrium.gather import Of
 from ..equilibrium.layout import Layout
 from ..equilibrium.rows import ConicSolution, Reference, Rows
-from ..equilibrium.scaled import Point, Scaled, skew
+from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Moments, objective
 
 MOMENT_PRICE = 30.0
@@ -26,9 +27,8 @@ class FixToes:
     def __init__(self, layout: Layout, hold_body: bool, least_moment: bool) -> None:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
         body, forces, moments = Body(rows, layout), Forces.of_contacts(rows, layout), Moments(layout)
-        foothold = layout.contacts[2]
         forces.balance()
-        moments.add(forces.stance, forces.columns, lambda d: _arms(d.scaled, d.held.toes[foothold]))
+        moments.add(forces.stance, forces.columns, Of("held_arms"))
         moments.of_weight(body)
         if least_moment:
             rows.linear(moments.within(rows), 1.0)
@@ -96,7 +96,7 @@ class Linearised:
         forces = Forces.of_contacts(rows, layout)
         stance, _, foothold = layout.contacts
         forces.balance()
-        moments.add(forces.stance, forces.columns, lambda d: _arms(d.scaled, d.held.toes[foothold]))
+        moments.add(forces.stance, forces.columns, Of("held_arms"))
         _levers(moments, layout, toes)
         moments.of_weight(body)
 
@@ -136,12 +136,7 @@ def _levers(moments: Moments, layout: Layout, toes: FreeToes) -> None:
     """p × F̄ of every stance contact, linear in its toe: −[F̄]× p."""
     stance, _, foothold = layout.contacts
     assert toes.points is not None
-    moments.add(stance, toes.points[foothold], lambda d: -skew(d.scaled.in_world(d.held.forces)))
-
-
-def _arms(scaled: Scaled, toes: Array) -> Array:
-    """[p_w]× R_WC of every stance contact, shape (B, 3, 3)."""
-    return np.asarray(np.matmul(skew(toes), scaled.contact_frames))
+    moments.add(stance, toes.points[foothold], -Of("held_levers"))
 
 
 def _toes(solution: ConicSolution, scaled: Scaled) -> Array:

@@ -1,5 +1,247 @@
-"""Envelopes, where relaxations look for them."""
+"""Envelopes: boxes B over [p, f] that a McCormick relaxation is taken over (paper E §III), and their file."""
 
-from ..contact.envelope import Envelope, EnvelopeSet
+from __future__ import annotations
 
-__all__ = ["Envelope", "EnvelopeSet"]
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..arrays import Array, checked, frozen
+from ..outcome import InvalidInput
+from ..refusals import refusals
+from ..scene import PostureProblem
+
+FORMAT = "stancekit/envelope/1"
+TILT_ROOM_RAD = np.deg2rad(10.0)
+"""How much further than in training a patch may lean before an envelope is refused as learned for something else."""
+LOW_LOW, HIGH_HIGH, LOW_HIGH, HIGH_LOW = range(4)
+"""The corners of a box in p_j and f_k, in the order of the four envelope rows of m_jk = p_j f_k."""
+SIGNS = np.array([1.0, 1.0, -1.0, -1.0])[:, None, None, None]
+"""Of those rows: the first two bound m_jk from below, the others from above."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Envelope:
+    """One box: bounds on p (toes relative to the body, world axes) and f (contact frame), non-dimensional.
+
+    low, high: shape (N, 6), the columns p_x p_y p_z f_n f_y f_z.
+    """
+
+    low: Array
+    high: Array
+
+    def __post_init__(self) -> None:
+        low = frozen(self.low, (None, 6), "low")
+        high = frozen(self.high, (len(low), 6), "high")
+        if np.any(low > high):
+            i, d = np.argwhere(low > high)[0]
+            raise InvalidInput(f"low[{i}][{d}]: expected at most high, got {low[i, d]:g} > {high[i, d]:g}")
+        object.__setattr__(self, "low", low)
+        object.__setattr__(self, "high", high)
+
+    @classmethod
+    def around(cls, points: Array) -> Envelope:
+        """The exterior boundary of points [p, f], shape (K, N, 6) with K ≥ 1. Raises InvalidInput without any."""
+        if not len(points):
+            raise InvalidInput("points: expected one or more, got none")
+        return cls(low=points.min(axis=0), high=points.max(axis=0))
+
+    @classmethod
+    def from_vector(cls, bounds: Array) -> Envelope:
+        """Read the flat form, all of low and then all of high, shape (12N,); reversed pairs are put in order."""
+        flat = np.asarray(bounds, dtype=np.float64)
+        if flat.ndim != 1 or flat.size == 0 or flat.size % 12:
+            raise InvalidInput(f"bounds: expected 12 numbers a contact, got an array of shape {flat.shape}")
+        low, high = flat.reshape(2, -1, 6)
+        return cls(low=np.minimum(low, high), high=np.maximum(low, high))
+
+    def to_vector(self) -> Array:
+        """All of low and then all of high, shape (12N,)."""
+        return np.concatenate([self.low.ravel(), self.high.ravel()])
+
+    @property
+    def contacts(self) -> int:
+        """N."""
+        return len(self.low)
+
+    @property
+    def position(self) -> tuple[Array, Array]:
+        """Bounds on p, each of shape (N, 3)."""
+        return self.low[:, :3], self.high[:, :3]
+
+    @property
+    def force(self) -> tuple[Array, Array]:
+        """Bounds on f, each of shape (N, 3)."""
+        return self.low[:, 3:], self.high[:, 3:]
+
+    @cached_property
+    def corners(self) -> Corners:
+        """The numbers of the envelope rows."""
+        (p_low, p_high), (f_low, f_high) = self.position, self.force
+        p = SIGNS * np.array([p_low, p_high, p_low, p_high])[..., None]
+        f = np.array([f_low, f_high, f_high, f_low])[:, :, None]
+        return Corners(p=p, f=SIGNS * f, products=p * f, outward=np.array([-self.low, self.high]))
+
+    def log_volume(self) -> float:
+        """Sum of the logarithms of the widths; −inf for a box without volume."""
+        with np.errstate(divide="ignore"):
+            return float(np.sum(np.log(self.high - self.low)))
+
+    def contains(self, points: Array, *, margin: float = 0.0) -> Array:
+        """Which points [p, f], shape (K, N, 6), lie in the box widened by ``margin``; shape (K,)."""
+        inside = (points >= self.low - margin) & (points <= self.high + margin)
+        return np.asarray(inside.all(axis=(-2, -1)))
+
+    def widened(self, margin: float) -> Envelope:
+        """The box with every side moved out by ``margin``."""
+        return Envelope(low=self.low - margin, high=self.high + margin)
+
+
+class Corners(NamedTuple):
+    """What the envelope rows  sign (p_end f + f_end p − m) ≤ sign p_end f_end  and  −x ≤ −low, x ≤ high  need.
+
+    p, f, products: times the signs, by corner, contact, j of p and k of f, shapes (4, N, 3, 1), (4, N, 1, 3) and
+    (4, N, 3, 3). outward: (2, N, 6). Of several boxes, these stacked.
+    """
+
+    p: Array
+    f: Array
+    products: Array
+    outward: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class EnvelopeSet:
+    """Envelopes learned for one class of problems; P1 may choose any one of them a posture (a binary each).
+
+    problem_class: name of the class, e.g. ``wall-3``. legs: whose rows the boxes have. normals: mean normals of the
+    training patches, shape (N, 3); tilt_rad: how far the training patches leaned from them, shape (N,) [rad].
+    provenance: how the set was learned, for people.
+    """
+
+    problem_class: str
+    legs: tuple[str, ...]
+    force_scale_n: float
+    length_scale_m: float
+    normals: Array
+    tilt_rad: Array
+    envelopes: tuple[Envelope, ...]
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        count = len(self.legs)
+        if not count or len(set(self.legs)) != count:
+            raise InvalidInput(f"legs: expected one or more different ones, got {list(self.legs)}")
+        for name in ("force_scale_n", "length_scale_m"):
+            object.__setattr__(self, name, checked(getattr(self, name), name, above=0.0))
+        object.__setattr__(self, "normals", frozen(self.normals, (count, 3), "normals"))
+        object.__setattr__(self, "tilt_rad", frozen(self.tilt_rad, (count,), "tilt_rad"))
+        if np.any(np.abs(np.linalg.norm(self.normals, axis=1) - 1.0) > 1e-3):
+            raise InvalidInput(f"normals: expected unit vectors, got {self.normals.tolist()}")
+        if np.any(self.tilt_rad < 0.0):
+            raise InvalidInput(f"tilt_rad: expected no negative angle, got {self.tilt_rad.tolist()}")
+        if not self.envelopes:
+            raise InvalidInput("envelopes: expected one or more, got none")
+        for index, envelope in enumerate(self.envelopes):
+            if envelope.contacts != count:
+                raise InvalidInput(f"envelopes[{index}]: expected {count} contacts, got {envelope.contacts}")
+
+    @classmethod
+    def for_problems(
+        cls,
+        problem_class: str,
+        problems: Sequence[PostureProblem],
+        envelopes: Sequence[Envelope],
+        provenance: Mapping[str, Any] | None = None,
+    ) -> EnvelopeSet:
+        """Envelopes with the description of the problems that they were learned from."""
+        if not problems:
+            raise InvalidInput("problems: expected one or more, got none")
+        normals = np.array([[contact.patch.normal for contact in problem.contacts] for problem in problems])
+        mean = normals.mean(axis=0)
+        mean = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
+        lean = np.arccos(np.clip(np.einsum("knj,nj->kn", normals, mean), -1.0, 1.0)).max(axis=0)
+        first = problems[0]
+        return cls(
+            problem_class=problem_class,
+            legs=first.legs,
+            force_scale_n=float(first.force_scale_n or 0.0),
+            length_scale_m=first.length_scale_m,
+            normals=mean,
+            tilt_rad=lean,
+            envelopes=tuple(envelopes),
+            provenance=dict(provenance or {}),
+        )
+
+    def check_fits(self, problem: PostureProblem) -> None:
+        """Raise InvalidInput unless the problem is of the class that the envelopes were learned for."""
+        learned = f"an envelope learned for {self.problem_class}"
+        if problem.legs != self.legs:
+            raise InvalidInput(f"contacts: expected legs {list(self.legs)} for {learned}, got {list(problem.legs)}")
+        for name in ("force_scale_n", "length_scale_m"):
+            mine, theirs = getattr(self, name), float(getattr(problem, name))
+            if abs(mine - theirs) > 1e-6 * mine:
+                raise InvalidInput(f"{name}: expected {mine:g} for {learned}, got {theirs:g}")
+        for index, contact in enumerate(problem.contacts):
+            lean = float(np.arccos(np.clip(contact.patch.normal @ self.normals[index], -1.0, 1.0)))
+            most = float(self.tilt_rad[index]) + TILT_ROOM_RAD
+            if lean > most:
+                raise InvalidInput(
+                    f"contacts[{index}].normal: expected one within {np.rad2deg(most):.0f}° of "
+                    f"{np.round(self.normals[index], 2).tolist()} for {learned}, got one {np.rad2deg(lean):.0f}° off"
+                )
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the set in its JSON form."""
+        return {
+            "format": FORMAT,
+            "problem_class": self.problem_class,
+            "legs": list(self.legs),
+            "force_scale_n": self.force_scale_n,
+            "length_scale_m": self.length_scale_m,
+            "normals": self.normals.tolist(),
+            "tilt_rad": self.tilt_rad.tolist(),
+            "envelopes": [{"low": e.low.tolist(), "high": e.high.tolist()} for e in self.envelopes],
+            "provenance": dict(self.provenance),
+        }
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any]) -> EnvelopeSet:
+        """Read the JSON form. Raises InvalidInput that lists every key that is wrong."""
+        if not isinstance(data, Mapping):
+            raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
+        try:
+            raw = _EnvelopeSetJson.model_validate(data)
+        except ValidationError as error:
+            raise InvalidInput("; ".join(refusals(error))) from None
+        rest = raw.model_dump(exclude={"format", "envelopes", "legs"})
+        envelopes = []
+        for index, box in enumerate(raw.envelopes):
+            try:
+                envelopes.append(Envelope(**box.model_dump()))
+            except InvalidInput as error:
+                raise InvalidInput(f"envelopes[{index}].{error}") from None
+        return cls(envelopes=tuple(envelopes), legs=tuple(raw.legs), **rest)
+
+
+class _EnvelopeJson(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+    low: list[list[float]]
+    high: list[list[float]]
+
+
+class _EnvelopeSetJson(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+    format: Literal["stancekit/envelope/1"]
+    problem_class: str
+    legs: list[str] = Field(min_length=1)
+    force_scale_n: float
+    length_scale_m: float
+    normals: list[list[float]]
+    tilt_rad: list[float]
+    envelopes: list[_EnvelopeJson] = Field(min_length=1)
+    provenance: dict[str, Any]

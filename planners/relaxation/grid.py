@@ -21,7 +21,10 @@ import cvxpy as cp
 import numpy as np
 from cvxpy.atoms.affine.add_expr import AddExpression
 
+from ..equilibrium.layout import Index
+from ..equilibrium.scaled import Scaled
 from .envelope import Envelope
+from .mccormick import Axes
 
 Encoding = Literal["log", "unary"]
 Cones = Literal["exact", "outer", "inner"]
@@ -129,3 +132,28 @@ def without_squares(cost: cp.Expression) -> tuple[cp.Expression, list[cp.Constra
         rows.append(np.ones_like(knots) @ above >= 2.0 * knots @ line - knots**2 @ np.ones(line.shape))
         total = total + weight * cp.sum(above)
     return total, rows
+
+
+def axes_of(scaled: Scaled) -> Axes:
+    """The contact frames where the candidates under every stance contact share one, else the world's axes."""
+    return "world" if len(of_several_frames(scaled)) else "contact"
+
+
+def of_several_frames(scaled: Scaled) -> Index:
+    """The stance contacts under which candidates of several frames are open, in order."""
+    contact, candidate = scaled.layout.contact_candidates
+    first = np.searchsorted(scaled.layout.candidate_footholds, scaled.layout.contacts[2])
+    off = np.abs(scaled.frames[candidate] - scaled.frames[first[contact]]).max(axis=(1, 2))
+    return np.unique(contact[off > 1e-6])
+
+
+def unit_domain(scaled: Scaled) -> Envelope:
+    """[−1, 1] for every p and f of every stance contact (paper E §II), f_n included."""
+    ends = np.ones((len(scaled.layout.contacts[0]), 6))
+    return Envelope(low=-ends, high=ends)
+
+
+def meet(first: Envelope, second: Envelope) -> Envelope:
+    """The common part of two boxes; on a side where they have none, the gap between them."""
+    ends = (np.maximum(first.low, second.low), np.minimum(first.high, second.high))
+    return Envelope.from_vector(np.concatenate(ends, axis=None))

@@ -10,37 +10,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from ..arrays import Array
-from ..equilibrium.layout import Index, Layout
+from ..equilibrium.gather import Of
+from ..equilibrium.layout import Layout
 from ..equilibrium.multipliers import multipliers
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
-from ..equilibrium.scaled import Point, Scaled
+from ..equilibrium.scaled import Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, Moments, objective
+from .relaxed import Relaxed, unit_shares
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class LiftAnswer:
+class LiftAnswer(Relaxed):
     """One solve of the lift.
 
     status: INFEASIBLE with multipliers that refute the relaxation, and so the problem. bound: on the least moment
     residual, or on the objective of a course: inf where infeasible, and 0 or −inf, which prove nothing, where the
-    solver gave up. multipliers: a certificate's row for it. Where there is a point: weights: λ, shape (V,);
-    by_vertex: f_u in contact frames, (F, 3); shares: z of every candidate, (K,); toes: by candidate, where its share
-    of the toe stands, (K, 3).
+    solver gave up. multipliers: a certificate's row for it. Where there is a point its forces are f_u, (F, 3).
     """
 
-    scaled: Scaled
     status: ConicStatus
     bound: float
     multipliers: Array
-    com: Array
-    rotation: Array
-    weights: Array
-    by_vertex: Array
-    seconds: float = 0.0
 
     @property
     def solved(self) -> bool:
@@ -48,37 +40,9 @@ class LiftAnswer:
         return self.status is not ConicStatus.FAILED
 
     @property
-    def shares(self) -> Array:
-        """z of every candidate, shape (K,)."""
-        layout = self.scaled.layout
-        shares = np.bincount(layout.vertex_candidates, self.weights, minlength=len(layout.candidate_footholds))
-        return np.asarray(shares, dtype=np.float64)
-
-    @property
-    def toes(self) -> Array:
-        """By candidate, shape (K, 3)."""
-        layout = self.scaled.layout
-        sums = np.zeros((len(layout.candidate_footholds), 3))
-        np.add.at(sums, layout.vertex_candidates, self.weights[:, None] * self.scaled.vertices)
-        return sums / np.maximum(self.shares, 1e-12)[:, None]
-
-    def rounded(self) -> tuple[Index, Point]:
-        """The candidate of the largest share of every foothold, by number, (P,), and a point whose toes are on them."""
-        scaled, layout = self.scaled, self.scaled.layout
-        ends = np.cumsum([len(counts) for counts in layout.corners])
-        parts = np.split(self.shares, ends[:-1])
-        chosen = np.array([end - len(part) + int(part.argmax()) for end, part in zip(ends, parts, strict=True)])
-        contact, vertex = layout.contact_vertices
-        world = np.matmul(scaled.frames[layout.vertex_candidates[vertex]], self.by_vertex[..., None])[..., 0]
-        total = np.zeros((len(layout.contacts[0]), 3))
-        np.add.at(total, contact, world)
-        frames = scaled.frames[chosen][layout.contacts[2]]
-        forces = np.matmul(frames.transpose(0, 2, 1), total[..., None])[..., 0]
-        point = Point(
-            com=self.com, rotation=self.rotation, toes=self.toes[chosen], forces=forces, residual=float("inf"),
-            seconds=self.seconds,
-        )  # fmt: skip
-        return np.concatenate(scaled.which)[chosen], point
+    def by_vertex(self) -> Array:
+        """f_u in contact frames, shape (F, 3)."""
+        return self.forces
 
 
 class LiftProgram:
@@ -94,9 +58,10 @@ class LiftProgram:
         body = Body(rows, layout)
         toes = FreeToes(rows, layout, explicit=not least_moment, implied=implied)
         forces = Forces.of_vertices(rows, layout, toes)
+        self._forces = (forces.contact, forces.candidate)
         forces.balance()
         moments = Moments(layout)
-        moments.add(forces.stance, forces.columns, lambda d: d.scaled.arms)
+        moments.add(forces.stance, forces.columns, Of("scaled.arms"))
         moments.of_weight(body)
         if least_moment:
             rows.linear(moments.within(rows), 1.0)
@@ -127,8 +92,6 @@ class LiftProgram:
             ConicStatus.INFEASIBLE: float("inf"),
             ConicStatus.FAILED: 0.0 if least else float("-inf"),
         }[solution.status]
-        weights = np.maximum(solution.value("weights"), 0.0)
-        totals = np.bincount(self.layout.vertex_footholds, weights, minlength=self.layout.footholds)
         return LiftAnswer(
             scaled=scaled,
             status=solution.status,
@@ -136,8 +99,9 @@ class LiftProgram:
             multipliers=multipliers(self.layout, solution),
             com=solution.value("com"),
             rotation=solution.value("rotation"),
-            weights=weights / np.maximum(totals, 1e-300)[self.layout.vertex_footholds],
-            by_vertex=solution.value("forces"),
+            weights=unit_shares(scaled, solution.value("weights")),
+            forces=solution.value("forces"),
+            rows=self._forces,
             seconds=solution.seconds,
         )
 

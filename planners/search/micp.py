@@ -18,9 +18,9 @@ import cvxpy as cp
 import numpy as np
 
 from ..arrays import Array, checked
+from ..equilibrium.equations import mccormick
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
-from ..equilibrium.equations import mccormick
 from ..equilibrium.reference import coupled
 from ..equilibrium.scaled import Point, Scaled
 from ..keyframes.boxes import boxes_of
@@ -28,9 +28,20 @@ from ..keyframes.scaled import ScaledCourse
 from ..outcome import InvalidInput, Outcome
 from ..plan import Plan, PlanOutcome
 from ..projection.project import PROJECTIONS, Projection, project
-from ..relaxation.domain import axes_of, domain_of, meet, of_several_frames, unit_domain
+from ..relaxation.domain import domain_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
-from ..relaxation.grid import Cells, Cones, Encoding, cell_error, planes, without_squares
+from ..relaxation.grid import (
+    Cells,
+    Cones,
+    Encoding,
+    axes_of,
+    cell_error,
+    meet,
+    of_several_frames,
+    planes,
+    unit_domain,
+    without_squares,
+)
 from ..scene import PostureProblem
 from ..scene.course import Course
 from .answer import Acceptance, plan_of

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from stancekit.envs.painter import Painter
 from stancekit.envs.picture import ComparisonBar, draw_comparison, draw_posture, save, to_rgb
 from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.outcome import InvalidInput, Posture
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.scene import Contact, Patch, PostureProblem
 
 SMALL = (480, 360)

@@ -17,10 +17,10 @@ from stancekit.envs.refinement import (
 )
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.terrains import distribution
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.relaxation.envelope import Envelope
 
 NAME = "stancekit.envs:stancekit/EnvelopeRefinement-v0"
 

@@ -14,9 +14,9 @@ import stancekit.envs
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.selection import VERTICES, EnvelopeSelectionEnv, RewardWeights
 from stancekit.envs.terrains import DISTRIBUTIONS, distribution
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.contact.stages import PROJECTIONS
 from stancekit.planners.outcome import InvalidInput, PlanningFailed
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 SLOW = {"stancekit/WarpedGait-v0"}  # a step solves a walk: its contract, on short walks, is in test_gait.py
 ENVS = sorted(name for name in gymnasium.registry if name.startswith("stancekit/") and name not in SLOW)

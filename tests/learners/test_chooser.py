@@ -17,10 +17,10 @@ from stancekit.learners.selectors.chooser import Chooser, ChooserSettings, costs
 from stancekit.learners.selectors.gradient import clustered_boxes
 from stancekit.learners.selectors.network import Architecture
 from stancekit.learners.selectors.selector import FixedSelector, Observation
-from stancekit.planners.contact.envelope import EnvelopeSet
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 SMALL = Architecture(width=32, layers=1, heads=2, corner_width=8)
 QUICK = ChooserSettings(architecture=SMALL, epochs=40, batch=32, rate=3e-3)

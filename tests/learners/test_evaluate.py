@@ -15,9 +15,9 @@ from stancekit.learners.executor import processes
 from stancekit.learners.fitting import fit
 from stancekit.learners.labelling import LabelPlan, label
 from stancekit.learners.selectors.selector import FixedSelector
-from stancekit.planners.contact.envelope import EnvelopeSet
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import Stages
+from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 
 @pytest.fixture(scope="module")

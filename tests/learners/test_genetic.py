@@ -29,10 +29,10 @@ from stancekit.learners.selectors.genetic import (
     ranking,
 )
 from stancekit.learners.selectors.verdicts import CachingJudge, Counts, SolvingJudge
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.relax import McCormick
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
 
 SMALL = GeneticSettings(population=10, generations=5, terrains=20, finalists=3, seed=3)
 

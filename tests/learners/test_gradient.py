@@ -16,10 +16,10 @@ from stancekit.learners.selectors.gradient import (
     soft_least,
 )
 from stancekit.learners.selectors.quantile import quantile_box
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.relax import McCormick
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
 
 
 @pytest.fixture(scope="module")
@@ -61,9 +61,7 @@ def test_the_loss_is_a_logistic_count_and_its_gradient_that_of_finite_difference
         least = -softness * np.log(np.mean(np.exp(-each / softness), axis=0))
         return float(np.mean(1.0 / (1.0 + np.exp(-sign * least / softness))))
 
-    value, slope = smooth_mistakes(
-        [Envelope.from_vector(row) for row in start], scenes, sign, model, softness=softness
-    )
+    value, slope = smooth_mistakes([Envelope.from_vector(row) for row in start], scenes, sign, model, softness=softness)
     assert value == pytest.approx(loss(start), rel=1e-9)
     rng = np.random.default_rng(3)
     for _ in range(4):
@@ -90,9 +88,7 @@ def test_one_box_descends_as_a_set_of_one_and_the_same_every_time(
 ) -> None:
     start, settings = quantile_box(dataset.points), Descent(steps=4, batch=10)
     told: list[int] = []
-    alone = descend(
-        start, *problems, model, np.random.default_rng(5), settings, lambda step, loss: told.append(step)
-    )
+    alone = descend(start, *problems, model, np.random.default_rng(5), settings, lambda step, loss: told.append(step))
     (together,) = descend_together((start,), *problems, McCormick(3, 3), np.random.default_rng(5), settings)
     np.testing.assert_array_equal(alone.to_vector(), together.to_vector())
     assert told == [0, 1, 2, 3]

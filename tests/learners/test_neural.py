@@ -20,10 +20,10 @@ from stancekit.learners.selectors.neural import NeuralSelector, calibrated_room,
 from stancekit.learners.selectors.quantile import quantile_box
 from stancekit.learners.selectors.tensors import read_tensors, write_tensors
 from stancekit.learners.selectors.training import NeuralSettings, Rows, margins_of
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.relax import McCormick
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.scene import Contact, Patch, PostureProblem
 
 SMALL = Architecture(width=32, layers=2, heads=2, corner_width=16)

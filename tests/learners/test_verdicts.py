@@ -11,9 +11,9 @@ from scipy.optimize import linprog
 from stancekit.envs.terrains import distribution
 from stancekit.learners.selectors.proofs import BAND, Bounds, balanced, least, ranges, witnessed
 from stancekit.learners.selectors.verdicts import CachingJudge, Counts, SolvingJudge
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.relax import Evidence, McCormick, RelaxationAnswer, moment_axes
 from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.relaxation.envelope import Envelope
 
 BOUNDS = {"wall": ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4)), "ground": ((0.0, 0.5), (-0.15, 0.15), (-0.15, 0.15))}
 

@@ -12,10 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stancekit.planners.conic import ConicModel, ConicStatus, solver_settings
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.lift import LiftModel, lift_values
 from stancekit.planners.contact.relax import McCormick, p1_values
 from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.relaxation.envelope import Envelope
 
 SEEDS = st.integers(0, 2**32 - 1)
 ROWS, COLUMNS = 7, 3

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.project import SURFACE, FixToes, Linearised, Point, Projector
 from stancekit.planners.contact.scaled import ScaledProblem
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.verify import check_posture
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -11,7 +11,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stancekit.planners.conic import ConicModel, ConicStatus
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.contact.relax import (
     FEASIBLE_MARGIN,
@@ -22,6 +21,7 @@ from stancekit.planners.contact.relax import (
 )
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.outcome import Status
+from stancekit.planners.relaxation.envelope import Envelope
 
 SEEDS = st.integers(0, 2**32 - 1)
 STEP = 1e-4

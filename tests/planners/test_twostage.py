@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.contact.lift import LiftAnswer
 from stancekit.planners.contact.methods import METHODS, make_planner
@@ -16,6 +15,7 @@ from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.contact.stages import PROJECTIONS, Stages
 from stancekit.planners.contact.twostage import TwoStagePlanner
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.verify import check_certificate, check_posture
 
 SEEDS = range(60)

@@ -13,8 +13,8 @@ from stancekit.envs.expert import expert_envelopes
 from stancekit.envs.runner.choice import EnvelopeOrLift, SelectorPolicy, chosen, triangular
 from stancekit.envs.runner.policy import Observation
 from stancekit.envs.terrains import FIVE_LEGS
-from stancekit.planners.contact.envelope import EnvelopeSet
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.verify import check_plan

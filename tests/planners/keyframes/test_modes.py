@@ -11,7 +11,6 @@ import pytest
 from stancekit.envs.courses import perturbed
 from stancekit.learners.modes import learn_modes
 from stancekit.planners.conic import ConicStatus
-from stancekit.planners.contact.envelope import Envelope
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.contact.scaled import ScaledProblem
 from stancekit.planners.keyframes.boxes import boxes_of
@@ -22,6 +21,7 @@ from stancekit.planners.keyframes.products import domain_of
 from stancekit.planners.keyframes.relax import EnvelopedCourse, ModedCourse
 from stancekit.planners.keyframes.scaled import ScaledCourse
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.scene.course_spec import read_course, read_spec
 from stancekit.planners.scene.layout import lay_out
 

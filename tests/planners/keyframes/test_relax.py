@@ -9,7 +9,6 @@ import pytest
 
 from stancekit.envs.courses import perturbed
 from stancekit.planners.conic import ConicStatus
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.contact.relax import McCormick
 from stancekit.planners.contact.scaled import ScaledProblem
@@ -20,6 +19,7 @@ from stancekit.planners.keyframes.relax import EnvelopedCourse
 from stancekit.planners.keyframes.scaled import ScaledCourse
 from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.scene import hexapod
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.verify import check_certificate

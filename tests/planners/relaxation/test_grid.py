@@ -10,9 +10,20 @@ import pytest
 
 from stancekit.planners.equilibrium.equations import Forces, Plan
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.relaxation.domain import axes_of, domain_of, meet, of_several_frames, unit_domain
+from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.grid import KNOTS, Cells, cell_error, neighbouring, planes, without_squares
+from stancekit.planners.relaxation.grid import (
+    KNOTS,
+    Cells,
+    axes_of,
+    cell_error,
+    meet,
+    neighbouring,
+    of_several_frames,
+    planes,
+    unit_domain,
+    without_squares,
+)
 from stancekit.planners.scene.course_spec import read_course
 
 

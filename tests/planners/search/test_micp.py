@@ -18,8 +18,7 @@ from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.search.micp import Grid, MicpPlanner, MicpProgram
-from stancekit.planners.verify import check_posture
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan, check_posture
 
 NEEDS_SCIP = pytest.mark.skipif(importlib.util.find_spec("pyscipopt") is None, reason="needs the exact extra")
 NEEDS_GUROBI = pytest.mark.skipif(importlib.util.find_spec("gurobipy") is None, reason="needs the exact extra")

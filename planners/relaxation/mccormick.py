@@ -1,0 +1,297 @@
+"""P̄ and P1: a problem without its bilinear constraint, and with McCormick envelopes in its place (paper E §III, §IV-B).
+
+The soft form of P1 minimises the signed margin t by which every envelope row is relaxed. It is defined wherever P̄ has
+an answer; t ≤ 0 says that P1 is feasible and t > 0 that it is not, and by how much. Its multipliers give the exact
+derivative of t in every bound of the box. The hard form minimises a course's objective. Several boxes a stance make a
+choice, one z a stance and box by hull disjunction: each stance has z_e ≥ 0, Σ z = 1, and its (p, f, m) is a sum of
+copies, the e-th in z_e times the envelope of box e.
+
+The forces of m = p f are measured in the axes of their *box*: the contact frame where all candidates of a toe share
+one, which is what envelopes are learned in, or world axes, in which candidates of different slopes can be compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from ..arrays import Array
+from ..equilibrium.gather import Of
+from ..equilibrium.layout import Index, Layout
+from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
+from ..equilibrium.scaled import Point, Scaled
+from ..equilibrium.terms import Body, Forces, FreeToes, Given, objective
+from ..outcome import InvalidInput
+from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Corners, Envelope
+from .relaxed import Evidence, RelaxationAnswer, Relaxed, unit_shares
+
+Axes = Literal["contact", "world"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Boxed(Given):
+    """What P1 is loaded with: boxes over the stance contacts, and which of them a stance may use, (S, E)."""
+
+    boxes: Sequence[Envelope]
+    allowed: Array | None = None
+
+    @cached_property
+    def corners(self) -> Corners:
+        """Those of the box, or of all boxes."""
+        if len(self.boxes) == 1:
+            return self.boxes[0].corners
+        parts = zip(*(box.corners for box in self.boxes), strict=True)
+        return Corners(*(np.stack(part) for part in parts))
+
+
+class WithoutMoment:
+    """P̄ (paper E §III) of a posture: all constraints but the bilinear one. With m free, eq. 9 constrains nothing."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.rows = Rows[Given](keep=layout.frames == 1)
+        self._forces = _terms(self.rows, layout, explicit=False)[2]
+
+    def reference(self, given: Given) -> Reference:
+        """The same in cvxpy."""
+        from ..equilibrium.reference import without_moments  # cvxpy takes a second to import
+
+        return without_moments(given.scaled)
+
+    def solve(self, scaled: Scaled) -> Point | None:
+        """A point of P̄ in the middle of its feasible set, or None where there is none or the solver gave up."""
+        solution = self.rows.solve(Given(scaled))
+        return _relaxed(solution, scaled, self._forces).rounded()[1] if solution.solved else None
+
+
+class McCormick:
+    """P1 over boxes, for one layout.
+
+    axes: of the forces in the boxes. soft: minimise the margin, over one box; else the course's objective.
+    boxes: how many a stance chooses among.
+    """
+
+    def __init__(self, layout: Layout, axes: Axes = "contact", soft: bool = True, boxes: int = 1) -> None:
+        if soft and boxes > 1:
+            raise InvalidInput(f"boxes: expected 1 for the signed margin, got {boxes}")
+        self.layout, self._axes, self._soft = layout, axes, soft
+        self.rows = rows = Rows[Given](keep=layout.frames == 1)
+        self._body, self._toes, self._forces = _terms(rows, layout, explicit=not soft)
+        margin = rows.variable("margin", 1) if soft else None
+        first = None  # of the candidates under a contact, whose frame is that of its box
+        if axes == "contact":
+            first = np.searchsorted(layout.candidate_footholds, layout.contacts[2])
+        stance, _, foothold = layout.contacts
+        self._position = rows.variable("position", len(stance), 3)
+        self._moments = rows.variable("moments", len(stance), 9)
+        self._box_forces = self._forces.columns
+        if axes == "world" or len(layout.candidate_footholds) > layout.footholds:
+            self._box_forces = self._turned(first)
+        legs = rows.equal("legs", len(stance), 3)  # p of eq. 2
+        rows.put(legs, self._position, 1.0)
+        rows.put(legs, self._body.com[layout.stance_frames[stance]], 1.0)
+        self._toes.put(legs, foothold, -1.0)
+        self._balance(first)
+        if boxes == 1:
+            whole = np.concatenate([self._position, self._box_forces], axis=1)
+            _envelope(rows, whole, self._moments, margin=margin)
+        else:
+            self._hull(boxes)
+        if margin is not None:
+            rows.linear(margin, 1.0)
+        else:
+            objective(rows, layout, self._body, self._toes)
+
+    def reference(self, given: Boxed) -> Reference:
+        """The same in cvxpy."""
+        from ..equilibrium.reference import p1, p1_of_modes
+
+        if given.allowed is not None:
+            return p1_of_modes(given.scaled, given.boxes, given.allowed, axes=self._axes)
+        return p1(given.scaled, given.boxes[0], soft=self._soft, axes=self._axes)
+
+    def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
+        """P1 over this box; gradient: of the signed margin."""
+        solution = self.rows.solve(Boxed(scaled, boxes=(box,)))
+        answer = self._answer(solution, scaled)
+        if gradient and answer.at is not None:
+            return replace(answer, gradient=_gradient(solution, answer.at, box))
+        return answer
+
+    def solve_hull(self, scaled: Scaled, boxes: Sequence[Envelope], allowed: Array) -> RelaxationAnswer:
+        """P1 over the hull. allowed: 1 where a stance may use a box, 0 where not, shape (S, E)."""
+        solution = self.rows.solve(Boxed(scaled, boxes=boxes, allowed=allowed))
+        return replace(self._answer(solution, scaled), modes=np.clip(solution.value("modes"), 0.0, 1.0))
+
+    def solve_any(self, scaled: Scaled, envelopes: Sequence[Envelope]) -> RelaxationAnswer:
+        """P1 with one binary an envelope: the box of least margin. One posture has few boxes, so each is tried."""
+        if not envelopes:
+            raise InvalidInput("envelopes: expected one or more, got none")
+        answers = [self.solve(scaled, envelope) for envelope in envelopes]
+        chosen = int(np.nanargmin([answer.margin if answer.known else np.inf for answer in answers]))
+        best = replace(answers[chosen], chosen=chosen, solves=len(answers))
+        all_known = all(answer.known for answer in answers)
+        return best if best.feasible or all_known else RelaxationAnswer(margin=float("nan"), solves=len(answers))
+
+    def examine(self, scaled: Scaled, box: Envelope) -> Evidence:
+        """Signed margin over this box, and what its solution and multipliers say about other boxes; of a posture."""
+        given = Boxed(scaled, boxes=(box,))
+        solution = self.rows.solve(given)
+        answer = self._answer(solution, scaled)
+        if answer.at is None:
+            return Evidence(margin=answer.margin)
+        # The rows of the box are left out: they are linear in its bounds, and come back at another box.
+        constant, slope = self.rows.lagrangian(given, solution, without=("envelope", "sides"))
+        com, turn, weights, moments = (slope[solution.columns[n]] for n in ("com", "rotation", "weights", "moments"))
+        # What is left of the other columns, the solver's dual residual, at its worst over their ranges.
+        com, radius = com[0], scaled.com_radius[0]
+        constant += float(com @ scaled.com[0] - radius * np.linalg.norm(com) - scaled.tilt * np.abs(turn).sum())
+        constant += float(np.minimum(weights, 0.0).sum())
+        rows = solution.dual("envelope")
+        left = moments.reshape(-1, 3, 3) - rows[0] - rows[1] + rows[2] + rows[3]
+        # of m: made up for by the rows low-low (−m) and low-high (+m)
+        rows = np.maximum(rows, 0.0) + np.stack([np.maximum(left, 0), 0 * left, np.maximum(-left, 0), 0 * left])
+        return Evidence(
+            margin=answer.margin,
+            point=answer.at,
+            excess=answer.excess,
+            rows=rows,
+            slope=slope[np.concatenate([self._position, self._box_forces], axis=1)],
+            constant=constant,
+        )
+
+    def _answer(self, solution: ConicSolution, scaled: Scaled) -> RelaxationAnswer:
+        if not solution.solved:
+            infeasible = solution.status is ConicStatus.INFEASIBLE
+            return RelaxationAnswer(margin=float("inf") if infeasible else float("nan"), seconds=solution.seconds)
+        x = solution.x
+        position, forces = x[self._position], x[self._box_forces]
+        return RelaxationAnswer(
+            margin=float(solution.value("margin")[0]) if "margin" in solution.columns else 0.0,
+            relaxed=_relaxed(solution, scaled, self._forces),
+            at=np.concatenate([position, forces], axis=1),
+            excess=x[self._moments].reshape(-1, 3, 3) - position[:, :, None] * forces[:, None, :],
+            objective=solution.objective,
+            seconds=solution.seconds,
+        )
+
+    def _turned(self, first: Index | None) -> Index:
+        """The forces of a contact, those of its candidates added up in the axes of its box."""
+        rows, contact, candidate = self.rows, self._forces.contact, self._forces.candidate
+        count = len(self.layout.contacts[0])
+        columns, turned = rows.variable("box_forces", count, 3), rows.equal("turned", count, 3)
+        rows.put(turned, columns, 1.0)
+
+        at, by = turned[contact][:, :, None], self._forces.columns[:, None, :]
+        if first is None:
+            rows.put(at, by, -Of("scaled.frames", candidate))
+            return columns
+        box = first[contact]
+        rows.put(at, by, lambda d: -np.matmul(d.scaled.frames[box].transpose(0, 2, 1), d.scaled.frames[candidate]))
+        return columns
+
+    def _balance(self, first: Index | None) -> None:
+        """Σ m_jk e_j × F_k = 0 in every stance (eq. 9), F the axes of the box: (p × F)_c = p_a F_b − p_b F_a."""
+        rows, stance, moments = self.rows, self.layout.contacts[0], self._moments.reshape(-1, 3, 3)
+        net, a, b = rows.equal("moment", len(self.layout.stances), 3)[stance], [1, 2, 0], [2, 0, 1]
+        if first is None:
+            rows.put(net, moments[:, a, b], 1.0)
+            rows.put(net, moments[:, b, a], -1.0)
+        else:
+            rows.put(net[:, :, None], moments[:, a], Of("scaled.frames", (first[:, None], b)))
+            rows.put(net[:, :, None], moments[:, b], -Of("scaled.frames", (first[:, None], a)))
+
+    def _hull(self, boxes: int) -> None:
+        """(p, f, m) is a sum of copies, one a box, in as many shares z as it is chosen."""
+        rows, (stance, _, _), stances = self.rows, self.layout.contacts, len(self.layout.stances)
+        modes = rows.variable("modes", stances, boxes)
+        whole = np.concatenate([self._position, self._box_forces, self._moments], axis=1)
+        added = rows.equal("added", *whole.shape)
+        rows.put(added, whole, -1.0)
+        for e in range(boxes):
+            copy = rows.variable(f"copy_{e}", *whole.shape)
+            rows.put(added, copy, 1.0)
+            _envelope(rows, copy[:, :6], copy[:, 6:], share=modes[stance, e], e=e)
+        one = rows.equal("one_mode", stances)
+        rows.put(one[:, None], modes, 1.0)
+        rows.right(one, 1.0)
+        rows.put(rows.at_most("mode_positive", stances, boxes), modes, -1.0)
+        most = rows.at_most("mode_allowed", stances, boxes)
+        rows.put(most, modes, 1.0)
+        rows.right(most, Of("allowed"))
+
+
+def _terms(rows: Rows[Given], layout: Layout, *, explicit: bool) -> tuple[Body, FreeToes, Forces]:
+    """Every term but m = p f and the objective."""
+    body, toes = Body(rows, layout), FreeToes(rows, layout, explicit=explicit)
+    forces = Forces.of_candidates(rows, layout, toes)
+    forces.balance()
+    forces.in_cones()
+    forces.in_box(implied=False)
+    body.reach(toes)
+    body.limits()
+    body.steps(toes)
+    return body, toes, forces
+
+
+def _envelope(
+    rows: Rows[Given],
+    whole: Index,
+    moments: Index,
+    *,
+    margin: Index | None = None,
+    share: Index | None = None,
+    e: int | None = None,
+) -> None:
+    """(p, f, m) ∈ M_c(B): the four envelope rows of every m_jk = p_j f_k, and [p, f] ∈ B, the e-th box.
+
+    whole: [p, f], (B, 6); moments: (B, 9). margin: relaxes every row. share: z of every contact, (B,), in whose measure
+    the rows are: (p, f, m) ∈ z M_c(B).
+    """
+    count = len(whole)
+    envelope, sides = rows.at_most(_of("envelope", e), 4, count, 3, 3), rows.at_most(_of("sides", e), 2, count, 6)
+    rows.put(envelope[:2], moments.reshape(-1, 3, 3), -1.0)
+    rows.put(envelope[2:], moments.reshape(-1, 3, 3), 1.0)
+    p_ends, f_ends, products, outward = (Of(f"corners.{name}", e) for name in Corners._fields)
+    rows.put(envelope, whole[:, None, 3:], p_ends)
+    rows.put(envelope, whole[:, :3, None], f_ends)
+    rows.put(sides[0], whole, -1.0)
+    rows.put(sides[1], whole, 1.0)
+    for group, bounds, at in ((envelope, products, (slice(None), None, None)), (sides, outward, (slice(None), None))):
+        if share is not None:
+            rows.put(group, share[at], -bounds)
+            continue
+        rows.right(group, bounds)
+        if margin is not None:
+            rows.put(group, margin, -1.0)
+
+
+def _of(name: str, e: int | None) -> str:
+    return name if e is None else f"{name}_{e}"
+
+
+def _relaxed(solution: ConicSolution, scaled: Scaled, forces: Forces) -> Relaxed:
+    return Relaxed(
+        scaled=scaled,
+        com=solution.value("com"),
+        rotation=solution.value("rotation"),
+        weights=unit_shares(scaled, solution.value("weights")),
+        forces=solution.value("forces"),
+        rows=(forces.contact, forces.candidate),
+        seconds=solution.seconds,
+    )
+
+
+def _gradient(solution: ConicSolution, at: Array, box: Envelope) -> tuple[Array, Array]:
+    """∂t/∂low and ∂t/∂high: the envelope theorem, row by row of the envelope; at: [p, f], shape (B, 6)."""
+    signed = solution.dual("envelope") * SIGNS
+    p_ends, f_ends = box.corners.p, box.corners.f
+    by_p = (signed * (at[:, None, 3:] - SIGNS * f_ends)).sum(axis=3)  # of p_end: Σ_k u_jk (f_k − f_end)
+    by_f = (signed * (at[:, :3, None] - SIGNS * p_ends)).sum(axis=2)
+    below, above = solution.dual("sides")
+    low = np.concatenate([by_p[LOW_LOW] + by_p[LOW_HIGH], by_f[LOW_LOW] + by_f[HIGH_LOW]], axis=1) + below
+    high = np.concatenate([by_p[HIGH_HIGH] + by_p[HIGH_LOW], by_f[HIGH_HIGH] + by_f[LOW_HIGH]], axis=1) - above
+    return low, high

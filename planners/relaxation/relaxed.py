@@ -1,0 +1,140 @@
+"""What relaxations answer: shares of vertices, forces, a point rounded from them; the margin of P1 and its proofs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..arrays import Array
+from ..equilibrium.layout import Index
+from ..equilibrium.scaled import Point, Scaled
+
+FEASIBLE_MARGIN = 1e-7
+"""A margin up to this counts as feasible: the solver's own tolerance."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Relaxed:
+    """A point of a relaxation, in which a toe may stand on several candidates at once.
+
+    com, rotation: (M, 3). weights: λ, shape (V,), which add up to 1 at every foothold. forces: in contact frames, one
+    at each of ``rows`` = (stance contact, candidate), shape (n, 3). seconds: in the solver [s].
+    """
+
+    scaled: Scaled
+    com: Array
+    rotation: Array
+    weights: Array
+    forces: Array
+    rows: tuple[Index, Index]
+    seconds: float = 0.0
+
+    @cached_property
+    def shares(self) -> Array:
+        """z of every candidate, shape (K,)."""
+        layout = self.scaled.layout
+        shares = np.bincount(layout.vertex_candidates, self.weights, minlength=len(layout.candidate_footholds))
+        return np.asarray(shares, dtype=np.float64)
+
+    @cached_property
+    def toes(self) -> Array:
+        """By candidate, where its share of the toe stands, shape (K, 3)."""
+        layout = self.scaled.layout
+        sums = np.zeros((len(layout.candidate_footholds), 3))
+        np.add.at(sums, layout.vertex_candidates, self.weights[:, None] * self.scaled.vertices)
+        return sums / np.maximum(self.shares, 1e-12)[:, None]
+
+    def rounded(self) -> tuple[Index, Point]:
+        """The candidate of the largest share of every foothold, by number, (P,), and a point whose toes are on them."""
+        number = np.concatenate(self.scaled.which)
+        if len(number) == self.scaled.layout.footholds and len(self.forces) == len(self.rows[0]):
+            return number, self._point(self.toes, self.forces)
+        ends = np.cumsum([len(counts) for counts in self.scaled.layout.corners])
+        parts = np.split(self.shares, ends[:-1])
+        chosen = np.array([end - len(part) + int(part.argmax()) for end, part in zip(ends, parts, strict=True)])
+        return number[chosen], self._point(self.toes[chosen], self._added(chosen))
+
+    def _added(self, chosen: Index) -> Array:
+        """All forces of a contact as one, in the frame of the chosen candidate, shape (B, 3)."""
+        scaled, layout, (contact, candidate) = self.scaled, self.scaled.layout, self.rows
+        world = np.matmul(scaled.frames[candidate], self.forces[..., None])[..., 0]
+        total = np.zeros((len(layout.contacts[0]), 3))
+        np.add.at(total, contact, world)
+        frames = scaled.frames[chosen][layout.contacts[2]]
+        return np.asarray(np.matmul(frames.transpose(0, 2, 1), total[..., None])[..., 0])
+
+    def _point(self, toes: Array, forces: Array) -> Point:
+        return Point(
+            com=self.com, rotation=self.rotation, toes=toes, forces=forces, residual=float("inf"), seconds=self.seconds
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RelaxationAnswer:
+    """One solve of P1.
+
+    margin: t; of the hard form 0 where it has an answer; inf where there is none, NaN where the solver gave up.
+    relaxed: the answer, off the bilinear surface by ``excess`` = m − p f, shape (B, 3, 3), indices contact, j, k; at:
+    [p, f], f in the axes of the box, (B, 6). chosen: which envelope of a set. objective: of the hard form. modes: z of
+    every stance and box, (S, E). gradient: (∂t/∂low, ∂t/∂high), (B, 6) each, where asked for.
+    """
+
+    margin: float
+    relaxed: Relaxed | None = None
+    at: Array | None = None
+    excess: Array | None = None
+    chosen: int = 0
+    objective: float = float("nan")
+    modes: Array | None = None
+    solves: int = 1
+    seconds: float = 0.0
+    gradient: tuple[Array, Array] | None = None
+
+    @property
+    def feasible(self) -> bool:
+        """Whether P1 admits the problem. False also where nothing is known: see ``known``."""
+        return self.margin <= FEASIBLE_MARGIN
+
+    @property
+    def known(self) -> bool:
+        """Whether the solver came to an end."""
+        return not np.isnan(self.margin)
+
+    @cached_property
+    def point(self) -> Point | None:
+        """A point to project from, rounded to a choice of candidates where there is one; None without an answer."""
+        return None if self.relaxed is None else self.relaxed.rounded()[1]
+
+    @property
+    def gap(self) -> float:
+        """Largest |m − p f|; NaN without an answer."""
+        return float("nan") if self.excess is None else float(np.abs(self.excess).max())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Evidence:
+    """What one solve of P1 tells about every other box over the same posture problem.
+
+    margin: as in ``RelaxationAnswer``; the rest is None where there is none.
+    point: [p, f], shape (N, 6), and excess = m − p f, shape (N, 3, 3), indices contact, j, k: a primal solution.
+    rows: u ≥ 0, multipliers of the four envelope rows low-low, high-high, low-high, high-low, shape (4, N, 3, 3).
+    slope, constant: what the Lagrangian  slope · [p, f] + constant  of all other constraints but [p, f] ∈ B and
+    t is, shape (N, 6), minimised over what else there is, a lower bound that holds for every answer of the problem.
+    """
+
+    margin: float
+    point: Array | None = None
+    excess: Array | None = None
+    rows: Array | None = None
+    slope: Array | None = None
+    constant: float = 0.0
+
+
+def unit_shares(scaled: Scaled, weights: Array) -> Array:
+    """λ as a solver gives them, made ≥ 0 with sum 1 at every foothold."""
+    weights = np.maximum(weights, 0.0)
+    foothold = scaled.layout.vertex_footholds
+    totals = np.bincount(foothold, weights, minlength=scaled.layout.footholds)
+    return np.asarray(weights / np.maximum(totals, 1e-300)[foothold])
