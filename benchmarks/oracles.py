@@ -28,7 +28,6 @@ from threadpoolctl import threadpool_limits
 
 from stancekit.envs.terrains import distribution
 from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.nlp import NlpPlanner
 from stancekit.planners.contact.planner import Planner
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -36,6 +35,7 @@ from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.projection.project import project
 from stancekit.planners.scene import PostureProblem
 from stancekit.planners.search.micp import Grid, MicpPlanner
+from stancekit.planners.search.nlp import NlpPlanner
 from stancekit.planners.verify import check_posture
 
 

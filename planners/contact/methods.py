@@ -45,9 +45,10 @@ def make_planner(
             envelopes=envelopes, projection=projection or "scp", acceptance=acceptance, stages=stages
         )
     if method == "nlp":
-        from .nlp import NlpPlanner
+        from ..search import answer, nlp
 
-        return NlpPlanner(acceptance=acceptance, time_limit_s=time_limit_s)
+        limits = answer.Acceptance(tolerance=acceptance.tolerance, gap=acceptance.gap)
+        return nlp.NlpPlanner(acceptance=limits, time_limit_s=time_limit_s)
     if method == "micp":
         from ..search import answer, micp
 

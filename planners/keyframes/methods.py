@@ -60,9 +60,9 @@ def make_course_planner(
     if envelopes is not None:
         raise InvalidInput(f"envelopes: expected none for {name}, which has no use for them")
     if name == "nlp":
-        from .nlp import NlpCoursePlanner
+        from ..search import answer, nlp
 
-        return NlpCoursePlanner(time_limit_s=time_limit_s, acceptance=acceptance, models=models)
+        return nlp.NlpPlanner(time_limit_s=time_limit_s, acceptance=answer.Acceptance(tolerance=acceptance.tolerance))
     if name == "exact":
         from .exact import ExactCoursePlanner
 

@@ -7,6 +7,7 @@ fix-p      p (toes, c and Θ)                     f                       paper 
 fix-f      f                                     toes, c, Θ              paper E §II
 fix-toes   toes in the world                     f, c, Θ                 convex as Σ f is fixed (``terms.Moments``)
 scp        nothing, starts at the toes           all                     fix-toes, then some linearised steps
+nlp        nothing, starts at the point          all                     paper E §IV-A, ``nlp``
 ========== ===================================== ======================= ==============================================
 
 A posture is projected to the least moment residual; a course, whose plans have an objective, to residual zero.
@@ -23,7 +24,7 @@ from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from .held import FixForces, FixToes, Linearised
 
-Projection = Literal["fix-p", "fix-f", "fix-toes", "scp"]
+Projection = Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"]
 PROJECTIONS: tuple[Projection, ...] = get_args(Projection)
 SURFACE = 1e-7
 """A point this close to the bilinear surface (non-dimensional moment residual) needs no further step."""
@@ -43,6 +44,10 @@ def project(programs: Programs, projection: Projection, scaled: Scaled, start: P
         return programs.get(FixForces, scaled.layout).solve(scaled, start)
     if projection == "fix-toes":
         return programs.get(FixToes, scaled.layout, False, least).solve(scaled, start)
+    if projection == "nlp":
+        from .nlp import NlpProgram  # CasADi is slow to import
+
+        return programs.get(NlpProgram, scaled.layout, least).solve(programs, scaled, start)
     return scp(programs, scaled, start, steps=steps)
 
 

@@ -49,7 +49,7 @@ class Relaxed:
     def rounded(self) -> tuple[Index, Point]:
         """The candidate of the largest share of every foothold, by number, (P,), and a point whose toes are on them."""
         number = np.concatenate(self.scaled.which)
-        if len(number) == self.scaled.layout.footholds and len(self.forces) == len(self.rows[0]):
+        if len(number) == self.scaled.layout.footholds and len(self.forces) == len(self.scaled.force_min):
             return number, self._point(self.toes, self.forces)
         ends = np.cumsum([len(counts) for counts in self.scaled.layout.corners])
         parts = np.split(self.shares, ends[:-1])

@@ -152,7 +152,8 @@ def answers(scaled, near) -> list[Answered]:
         for name, (make, key), given in programs_of(scaled(which), near):
             program = make(*key)
             rows = program.rows
-            solutions = {"rows": program.rows.solve(given), "cvxpy": program.reference(given).solve_as(rows.columns, rows.groups)}
+            theirs = program.reference(given).solve_as(rows.columns, rows.groups)
+            solutions = {"rows": rows.solve(given), "cvxpy": theirs}
             found.append(Answered(f"{name} {which}", program, given, solutions))
     return found
 

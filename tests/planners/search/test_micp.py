@@ -323,7 +323,10 @@ def test_gurobis_free_licence_says_that_the_program_is_too_large():
         ),
         (lambda: MicpPlanner(gap=-0.1), "gap: expected a number in [0, "),
         (lambda: MicpPlanner(time_limit_s=0.0), "time_limit_s: expected a number above 0, got 0"),
-        (lambda: MicpPlanner(projection="up"), "projection: expected one of fix-p, fix-f, fix-toes, scp, got 'up'"),
+        (
+            lambda: MicpPlanner(projection="up"),
+            "projection: expected one of fix-p, fix-f, fix-toes, scp, nlp, got 'up'",
+        ),
     ],
 )
 def test_options_that_there_are_not_are_refused(make, message):
