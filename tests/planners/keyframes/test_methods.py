@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stancekit.planners.contact.envelope import Envelope, EnvelopeSet
 from stancekit.planners.keyframes.methods import METHODS, make_course_planner
 from stancekit.planners.keyframes.modes import Modes
 from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 
 def test_every_planner_is_made_by_its_name(drawn):
