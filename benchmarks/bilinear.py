@@ -15,8 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.contact.micp import domain_of
 from stancekit.planners.equilibrium.scaled import Point, Scaled
+from stancekit.planners.relaxation.domain import domain_of
 
 MODULES = {"gurobi": "gurobipy", "scip": "pyscipopt"}
 Form = Literal["eliminated", "paper"]
@@ -54,8 +54,8 @@ class _Unknowns:
             for part in (self.com, self.rotation, self.weights, self.forces)
         )
         weights = np.hstack([weights, 1.0 - weights.sum(axis=1, keepdims=True)])
-        toes = np.einsum("nu,nud->nd", weights, scaled.vertices)
-        return Point(com=com[0], rotation=rotation[0], toes=toes, forces=forces, residual=float("nan"))
+        toes = np.einsum("nu,nud->nd", weights, scaled.patches)
+        return Point(com=com, rotation=rotation, toes=toes, forces=forces, residual=float("nan"))
 
 
 def solve(solver: str, scaled: Scaled, *, form: Form, time_limit_s: float) -> BilinearAnswer:
@@ -123,7 +123,7 @@ def _unknowns(scaled: Scaled, form: Form, add: Any) -> _Unknowns:
     In the paper's form the forces have their own box, and p and m lie in [−1, 1].
     """
     contacts, vertices = scaled.size
-    f_low, f_high = (scaled.force_min, scaled.force_max) if form == "paper" else domain_of(scaled).force
+    f_low, f_high = (scaled.force_min, scaled.force_max) if form == "paper" else domain_of(scaled, "contact").force
     one = np.ones((contacts, 3))
 
     def block(low: Array, high: Array) -> Any:
@@ -133,7 +133,7 @@ def _unknowns(scaled: Scaled, form: Form, add: Any) -> _Unknowns:
     tilt, weights = np.full(3, scaled.tilt), np.zeros((contacts, vertices - 1))
     reach = np.repeat(scaled.reach[:, None], 3, axis=1)
     return _Unknowns(
-        com=block(scaled.com - scaled.com_radius, scaled.com + scaled.com_radius),
+        com=block(scaled.com[0] - scaled.com_radius, scaled.com[0] + scaled.com_radius),
         rotation=block(-tilt, tilt),
         weights=block(weights, weights + 1.0),
         forces=block(f_low, f_high),
@@ -145,8 +145,8 @@ def _unknowns(scaled: Scaled, form: Form, add: Any) -> _Unknowns:
 
 def _toe(scaled: Scaled, unknowns: _Unknowns, i: int) -> list[Any]:
     """p_w of limb i, from its last vertex."""
-    last = scaled.vertices[i, -1]
-    edges = scaled.vertices[i, :-1] - last
+    last = scaled.patches[i, -1]
+    edges = scaled.patches[i, :-1] - last
     return [last[j] + sum(edges[u, j] * unknowns.weights[i, u] for u in range(len(edges))) for j in range(3)]
 
 
@@ -189,8 +189,8 @@ def _moment_of_products(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
 
 def _at_most_zero(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
     """Patches (eq. 1), cones (eq. 10), reach (eq. 11) and the ball of the centre of mass."""
-    off = [unknowns.com[j] - float(scaled.com[j]) for j in range(3)]
-    rows = [_square(off) - scaled.com_radius**2]
+    off = [unknowns.com[j] - float(scaled.com[0, j]) for j in range(3)]
+    rows = [_square(off) - float(scaled.com_radius[0]) ** 2]
     for i in range(scaled.size[0]):
         f = unknowns.forces[i]
         rows.append(sum(unknowns.weights[i]) - 1.0)

@@ -33,9 +33,9 @@ from stancekit.learners.selectors.gradient import fit_gradient
 from stancekit.learners.selectors.neural import fit_neural
 from stancekit.learners.selectors.selector import FixedSelector, Selector
 from stancekit.learners.selectors.training import NeuralSettings
-from stancekit.planners.projection.project import PostureProjection
+from stancekit.planners.projection.project import Projection
 
-POSTURE_PROJECTIONS: tuple[PostureProjection, ...] = ("fix-p", "fix-toes", "scp")
+PROJECTIONS: tuple[Projection, ...] = ("fix-p", "fix-toes", "scp")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,16 +132,16 @@ def compare(problem: str, options: Options) -> Iterator[Score]:
         selector.save(options.folder / f"{problem}-{name}.safetensors")
         yield scored(name, begin, selector)
     if options.lift:
-        yield replace(evaluate_lift(scenes, projections=POSTURE_PROJECTIONS), notes={"train_seconds": 0.0})
+        yield replace(evaluate_lift(scenes, projections=PROJECTIONS), notes={"train_seconds": 0.0})
 
 
 def table_of(problem: str, scores: list[Score]) -> Table:
     """Shares in per cent with their intervals, and the paper's below."""
     table = Table(
-        "selector", "P1 feasible", "P1 infeasible", *POSTURE_PROJECTIONS, "trained [s]", title=f"{problem} [%]"
+        "selector", "P1 feasible", "P1 infeasible", *PROJECTIONS, "trained [s]", title=f"{problem} [%]"
     )
     for score in scores:
-        shares = (score.p1_feasible, score.p1_infeasible, *(score.projected[way] for way in POSTURE_PROJECTIONS))
+        shares = (score.p1_feasible, score.p1_infeasible, *(score.projected[way] for way in PROJECTIONS))
         table.add_row(score.selector, *map(cell, shares), f"{score.notes['train_seconds']:.0f}")
     for name, (feasible, infeasible, fix_p, _) in TABLE_I.get(problem, {}).items():
         table.add_row(f"paper: {name}", *(f"{100.0 * share:.1f}" for share in (feasible, infeasible, fix_p)))
@@ -158,7 +158,7 @@ def judged(name: str, selector: Selector, scenes: list[Scene], problem: str, box
     """Roll a selector out."""
     with progress(f"{problem} evaluate {name}") as bar:
         score = evaluate(
-            name, selector, scenes, problem_class=problem, projections=POSTURE_PROJECTIONS, boxes=boxes, progress=bar
+            name, selector, scenes, problem_class=problem, projections=PROJECTIONS, boxes=boxes, progress=bar
         )
     return replace(score, notes={"train_seconds": seconds})
 

@@ -27,14 +27,15 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from stancekit.envs.terrains import distribution
-from stancekit.planners.contact.micp import MicpPlanner
-from stancekit.planners.contact.nlp import NlpPlanner
-from stancekit.planners.contact.project import Projector
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.projection.project import project
 from stancekit.planners.scene import PostureProblem
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.micp import Grid, MicpPlanner
+from stancekit.planners.search.nlp import NlpPlanner
 from stancekit.planners.verify import check_posture
 
 
@@ -128,7 +129,8 @@ def solver(name: str, options: Options) -> Ask:
     if name == "ipopt":
         return partial(ask_planner, NlpPlanner(time_limit_s=limit))
     if name.endswith("-micp"):
-        micp = MicpPlanner(solver=name.removesuffix("-micp"), intervals=options.intervals, time_limit_s=limit)
+        grid = Grid(intervals=options.intervals)
+        micp = MicpPlanner(solver=name.removesuffix("-micp"), grid=grid, time_limit_s=limit)
         return partial(ask_planner, micp)
     module, form = name.removesuffix("-paper"), "paper" if name.endswith("-paper") else "eliminated"
     if module not in bilinear.MODULES:
@@ -138,7 +140,7 @@ def solver(name: str, options: Options) -> Ask:
         )
     if not bilinear.installed(module):
         raise InvalidInput(f"{module} is not installed: pip install stancekit[exact]")
-    return partial(ask_bilinear, module, form, {}, limit)
+    return partial(ask_bilinear, module, form, Programs(), limit)
 
 
 def ask_planner(planner: Planner, problem: PostureProblem) -> Said:
@@ -152,14 +154,14 @@ def ask_planner(planner: Planner, problem: PostureProblem) -> Said:
         verified=outcome.status is Status.FEASIBLE,
         residual_nm=outcome.details.get("claimed_residual_nm", outcome.residual_nm),
         ms=ms,
-        solver_ms=ms * outcome.details.get("solver_seconds", outcome.seconds) / outcome.seconds,
+        solver_ms=ms * outcome.details.get("solver_s", outcome.seconds) / outcome.seconds,
     )
 
 
 def ask_bilinear(
     name: str,
     form: bilinear.Form,
-    projectors: dict[tuple[int, int], Projector],
+    programs: Programs,
     limit_s: float,
     problem: PostureProblem,
 ) -> Said:
@@ -170,12 +172,8 @@ def ask_bilinear(
     ms, solver_ms = 1e3 * (time.process_time() - begin), 1e3 * answer.seconds
     if answer.point is None:
         return Said(label=answer.label, ms=ms, solver_ms=solver_ms)
-    projector = projectors.setdefault(scaled.size, Projector(*scaled.size))
-    claimed, projected = answer.point, projector.scp(scaled, answer.point)
-    reports = [
-        check_posture(problem, scaled.posture(com=p.com, rotation=p.rotation, toes=p.toes, forces=p.forces))
-        for p in (claimed, projected)
-    ]
+    points = (answer.point, project(programs, "scp", scaled, answer.point))
+    reports = [check_posture(problem, scaled.posture(point)) for point in points]
     return Said(
         label=answer.label,
         verified=reports[1].accepted,

@@ -18,7 +18,7 @@ from stancekit.planners.arrays import Array
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.outcome import Posture, Status
-from stancekit.planners.projection.project import PostureProjection, project
+from stancekit.planners.projection.project import Projection, project
 from stancekit.planners.relaxation.domain import domain_of, toe_ranges
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
@@ -58,7 +58,7 @@ class BoxSearch:
         scaled: Scaled,
         programs: Programs,
         *,
-        projection: PostureProjection = "fix-toes",
+        projection: Projection = "fix-toes",
         acceptance: Acceptance = Acceptance(),
     ) -> None:
         self._problem, self._scaled, self._programs = problem, scaled, programs

@@ -14,7 +14,7 @@ from stancekit.planners.arrays import Array
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
-from stancekit.planners.projection.project import POSTURE_PROJECTIONS, PostureProjection
+from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 
 from .boxtree import BoxSearch
@@ -54,7 +54,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         self,
         problem: str = "wall-3",
         *,
-        projection: PostureProjection = "fix-toes",
+        projection: Projection = "fix-toes",
         budget: int = 200,
         balanced: bool = True,
         scenes: SceneSource | None = None,
@@ -63,14 +63,14 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     ) -> None:
         if render_mode is not None:
             raise InvalidInput(f"render_mode: expected None, got {render_mode!r}")
-        if projection not in POSTURE_PROJECTIONS:
-            raise InvalidInput(f"projection: expected one of {', '.join(POSTURE_PROJECTIONS)}, got {projection!r}")
+        if projection not in PROJECTIONS:
+            raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
         if budget < 1:
             raise InvalidInput(f"budget: expected 1 or more, got {budget}")
         chosen = distribution(problem)
         self.render_mode = render_mode
         self._count = len(chosen.legs)
-        self._projection: PostureProjection = projection
+        self._projection: Projection = projection
         self._budget = budget
         self._programs = programs or Programs()
         self._acceptance = Acceptance()

@@ -17,7 +17,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files import read_envelopes
 from stancekit.planners.outcome import InvalidInput, Outcome, Posture, Status
-from stancekit.planners.projection.project import POSTURE_PROJECTIONS, PostureProjection, project
+from stancekit.planners.projection.project import PROJECTIONS, Projection, project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
@@ -68,16 +68,16 @@ class SelectionTask:
         *,
         boxes: int = 1,
         library: EnvelopeSet | str | Path | None = None,
-        projections: tuple[PostureProjection, ...] = ("fix-p",),
+        projections: tuple[Projection, ...] = ("fix-p",),
         weights: RewardWeights = RewardWeights(),
         balanced: bool = True,
         scenes: SceneSource | None = None,
         timing: bool = False,
     ) -> None:
-        unknown = set(projections) - set(POSTURE_PROJECTIONS)
+        unknown = set(projections) - set(PROJECTIONS)
         if unknown or not projections:
             raise InvalidInput(
-                f"projections: expected some of {', '.join(POSTURE_PROJECTIONS)}, got {list(projections)}"
+                f"projections: expected some of {', '.join(PROJECTIONS)}, got {list(projections)}"
             )
         if not isinstance(boxes, int) or boxes < 1:
             raise InvalidInput(f"boxes: expected an integer of at least 1, got {boxes!r}")
@@ -150,7 +150,7 @@ class SelectionTask:
         return tuple(Envelope.from_vector(row) for row in bounds)
 
     def _project(
-        self, way: PostureProjection, scene: Scene, scaled: Scaled, answer: RelaxationAnswer
+        self, way: Projection, scene: Scene, scaled: Scaled, answer: RelaxationAnswer
     ) -> Outcome | None:
         """Project P1's point and have it verified; None where P1 gave no point or admits nothing."""
         if not answer.feasible or answer.point is None:
@@ -167,7 +167,7 @@ class SelectionTask:
         scaled: Scaled,
         answer: RelaxationAnswer,
         envelope: Envelope,
-        projected: dict[PostureProjection, Outcome | None],
+        projected: dict[Projection, Outcome | None],
     ) -> dict[str, Any]:
         reached = {way: outcome is not None and outcome.status is Status.FEASIBLE for way, outcome in projected.items()}
         agree = answer.known and answer.feasible == scene.feasible
@@ -215,7 +215,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         *,
         boxes: int = 1,
         library: EnvelopeSet | str | Path | None = None,
-        projections: tuple[PostureProjection, ...] = ("fix-p",),
+        projections: tuple[Projection, ...] = ("fix-p",),
         weights: RewardWeights = RewardWeights(),
         balanced: bool = True,
         scenes: SceneSource | None = None,

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, StancekitError
-from stancekit.planners.projection.project import PostureProjection
+from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 from .scenes import Scene, SceneSource
@@ -55,7 +55,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         *,
         boxes: int = 1,
         library: EnvelopeSet | str | Path | None = None,
-        projections: tuple[PostureProjection, ...] = ("fix-p",),
+        projections: tuple[Projection, ...] = ("fix-p",),
         weights: RewardWeights = RewardWeights(),
         balanced: bool = True,
         scenes: SceneSource | None = None,

@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from stancekit.envs.scenes import Scene
 from stancekit.planners.files import write_text
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.projection.project import PostureProjection
+from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 from .dataset import Dataset
@@ -70,7 +70,7 @@ class _Row(BaseModel):
     row_key: str = ""
     p1_feasible: tuple[int, int] = (0, 0)
     p1_infeasible: tuple[int, int] = (0, 0)
-    projected: dict[PostureProjection, tuple[int, int]] = {}
+    projected: dict[Projection, tuple[int, int]] = {}
     gap: float | None = None
     p1_ms: float | None = None
 

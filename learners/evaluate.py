@@ -16,7 +16,7 @@ from stancekit.envs.selection import ADMITTED, EnvelopeSelectionEnv
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
-from stancekit.planners.projection.project import PostureProjection, project
+from stancekit.planners.projection.project import Projection, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import Acceptance
 
@@ -93,7 +93,7 @@ class Score:
     selector: str
     p1_feasible: Share
     p1_infeasible: Share
-    projected: Mapping[PostureProjection, Share]
+    projected: Mapping[Projection, Share]
     gap: float = float("nan")
     p1_ms: float = float("nan")
     notes: Mapping[str, Any] = field(default_factory=dict)
@@ -153,7 +153,7 @@ def evaluate(
     scenes: Sequence[Scene],
     *,
     problem_class: str,
-    projections: tuple[PostureProjection, ...],
+    projections: tuple[Projection, ...],
     boxes: int = 1,
     progress: Progress | None = None,
     run: Executor | None = None,
@@ -166,7 +166,7 @@ def evaluate(
 def evaluate_lift(
     scenes: Sequence[Scene],
     *,
-    projections: tuple[PostureProjection, ...],
+    projections: tuple[Projection, ...],
     progress: Progress | None = None,
     run: Executor | None = None,
 ) -> Score:
@@ -195,7 +195,7 @@ def _played(
     selector: Selector,
     problem_class: str,
     boxes: int,
-    projections: tuple[PostureProjection, ...],
+    projections: tuple[Projection, ...],
     scenes: Sequence[Scene],
 ) -> list[dict[str, Any]]:
     env, source = _environment(problem_class, boxes, projections)
@@ -205,7 +205,7 @@ def _played(
 
 @cache
 def _environment(
-    problem_class: str, boxes: int, projections: tuple[PostureProjection, ...]
+    problem_class: str, boxes: int, projections: tuple[Projection, ...]
 ) -> tuple[EnvelopeSelectionEnv, _Dealt]:
     """An environment of this process with its compiled models, for one chunk of scenes after the other."""
     source = _Dealt()
@@ -226,7 +226,7 @@ class _Dealt:
         return self._scenes.pop()
 
 
-def _lifted(projections: tuple[PostureProjection, ...], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
+def _lifted(projections: tuple[Projection, ...], scenes: Sequence[Scene]) -> list[dict[str, Any]]:
     """What the environment would say of each scene if P1 were the lift."""
     programs, acceptance, infos = _programs(), Acceptance(tolerance=ADMITTED), []
     for scene in scenes:
@@ -256,7 +256,7 @@ def _programs() -> Programs:
     return Programs()
 
 
-def _score(name: str, infos: Sequence[Mapping[str, Any]], projections: tuple[PostureProjection, ...]) -> Score:
+def _score(name: str, infos: Sequence[Mapping[str, Any]], projections: tuple[Projection, ...]) -> Score:
     feasible = [info for info in infos if info["label"]]
     infeasible = [info for info in infos if not info["label"]]
     admitted = [info for info in feasible if info["p1_feasible"]]
@@ -272,7 +272,7 @@ def _score(name: str, infos: Sequence[Mapping[str, Any]], projections: tuple[Pos
     )
 
 
-def _key(way: PostureProjection) -> str:
+def _key(way: Projection) -> str:
     return f"project_{way.replace('-', '_')}"
 
 

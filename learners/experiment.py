@@ -11,7 +11,7 @@ from pydantic import ConfigDict, TypeAdapter, ValidationError
 from stancekit.envs.terrains import distribution
 from stancekit.planners.documents import read_yaml
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.projection.project import PostureProjection
+from stancekit.planners.projection.project import Projection
 from stancekit.planners.refusals import refusals, shown
 
 from .fitting import FitSettings, Method
@@ -42,7 +42,7 @@ class Experiment:
     test: Quota
     calibration: Quota | None = None
     methods: tuple[Method, ...]
-    projections: tuple[PostureProjection, ...]
+    projections: tuple[Projection, ...]
     fit: FitSettings = field(default_factory=FitSettings)
 
     def __post_init__(self) -> None:

@@ -22,7 +22,6 @@ from stancekit.envs.scenes import Scene
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.writing import replaced
 from stancekit.planners.writing import failure_of, replaced
 
 from .dataset import Dataset, LabelledPosture

@@ -19,7 +19,6 @@ from stancekit.planners.documents import read_json
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files import write_text
-from stancekit.planners.keyframes.micp import MicpCoursePlanner
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.plan import PlanOutcome
 from stancekit.planners.relaxation.envelope import EnvelopeSet
@@ -27,6 +26,7 @@ from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.micp import Grid, MicpPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 from .modes import solved_postures
@@ -186,21 +186,24 @@ def _two_stage(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSe
 
 def _micp(cell: Cell, settings: PlannerBenchSettings, envelopes: EnvelopeSet) -> dict[str, Any]:
     course = read_course(settings.course, frames=cell.frames)
-    grid, intervals = cell.form.split("-")
-    planner = MicpCoursePlanner(
-        solver=settings.solver,
+    form, intervals = cell.form.split("-")
+    grid = Grid(
         intervals=int(intervals),
-        envelopes=envelopes if grid in ("rows", "shrink") else None,
-        envelope_use="shrink" if grid == "shrink" else "rows",
-        domain="course" if grid == "course" else "unit",
+        domain="course" if form == "course" else "unit",
+        envelope_use="shrink" if form == "shrink" else "rows",
+    )
+    planner = MicpPlanner(
+        solver=settings.solver,
+        grid=grid,
+        envelope=envelopes if form in ("rows", "shrink") else None,
         gap=cell.gap,
         time_limit_s=settings.cap_s,
     )
     outcome = planner.solve(course)
     sizes = {name: int(outcome.details[name]) for name in ("variables", "binaries", "constraints")}
     return {
-        **_answer(outcome), **sizes, "compile_s": outcome.compile_s, "seconds": outcome.details["micp_seconds"],
-        "cpu_s": outcome.details["micp_cpu_seconds"],
+        **_answer(outcome), **sizes, "compile_s": outcome.compile_s, "seconds": outcome.details["solver_s"],
+        "cpu_s": outcome.details["solver_cpu_s"],
         "capped": outcome.claim == "unknown",
         "cell_error": outcome.details["cell_error"], "claimed_residual": outcome.details.get("claimed_residual"),
     }  # fmt: skip

@@ -6,7 +6,7 @@ from typing import Literal, get_args
 
 from ..equilibrium.programs import Programs
 from ..outcome import InvalidInput
-from ..projection.project import PostureProjection
+from ..projection.project import Projection
 from ..relaxation.envelope import EnvelopeSet
 from ..search.answer import Acceptance, Planner
 from ..search.exact import ExactPlanner
@@ -20,7 +20,7 @@ def make_planner(
     method: Method,
     *,
     envelopes: EnvelopeSet | None = None,
-    projection: PostureProjection | None = None,
+    projection: Projection | None = None,
     solver: str = "highs",
     intervals: int = 4,
     time_limit_s: float = 30.0,
@@ -46,19 +46,20 @@ def make_planner(
             envelopes=envelopes, projection=projection or "scp", acceptance=acceptance, programs=programs
         )
     if method == "nlp":
-        from .nlp import NlpPlanner
+        from ..search import answer, nlp
 
-        return NlpPlanner(acceptance=acceptance, time_limit_s=time_limit_s)
+        limits = answer.Acceptance(tolerance=acceptance.tolerance, gap=acceptance.gap)
+        return nlp.NlpPlanner(acceptance=limits, time_limit_s=time_limit_s)
     if method == "micp":
-        from .micp import MicpPlanner
+        from ..search import answer, micp
 
         if envelopes is not None and len(envelopes.envelopes) > 1:
             raise InvalidInput(f"envelope: expected one envelope for micp, got {len(envelopes.envelopes)}")
-        return MicpPlanner(
+        return micp.MicpPlanner(
             solver=solver,
-            intervals=intervals,
-            envelope=None if envelopes is None else envelopes.envelopes[0],
+            grid=micp.Grid(intervals=intervals),
+            envelope=envelopes,
             time_limit_s=time_limit_s,
-            acceptance=acceptance,
+            acceptance=answer.Acceptance(tolerance=acceptance.tolerance, gap=acceptance.gap),
         )
     raise InvalidInput(f"method: expected one of {', '.join(METHODS)}, got {method!r}")

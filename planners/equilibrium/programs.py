@@ -4,18 +4,39 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
-from typing import TypeVar, cast
+from typing import Any, Literal, Protocol, TypeVar, cast, get_args, runtime_checkable
+
+from ..outcome import InvalidInput
+from .rows import Reference, Rows
 
 T = TypeVar("T")
+Engine = Literal["rows", "cvxpy"]
+ENGINES: tuple[Engine, ...] = get_args(Engine)
 MOST = 64
 """Programs that are kept; a long course over many candidates takes some megabytes."""
 
 
-class Programs:
-    """Keeps the programs that were used last. What they answer does not depend on whether they were kept."""
+@runtime_checkable
+class Written(Protocol):
+    """A convex program: its rows, and the same in cvxpy."""
 
-    def __init__(self, most: int = MOST) -> None:
-        self._most = most
+    rows: Rows[Any]
+
+    def reference(self, given: Any) -> Reference:
+        """The model of ``equilibrium.reference`` that the rows say again, for what they are loaded with."""
+        ...
+
+
+class Programs:
+    """Keeps the programs that were used last. What they answer does not depend on whether they were kept.
+
+    engine: "rows" solves programs as they are written; "cvxpy" solves their readable reference in their place.
+    """
+
+    def __init__(self, most: int = MOST, *, engine: Engine = "rows") -> None:
+        if engine not in ENGINES:
+            raise InvalidInput(f"engine: expected one of {', '.join(ENGINES)}, got {engine!r}")
+        self._most, self.engine = most, engine
         self._kept: OrderedDict[Hashable, object] = OrderedDict()
 
     def get(self, make: Callable[..., T], *key: Hashable) -> T:
@@ -24,7 +45,9 @@ class Programs:
         if name in self._kept:
             self._kept.move_to_end(name)
         else:
-            self._kept[name] = make(*key)
+            made = self._kept[name] = make(*key)
+            if self.engine == "cvxpy" and isinstance(made, Written):
+                made.rows.solve_instead(made.reference)
             if len(self._kept) > self._most:
                 self._kept.popitem(last=False)
         return cast(T, self._kept[name])

@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import enum
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Generic
+from typing import Any, Generic, Protocol
 
 import clarabel
 import numpy as np
@@ -39,12 +39,12 @@ class ConicStatus(enum.Enum):
 class ConicSolution:
     """One solve, by the names of variables and groups of rows.
 
-    answer: the solver's own. objective: of x; bound: of z, the dual objective; exact: whether the solver met its own
-    tolerances; seconds: in the solver alone [s].
+    answer: the solver's own, with x and z. objective: of x; bound: of z, the dual objective; exact: whether the solver
+    met its own tolerances; seconds: in the solver alone [s].
     """
 
     status: ConicStatus
-    answer: clarabel.DefaultSolution
+    answer: Any
     columns: Mapping[str, Index]
     groups: Mapping[str, Index]
     objective: float
@@ -77,13 +77,22 @@ class ConicSolution:
         return _part(self.z, self.groups[name])
 
 
-_STATUS = {
+class Reference(Protocol):
+    """Another formulation of a program for one problem: ``model.Model``."""
+
+    def solve_as(self, columns: Mapping[str, Index], groups: Mapping[str, Index]) -> ConicSolution:
+        """Solve it; x and z in this order, by names."""
+        ...
+
+
+STATUS = {
     clarabel.SolverStatus.Solved: ConicStatus.SOLVED,
     clarabel.SolverStatus.AlmostSolved: ConicStatus.SOLVED,
     clarabel.SolverStatus.PrimalInfeasible: ConicStatus.INFEASIBLE,
     clarabel.SolverStatus.AlmostPrimalInfeasible: ConicStatus.INFEASIBLE,
 }
-_EXACT = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.PrimalInfeasible)
+"""Of Clarabel; what is not here failed."""
+EXACT = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.PrimalInfeasible)
 
 
 class Rows(Generic[D]):
@@ -101,6 +110,7 @@ class Rows(Generic[D]):
         self._linear: list[tuple[Index, Values[D]]] = []
         self._constants: list[Fill[D]] = []
         self._solver: clarabel.DefaultSolver | None = None
+        self._reference: Callable[[D], Reference] | None = None
         self.columns: dict[str, Index] = {}
         self.groups: dict[str, Index] = {}
         self.shape = (0, 0)
@@ -149,8 +159,14 @@ class Rows(Generic[D]):
         self._linear.append((columns, values))
         self._constants += [] if constant is None else [constant]
 
+    def solve_instead(self, reference: Callable[[D], Reference]) -> None:
+        """From now on ``solve`` asks another formulation of the same program, with its names and shapes."""
+        self._reference = reference
+
     def solve(self, data: D) -> ConicSolution:
         """Solve for this problem."""
+        if self._reference is not None:
+            return self._reference(data).solve_as(self.columns, self.groups)
         hessian, q, matrix, b = self.load(data)
         begin = time.perf_counter()
         if self._solver is None or not self._keep:
@@ -160,18 +176,18 @@ class Rows(Generic[D]):
             numbers = {"q": q, "A": matrix.data, "b": b} | ({"P": hessian.data} if self._squares else {})
             self._solver.update(**{name: values.tolist() for name, values in numbers.items()})  # lists are read faster
         answer = self._solver.solve()
-        if answer.status not in _STATUS:  # rare: ask again, with refined steps
+        if answer.status not in STATUS:  # rare: ask again, with refined steps
             careful = solver_settings(equilibrate=True, careful=True)
             answer = clarabel.DefaultSolver(hessian, q, matrix, b, self._cones, careful).solve()
         constant = float(sum(float(np.sum(fill(data))) for fill in self._constants))
         return ConicSolution(
-            status=_STATUS.get(answer.status, ConicStatus.FAILED),
+            status=STATUS.get(answer.status, ConicStatus.FAILED),
             answer=answer,
             columns=self.columns,
             groups=self.groups,
             objective=float(answer.obj_val) + constant,
             bound=min(float(answer.obj_val), float(answer.obj_val_dual)) + constant,
-            exact=answer.status in _EXACT,
+            exact=answer.status in EXACT,
             iterations=int(answer.iterations),
             seconds=time.perf_counter() - begin,
         )

@@ -48,20 +48,21 @@ def make_course_planner(
     if name == "two-stage":
         return _two_stage(relaxation, envelopes, projection, time_limit_s, acceptance, models)
     if name == "micp":
-        from .micp import MicpCoursePlanner
+        from ..search import answer, micp
 
         if isinstance(envelopes, Modes):
             raise InvalidInput("envelopes: expected one envelope for micp, got modes")
-        return MicpCoursePlanner(
-            solver=solver, intervals=intervals, envelopes=envelopes, envelope_use=envelope_use, gap=gap,
-            projection=projection, time_limit_s=time_limit_s, acceptance=acceptance, models=models,
+        return micp.MicpPlanner(
+            solver=solver, grid=micp.Grid(intervals=intervals, envelope_use=envelope_use), envelope=envelopes, gap=gap,
+            projection=projection, time_limit_s=time_limit_s,
+            acceptance=answer.Acceptance(tolerance=acceptance.tolerance),
         )  # fmt: skip
     if envelopes is not None:
         raise InvalidInput(f"envelopes: expected none for {name}, which has no use for them")
     if name == "nlp":
-        from .nlp import NlpCoursePlanner
+        from ..search import answer, nlp
 
-        return NlpCoursePlanner(time_limit_s=time_limit_s, acceptance=acceptance, models=models)
+        return nlp.NlpPlanner(time_limit_s=time_limit_s, acceptance=answer.Acceptance(tolerance=acceptance.tolerance))
     if name == "exact":
         from .exact import ExactCoursePlanner
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..arrays import Array
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Layout
-from ..equilibrium.rows import ConicSolution, Rows
+from ..equilibrium.rows import ConicSolution, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Moments, objective
 
@@ -43,7 +43,13 @@ class FixToes:
             body.reach(HeldToes(rows))
             body.limits()
             body.steps(None)
-        self._hold_body = hold_body
+        self._hold_body, self._least = hold_body, least_moment
+
+    def reference(self, given: Given) -> Reference:
+        """The same in cvxpy."""
+        from ..equilibrium.reference import fix_toes  # cvxpy takes a second to import
+
+        return fix_toes(given.scaled, given.held, hold_body=self._hold_body, least_moment=self._least)
 
     def solve(self, scaled: Scaled, start: Point) -> Point:
         """Hold the toes of ``start``, with hold_body its c and Θ, too."""
@@ -65,6 +71,12 @@ class FixForces:
         body.limits()
         body.steps(toes)
 
+    def reference(self, given: Given) -> Reference:
+        """The same in cvxpy."""
+        from ..equilibrium.reference import fix_forces
+
+        return fix_forces(given.scaled, given.held)
+
     def solve(self, scaled: Scaled, start: Point) -> Point:
         """Hold the forces of ``start``."""
         solution = self.rows.solve(Given(scaled, start))
@@ -78,6 +90,7 @@ class Linearised:
     """
 
     def __init__(self, layout: Layout, least_moment: bool) -> None:
+        self._price = None if least_moment else MOMENT_PRICE
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
         body, toes, moments = Body(rows, layout), FreeToes(rows, layout, explicit=True), Moments(layout)
         forces = Forces.of_contacts(rows, layout)
@@ -106,6 +119,12 @@ class Linearised:
         body.reach(toes)
         body.limits()
         body.steps(toes)
+
+    def reference(self, given: Given) -> Reference:
+        """The same in cvxpy."""
+        from ..equilibrium.reference import linearised
+
+        return linearised(given.scaled, given.held, price=self._price)
 
     def solve(self, scaled: Scaled, about: Point) -> Point:
         """Step from ``about``; the residual is that of the linearised moments."""

@@ -7,6 +7,7 @@ fix-p      p (toes, c and Θ)                     f                       paper 
 fix-f      f                                     toes, c, Θ              paper E §II
 fix-toes   toes in the world                     f, c, Θ                 convex as Σ f is fixed (``terms.Moments``)
 scp        nothing, starts at the toes           all                     fix-toes, then some linearised steps
+nlp        nothing, starts at the point          all                     paper E §IV-A, ``nlp``
 ========== ===================================== ======================= ==============================================
 
 A posture is projected to the least moment residual; a course, whose plans have an objective, to residual zero.
@@ -23,11 +24,8 @@ from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from .held import FixForces, FixToes, Linearised
 
-Projection = Literal["fix-p", "fix-f", "fix-toes", "scp"]
+Projection = Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"]
 PROJECTIONS: tuple[Projection, ...] = get_args(Projection)
-PostureProjection = Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"]
-"""Of postures alone: IPOPT from the point, too."""
-POSTURE_PROJECTIONS: tuple[PostureProjection, ...] = get_args(PostureProjection)
 SURFACE = 1e-7
 """A point this close to the bilinear surface (non-dimensional moment residual) needs no further step."""
 STEPS = 6
@@ -35,21 +33,23 @@ STEPS = 6
 
 
 def project(
-    programs: Programs, projection: Projection | PostureProjection, scaled: Scaled, start: Point, *, steps: int = STEPS
+    programs: Programs, projection: Projection, scaled: Scaled, start: Point, *, steps: int = STEPS
 ) -> Point:
     """Project ``start`` on the bilinear surface, one candidate a foothold; the residual is inf without an answer.
 
     steps: most linearised steps of "scp".
     """
     least = scaled.weights is None
-    if projection == "nlp":
-        return _nlp(programs, scaled, start)
     if projection == "fix-p":
         return programs.get(FixToes, scaled.layout, True, True).solve(scaled, start)
     if projection == "fix-f":
         return programs.get(FixForces, scaled.layout).solve(scaled, start)
     if projection == "fix-toes":
         return programs.get(FixToes, scaled.layout, False, least).solve(scaled, start)
+    if projection == "nlp":
+        from .nlp import NlpProgram  # CasADi is slow to import
+
+        return programs.get(NlpProgram, scaled.layout, least).solve(programs, scaled, start)
     return scp(programs, scaled, start, steps=steps)
 
 
@@ -77,24 +77,3 @@ def scp(programs: Programs, scaled: Scaled, start: Point, *, steps: int = STEPS,
         solves, seconds = solves + 1, seconds + point.seconds
         best = point if point.residual < best.residual else best
     return replace(best, solves=solves, seconds=seconds)
-
-
-def _nlp(programs: Programs, scaled: Scaled, start: Point) -> Point:
-    """IPOPT from a point of a posture, in the numbers of ``contact``."""
-    from ..contact import nlp, project
-    from ..contact.scaled import ScaledProblem
-
-    numbers = ScaledProblem(
-        vertices=scaled.patches, frames=scaled.frames, shoulders=scaled.shoulders, reach=scaled.reach,
-        friction=scaled.friction, force_min=scaled.force_min, force_max=scaled.force_max, weight=scaled.weight,
-        com=scaled.com[0], com_radius=float(scaled.com_radius[0]), tilt=scaled.tilt,
-        length_m=scaled.length_m, force_n=scaled.force_n,
-    )  # fmt: skip
-    begin = project.Point(
-        com=start.com[0], rotation=start.rotation[0], toes=start.toes, forces=start.forces, residual=start.residual
-    )
-    found = programs.get(nlp.NlpModel, *scaled.size).solve(numbers, begin)
-    return Point(
-        com=found.com[None], rotation=found.rotation[None], toes=found.toes, forces=found.forces,
-        residual=found.residual, solves=found.solves,
-    )  # fmt: skip

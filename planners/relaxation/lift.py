@@ -15,7 +15,7 @@ from ..equilibrium.gather import Of
 from ..equilibrium.layout import Layout
 from ..equilibrium.multipliers import multipliers
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import ConicSolution, ConicStatus, Rows
+from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
 from ..equilibrium.scaled import Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, Moments, objective
 from .relaxed import Relaxed, unit_shares
@@ -53,7 +53,7 @@ class LiftProgram:
     """
 
     def __init__(self, layout: Layout, implied: bool, least_moment: bool) -> None:
-        self.layout, self.rows = layout, Rows[Given](keep=layout.frames == 1)
+        self.layout, self.rows, self._least = layout, Rows[Given](keep=layout.frames == 1), least_moment
         rows = self.rows
         body = Body(rows, layout)
         toes = FreeToes(rows, layout, explicit=not least_moment, implied=implied)
@@ -78,6 +78,12 @@ class LiftProgram:
         """Solve for a problem of this layout."""
         solution = self.rows.solve(Given(scaled))
         return self._answer(scaled, solution)
+
+    def reference(self, given: Given) -> Reference:
+        """The same in cvxpy."""
+        from ..equilibrium.reference import lift  # cvxpy takes a second to import
+
+        return lift(given.scaled, least_moment=self._least)
 
     def _answer(self, scaled: Scaled, solution: ConicSolution) -> LiftAnswer:
         least = "residual" in solution.columns

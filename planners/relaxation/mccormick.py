@@ -22,7 +22,7 @@ import numpy as np
 from ..arrays import Array
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout
-from ..equilibrium.rows import ConicSolution, ConicStatus, Rows
+from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled, skew
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, objective
 from ..outcome import InvalidInput
@@ -52,12 +52,18 @@ class WithoutMoment:
     """P̄ (paper E §III) of a posture: all constraints but the bilinear one. With m free, eq. 9 constrains nothing."""
 
     def __init__(self, layout: Layout) -> None:
-        self._rows = Rows[Given](keep=layout.frames == 1)
-        self._forces = _terms(self._rows, layout, explicit=False)[2]
+        self.rows = Rows[Given](keep=layout.frames == 1)
+        self._forces = _terms(self.rows, layout, explicit=False)[2]
+
+    def reference(self, given: Given) -> Reference:
+        """The same in cvxpy."""
+        from ..equilibrium.reference import without_moments  # cvxpy takes a second to import
+
+        return without_moments(given.scaled)
 
     def solve(self, scaled: Scaled) -> Point | None:
         """A point of P̄ in the middle of its feasible set, or None where there is none or the solver gave up."""
-        solution = self._rows.solve(Given(scaled))
+        solution = self.rows.solve(Given(scaled))
         return _relaxed(solution, scaled, self._forces).rounded()[1] if solution.solved else None
 
 
@@ -71,7 +77,7 @@ class McCormick:
     def __init__(self, layout: Layout, axes: Axes = "contact", soft: bool = True, boxes: int = 1) -> None:
         if soft and boxes > 1:
             raise InvalidInput(f"boxes: expected 1 for the signed margin, got {boxes}")
-        self.layout = layout
+        self.layout, self._axes, self._soft = layout, axes, soft
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
         self._body, self._toes, self._forces = _terms(rows, layout, explicit=not soft)
         margin = rows.variable("margin", 1) if soft else None
@@ -98,6 +104,14 @@ class McCormick:
             rows.linear(margin, 1.0)
         else:
             objective(rows, layout, self._body, self._toes)
+
+    def reference(self, given: Boxed) -> Reference:
+        """The same in cvxpy."""
+        from ..equilibrium.reference import p1, p1_of_modes
+
+        if given.allowed is not None:
+            return p1_of_modes(given.scaled, given.boxes, given.allowed, axes=self._axes)
+        return p1(given.scaled, given.boxes[0], soft=self._soft, axes=self._axes)
 
     def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
         """P1 over this box; gradient: of the signed margin."""

@@ -9,7 +9,7 @@ import numpy as np
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..outcome import Certificate, InvalidInput, Outcome, Posture
-from ..projection.project import POSTURE_PROJECTIONS, PostureProjection, project
+from ..projection.project import PROJECTIONS, Projection, project
 from ..relaxation.envelope import EnvelopeSet
 from ..relaxation.lift import LiftAnswer, solve_lift
 from ..relaxation.mccormick import McCormick
@@ -31,12 +31,12 @@ class TwoStagePlanner:
         self,
         *,
         envelopes: EnvelopeSet | None = None,
-        projection: PostureProjection | None = "scp",
+        projection: Projection | None = "scp",
         acceptance: Acceptance = Acceptance(),
         programs: Programs | None = None,
     ) -> None:
-        if projection is not None and projection not in POSTURE_PROJECTIONS:
-            raise InvalidInput(f"projection: expected one of {', '.join(POSTURE_PROJECTIONS)}, got {projection!r}")
+        if projection is not None and projection not in PROJECTIONS:
+            raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
         self.envelopes = envelopes
         self.projection = projection
         self.acceptance = acceptance

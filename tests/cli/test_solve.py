@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stancekit.cli.console import out
-from stancekit.planners.contact import micp
+from stancekit.planners.search import micp
 
 ANSWER = ["where", "status", "method", "residual_nm", "residual", "lower_bound", "seconds", "solves"]
 POSTURE = ["com_m", "rotation_rad", "toes_m", "forces_n"]

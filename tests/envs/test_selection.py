@@ -15,7 +15,7 @@ from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.selection import VERTICES, EnvelopeSelectionEnv, RewardWeights
 from stancekit.envs.terrains import DISTRIBUTIONS, distribution
 from stancekit.planners.outcome import InvalidInput, PlanningFailed
-from stancekit.planners.projection.project import POSTURE_PROJECTIONS
+from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 SLOW = {"stancekit/WarpedGait-v0"}  # a step solves a walk: its contract, on short walks, is in test_gait.py
@@ -296,11 +296,11 @@ def test_a_library_is_chosen_from_by_number(selection, tmp_path):
 
 
 def test_every_projection_can_be_asked_for():
-    env = EnvelopeSelectionEnv(projections=POSTURE_PROJECTIONS)
+    env = EnvelopeSelectionEnv(projections=PROJECTIONS)
     env.reset(seed=0)
     info = env.step(DOMAIN)[4]
     assert [name for name in info if name.startswith("project_")] == [
-        f"project_{way.replace('-', '_')}" for way in POSTURE_PROJECTIONS
+        f"project_{way.replace('-', '_')}" for way in PROJECTIONS
     ]
 
 

@@ -11,11 +11,11 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
 from stancekit.planners.contact.exact import ExactPlanner, cut, halving_chord
-from stancekit.planners.contact.nlp import NlpPlanner
 from stancekit.planners.contact.planner import Acceptance
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import Certificate, Status
 from stancekit.planners.scene import Contact, Patch, PostureProblem
+from stancekit.planners.search.nlp import NlpPlanner
 from stancekit.planners.verify import check_certificate, check_posture
 from stancekit.planners.verify.geometry import cut as cut_again
 

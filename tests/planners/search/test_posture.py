@@ -11,7 +11,7 @@ from stancekit.planners.contact.methods import METHODS, make_planner
 from stancekit.planners.equilibrium.rows import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
-from stancekit.planners.projection.project import POSTURE_PROJECTIONS
+from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import McCormick
@@ -48,7 +48,7 @@ def point_box(value):
     return Envelope(low=np.full((3, 6), value), high=np.full((3, 6), value))
 
 
-@pytest.mark.parametrize("projection", [*POSTURE_PROJECTIONS, None])
+@pytest.mark.parametrize("projection", [*PROJECTIONS, None])
 @pytest.mark.parametrize("with_box", [True, False])
 def test_a_status_is_always_one_of_the_whole_problem(programs, truth, learned, projection, with_box):
     planner = TwoStagePlanner(envelopes=learned if with_box else None, projection=projection, programs=programs)

@@ -1,0 +1,124 @@
+"""Paper E's convex models in cvxpy: what to read, and what to change first.
+
+Each model is a short list of terms (``equations``) with a problem's numbers written into it. The programs that plan say
+the same as blocks of rows (``rows``, ``terms``), some hundred times as fast; a test holds them equal.
+``Programs(engine="cvxpy")`` solves these models in their place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cvxpy as cp
+
+from ..arrays import Array
+from .equations import Axes, Box, Forces, Plan, Products, cross, mccormick, within
+from .model import Model, Terms
+from .scaled import Point, Scaled
+
+
+def without_moments(scaled: Scaled) -> Model:
+    """P̄: everything but m = p f (§III); with m free eq. 9 says nothing."""
+    plan = Plan(scaled)
+    forces = Forces.of_candidates(plan)
+    return Model(cp.Constant(0.0), {**_on_toes(plan), **_on_forces(forces)})
+
+
+def p1(scaled: Scaled, box: Box, *, soft: bool, axes: Axes = "contact") -> Model:
+    """P1: m = p f replaced by its envelope over one box a stance contact (§III).
+
+    soft: the signed margin t, by which every row of the envelope is relaxed, is minimised; else the objective.
+    axes: of the box's forces (``Products``).
+    """
+    plan, products, terms = coupled(scaled, axes)
+    if not soft:
+        return Model(plan.objective(), {**terms, **mccormick(products.parts, box)})
+    margin = cp.Variable(1, name="margin")
+    return Model(margin[0], {**terms, **mccormick(products.parts, box, margin=margin)})
+
+
+def p1_of_modes(scaled: Scaled, boxes: Sequence[Box], allowed: Array, *, axes: Axes = "contact") -> Model:
+    """P1 over several boxes, one chosen a stance (§IV-A): the convex hull of the choices.
+
+    Each stance has z_e ≥ 0, Σ z = 1; its (p, f, m) is a sum of copies, the e-th in z_e M_c(B_e). allowed: bounds of z,
+    shape (S, E).
+    """
+    plan, products, terms = coupled(scaled, axes)
+    modes = cp.Variable(allowed.shape, name="modes")
+    terms |= {"one_mode": cp.sum(modes, axis=1) == 1, "mode_positive": modes >= 0, "mode_allowed": modes <= allowed}
+    whole, copies = cp.hstack(products.parts), []
+    for e, box in enumerate(boxes):
+        copies.append(cp.Variable(whole.shape, name=f"copy_{e}"))
+        parts = copies[e][:, :3], copies[e][:, 3:6], copies[e][:, 6:]
+        rows = mccormick(parts, box, share=modes[:, e][scaled.layout.contacts[0]])
+        terms |= {f"{name}_{e}": row for name, row in rows.items()}
+    return Model(plan.objective(), {**terms, "added": sum(copies) - whole == 0})
+
+
+def lift(scaled: Scaled, *, least_moment: bool) -> Model:
+    """The lift: f_u := λ_u f at every vertex, so that Σ p_w × f is Σ_u v_u × f_u, linear (``relaxation.lift``)."""
+    plan = Plan(scaled)
+    forces = Forces.of_vertices(plan)
+    vertices = scaled.vertices[scaled.layout.contact_vertices[1]]
+    moment = plan.net(cross(vertices, forces.world), forces.stance)
+    return _with_moment(plan, moment, {**_on_toes(plan), **_on_forces(forces)}, least_moment)
+
+
+def fix_toes(scaled: Scaled, held: Point, *, hold_body: bool, least_moment: bool) -> Model:
+    """Toes held, with hold_body c and Θ, too (fix-p). Σ f is fixed, so that Σ p × f is linear in (c, f)."""
+    plan = Plan(scaled, held.toes)
+    forces = Forces.of_contacts(scaled)
+    arms = held.toes[scaled.layout.contacts[2]]
+    moment = plan.net(cross(arms, forces.world), forces.stance)
+    body = plan.stays_at(held) if hold_body else {**plan.within_reach(), **plan.within_limits(), **plan.steps()}
+    return _with_moment(plan, moment, {**_on_forces(forces), **body}, least_moment)
+
+
+def fix_forces(scaled: Scaled, held: Point) -> Model:
+    """Contact-frame forces held (fix-f): least moment over toes, c and Θ."""
+    plan = Plan(scaled)
+    stance, _, foothold = scaled.layout.contacts
+    levers = cross(plan.toes[foothold], scaled.in_world(held.forces))
+    moment = plan.net(levers, stance)
+    return _with_moment(plan, moment, _on_toes(plan), least_moment=True)
+
+
+def linearised(scaled: Scaled, about: Point, *, price: float | None) -> Model:
+    """A step of SCP: p × F by p̄ × F + (p − p̄) × F̄. price: of the moments left, beside the objective; None: alone."""
+    plan, foothold = Plan(scaled), scaled.layout.contacts[2]
+    forces, before = Forces.of_contacts(scaled), scaled.in_world(about.forces)
+    moved = cross(about.toes[foothold], forces.world) + cross(plan.toes[foothold] - about.toes[foothold], before)
+    moment = plan.net(moved, forces.stance)
+    residual, terms = within(moment)
+    cost = residual if price is None else plan.objective() + price * residual
+    return Model(cost, {**terms, **_on_toes(plan), **_on_forces(forces)})
+
+
+def positions(scaled: Scaled) -> Model:
+    """Body and toes without forces, as a decoupled planner chooses them first."""
+    plan = Plan(scaled)
+    return Model(plan.objective(), _on_toes(plan))
+
+
+def coupled(scaled: Scaled, axes: Axes) -> tuple[Plan, Products, Terms]:
+    """What P1 and the mixed-integer program share: everything but what stands for m = p f, and the cost."""
+    plan = Plan(scaled)
+    forces = Forces.of_candidates(plan)
+    products = Products(plan, forces, axes)
+    return plan, products, {**_on_toes(plan), **_on_forces(forces), **products.terms()}
+
+
+def _on_toes(plan: Plan) -> Terms:
+    return {**plan.on_patches(), **plan.within_reach(), **plan.within_limits(), **plan.steps()}
+
+
+def _on_forces(forces: Forces) -> Terms:
+    return {**forces.balance(), **forces.in_cones(), **forces.in_boxes()}
+
+
+def _with_moment(plan: Plan, moment: cp.Expression, terms: Terms, least_moment: bool) -> Model:
+    """Minimise the largest component of the net moments, or the objective where they vanish."""
+    if not least_moment:
+        return Model(plan.objective(), {**terms, "moment": moment == 0})
+    residual, rows = within(moment)
+    return Model(residual, {**terms, **rows})

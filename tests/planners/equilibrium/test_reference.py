@@ -1,0 +1,274 @@
+"""The programs that plan are the readable reference: every row is an equation of it, and so are optima and rays."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import cvxpy as cp
+import numpy as np
+import pytest
+
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.rows import ConicSolution, ConicStatus
+from stancekit.planners.equilibrium.scaled import Point, Scaled
+from stancekit.planners.equilibrium.terms import Given
+from stancekit.planners.outcome import Certificate, InvalidInput
+from stancekit.planners.projection.held import FixForces, FixToes, Linearised
+from stancekit.planners.projection.project import project
+from stancekit.planners.relaxation.domain import domain_of
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.grid import axes_of
+from stancekit.planners.relaxation.lift import LiftProgram
+from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment
+from stancekit.planners.verify import check_certificate
+
+POSTURES = [("wall-3", 0), ("wall-3", 5), ("ground-3", 1), ("ground-3", 86), ("wall-5", 7), ("wall-5", 19)]
+RAGGED = [(0, (3, 4, 5)), (2, (6, 3, 4, 3))]
+COURSES = [(1, 1), (4, 1), (2, 2), (6, 2), (7, 2), (1, 3), (3, 3)]  # seed, frames
+PROBLEMS = [*POSTURES, *RAGGED, *COURSES]
+SOLVED = [("wall-3", 5), ("ground-3", 86), (2, (6, 3, 4, 3)), (4, 1), (6, 2), (3, 3)]
+Programme = tuple[Callable[..., object], tuple[object, ...]]
+
+
+@pytest.fixture(scope="module")
+def scaled(drawn, mixed, ragged) -> Callable[[tuple[object, ...]], Scaled]:
+    """The problem of an entry of ``PROBLEMS``."""
+
+    def find(which):
+        if isinstance(which[0], str):
+            return Scaled.of(drawn(*which))
+        return Scaled.of(mixed(*which) if isinstance(which[1], tuple) else ragged(which[0], frames=which[1]))
+
+    return find
+
+
+@dataclass(frozen=True, eq=False)
+class Answered:
+    """A program, what it was loaded with, and what either engine says."""
+
+    where: str
+    program: Any
+    given: Given
+    solutions: dict[str, ConicSolution]
+
+
+def programs_of(scaled: Scaled, near: Callable[[Scaled, int], Point]) -> Iterator[tuple[str, Programme, Given]]:
+    """Every convex program for a problem, how to make it, and what it is loaded with."""
+    one = scaled.chosen(np.array([numbers[-1] for numbers in scaled.which]))
+    held = Given(one, near(one, 3))
+    for least in [True] if scaled.weights is None else [True, False]:
+        yield "lift", (LiftProgram, (scaled.layout, False, least)), Given(scaled)
+        yield "fix-toes", (FixToes, (one.layout, False, least)), held
+        yield "scp", (Linearised, (one.layout, least)), held
+    yield "fix-p", (FixToes, (one.layout, True, True)), held
+    yield "fix-f", (FixForces, (one.layout,)), held
+    yield from p1_of(scaled)
+
+
+def boxed(scaled: Scaled, axes: str, share: float) -> Envelope:
+    """The middle part of what a problem implies: ``share`` of every side."""
+    domain = domain_of(scaled, axes)
+    middle, half = 0.5 * (domain.low + domain.high), 0.5 * share * (domain.high - domain.low)
+    return Envelope(low=middle - half, high=middle + half)
+
+
+def p1_of(scaled: Scaled) -> Iterator[tuple[str, Programme, Given]]:
+    """P̄ and every form of P1 for a problem."""
+    yield "p̄", (WithoutMoment, (scaled.layout,)), Given(scaled)
+    allowed = np.ones((len(scaled.layout.stances), 2))
+    allowed[0, 1] = 0.0
+    for axes in ("contact", "world"):
+        if axes == "contact" and axes_of(scaled) == "world":
+            continue
+        large, small = boxed(scaled, axes, 0.9), boxed(scaled, axes, 0.4)
+        yield f"p1 {axes}", (McCormick, (scaled.layout, axes, True, 1)), Boxed(scaled, boxes=(small,))
+        if scaled.weights is not None:
+            yield f"hard {axes}", (McCormick, (scaled.layout, axes, False, 1)), Boxed(scaled, boxes=(large,))
+            modes = Boxed(scaled, boxes=(small, large), allowed=allowed)
+            yield f"modes {axes}", (McCormick, (scaled.layout, axes, False, 2)), modes
+
+
+def left_over(term: cp.Constraint) -> np.ndarray:
+    """A x − b of a group of rows, from the expressions of its equation."""
+    if isinstance(term, cp.SOC):
+        return -np.column_stack([part.value for part in term.args])
+    return np.asarray(term.expr.value)
+
+
+def at_random(program, model, given, seed: int) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """One point as the program has it, x, and as the model has it, with toes where their weights put them."""
+    rng, columns = np.random.default_rng(seed), program.rows.columns
+    x = rng.normal(size=program.rows.shape[1])
+    for term in model.terms.values():
+        for variable in term.variables():
+            variable.value = x[columns[variable.name()]]
+    if "toes" in columns:
+        toes = np.zeros((given.scaled.layout.footholds, 3))
+        weights = x[columns["weights"]]
+        np.add.at(toes, given.scaled.layout.vertex_footholds, weights[:, None] * given.scaled.vertices)
+        x[columns["toes"]] = toes
+    return x, {name: left_over(term) for name, term in model.terms.items()}
+
+
+@pytest.mark.parametrize("which", PROBLEMS, ids=str)
+def test_every_row_is_an_equation_of_the_reference(scaled, near, which):
+    seen = set()
+    for name, (make, key), given in programs_of(scaled(which), near):
+        program = make(*key)
+        model, groups = program.reference(given), program.rows.groups
+        for seed in range(3):
+            x, expected = at_random(program, model, given, seed)
+            hessian, q, matrix, b = program.rows.load(given)
+            found = matrix @ x - b
+            assert set(groups) - {"toe"} == set(expected)
+            for group, rows in groups.items():
+                against = expected.get(group, np.zeros(rows.shape))  # a toe is where its weights put it
+                np.testing.assert_allclose(
+                    found[rows], against.reshape(rows.shape), atol=1e-12, err_msg=f"{name}: {group}"
+                )
+                seen.add(group)
+            constant = sum(float(np.sum(fill(given))) for fill in program.rows._constants)
+            assert 0.5 * x @ symmetric(hessian) @ x + q @ x + constant == pytest.approx(
+                float(model.cost.value), abs=1e-11
+            )
+    assert seen > {"balance", "reach", "cone", "most", "least", "ball", "above", "below", "one", "positive"}
+
+
+def same(first: ConicSolution, second: ConicSolution, where: str) -> None:
+    """Status, optimum, and bound."""
+    assert first.status is second.status, where
+    if first.status is ConicStatus.SOLVED:
+        assert first.objective == pytest.approx(second.objective, abs=2e-7), where
+        assert first.bound == pytest.approx(second.bound, abs=2e-7), where
+
+
+@pytest.fixture(scope="module")
+def answers(scaled, near) -> list[Answered]:
+    """Every program of some problems, solved by either engine."""
+    found = []
+    for which in SOLVED:
+        for name, (make, key), given in programs_of(scaled(which), near):
+            program = make(*key)
+            rows = program.rows
+            theirs = program.reference(given).solve_as(rows.columns, rows.groups)
+            solutions = {"rows": rows.solve(given), "cvxpy": theirs}
+            found.append(Answered(f"{name} {which}", program, given, solutions))
+    return found
+
+
+def test_either_engine_comes_to_the_same_optima_and_refuses_the_same(answers):
+    for answer in answers:
+        same(*answer.solutions.values(), answer.where)
+    statuses = [answer.solutions["rows"].status for answer in answers]
+    assert statuses.count(ConicStatus.INFEASIBLE) > 5
+    assert statuses.count(ConicStatus.SOLVED) > 30
+
+
+def test_the_small_form_of_the_lift_is_the_whole_one(drawn):
+    small = 0
+    for seed in range(9):
+        scaled = Scaled.of(drawn("wall-3", seed))
+        if scaled.box_implied:
+            given = Given(scaled)
+            small += 1
+            same(
+                LiftProgram(scaled.layout, True, True).rows.solve(given),
+                Programs(engine="cvxpy").get(LiftProgram, scaled.layout, True, True).rows.solve(given),
+                f"wall-3 {seed}",
+            )
+    assert small > 3
+
+
+def in_rows(program, given, solution) -> tuple[np.ndarray, np.ndarray]:
+    """x and z of a solution in the order of the rows; toes, where they are columns, and their rows' multipliers."""
+    hessian, q, matrix, b = program.rows.load(given)
+    x, z = np.zeros(len(q)), np.zeros(len(b))
+    for rows, values in ((program.rows.columns, x), (program.rows.groups, z)):
+        for name in set(rows) - {"toes", "toe"}:
+            values[rows[name]] = solution.value(name) if values is x else solution.dual(name)
+    if "toes" in program.rows.columns:
+        toes, toe = program.rows.columns["toes"], program.rows.groups["toe"]
+        x[toes] = -(matrix @ x - b)[toe]
+        objective = 0.0 if solution.status is ConicStatus.INFEASIBLE else q + symmetric(hessian) @ x
+        z[toe] = -(objective + matrix.T @ z)[toes]
+    return x, z
+
+
+def symmetric(upper):
+    """The whole of a matrix whose upper half is given."""
+    whole = upper + upper.T
+    whole.setdiag(upper.diagonal())
+    return whole
+
+
+@pytest.mark.parametrize("engine", ["rows", "cvxpy"])
+def test_multipliers_are_optimal_whoever_found_them(answers, engine):
+    """In the rows' own matrices: A'z + P x + q = 0 and z'(b − A x) = 0; or a ray, A'z = 0 and b'z < 0."""
+    for answer in answers:
+        solution = answer.solutions[engine]
+        hessian, q, matrix, b = answer.program.rows.load(answer.given)
+        x, z = in_rows(answer.program, answer.given, solution)
+        if solution.status is ConicStatus.INFEASIBLE:
+            assert b @ z < 0.0
+            assert np.abs(matrix.T @ z).max() < 1e-6 * -(b @ z), answer.where
+        else:
+            slope = q + symmetric(hessian) @ x + matrix.T @ z
+            assert np.abs(slope).max() < 1e-5, answer.where
+            assert abs(z @ (b - matrix @ x)) < 1e-5, answer.where
+
+
+def test_multipliers_of_either_engine_prove_the_same(drawn):
+    proved = 0
+    for name, seeds in {"wall-3": (0, 3, 12, 20, 225), "ground-3": (37, 86, 115), "wall-5": (7, 19, 45)}.items():
+        for seed in seeds:
+            problem = drawn(name, seed)
+            scaled = Scaled.of(problem)
+            ours, theirs = (
+                Programs(engine=engine).get(LiftProgram, scaled.layout, False, True).solve(scaled)
+                for engine in ("rows", "cvxpy")
+            )
+            bounds = [
+                check_certificate(problem, Certificate(tree=np.zeros((1, 5)), multipliers=answer.multipliers[None]))
+                for answer in (ours, theirs)
+            ]
+            assert bounds[0].accepted == bounds[1].accepted == (ours.bound > 1e-4)
+            assert bounds[0].lower_bound == pytest.approx(bounds[1].lower_bound, abs=1e-6)
+            proved += bounds[0].accepted
+    assert proved > 3
+
+
+def test_rays_of_either_engine_refute_a_course(ragged):
+    refuted = 0
+    for seed in range(8):
+        course = ragged(seed, frames=2)
+        scaled = Scaled.of(course)
+        for engine in ("rows", "cvxpy"):
+            answer = Programs(engine=engine).get(LiftProgram, scaled.layout, False, False).solve(scaled)
+            if answer.status is ConicStatus.INFEASIBLE:
+                proof = Certificate(tree=np.zeros((1, 5)), multipliers=answer.multipliers[None])
+                assert check_certificate(course, proof).accepted, f"{engine} {seed}"
+                refuted += 1
+    assert refuted >= 4
+    assert refuted % 2 == 0
+
+
+@pytest.mark.parametrize("projection", ["fix-p", "fix-f", "fix-toes", "scp"])
+def test_a_projection_ends_on_the_same_residual_with_either_engine(scaled, near, projection):
+    rows, reference = Programs(), Programs(engine="cvxpy")
+    for which in [("wall-3", 5), ("ground-3", 1), (2, 2)]:
+        problem = scaled(which)
+        one = problem.chosen(np.array([numbers[0] for numbers in problem.which]))
+        start = near(one, 1)
+        ours, theirs = (project(programs, projection, one, start, steps=1) for programs in (rows, reference))
+        assert ours.solves == theirs.solves
+        if np.isfinite(ours.residual):
+            assert ours.residual == pytest.approx(theirs.residual, abs=2e-6)
+        else:
+            assert np.isinf(theirs.residual)
+
+
+def test_an_engine_that_there_is_not_is_refused():
+    with pytest.raises(InvalidInput, match=r"^engine: expected one of rows, cvxpy, got 'mosek'$"):
+        Programs(engine="mosek")

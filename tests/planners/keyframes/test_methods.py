@@ -1,0 +1,31 @@
+"""Planners of courses by name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stancekit.planners.keyframes.methods import METHODS, make_course_planner
+from stancekit.planners.keyframes.modes import Modes
+from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+
+
+def test_every_planner_is_made_by_its_name(drawn):
+    box = Envelope(low=-np.ones((3, 6)), high=np.ones((3, 6)))
+    learned = EnvelopeSet.for_problems("wall-3", [drawn("wall-3", 0)], [box])
+    modes = Modes(names=("wall",), boxes=learned)
+    assert [make_course_planner(name).name for name in METHODS] == list(METHODS)
+    assert make_course_planner("two-stage", envelopes=learned).envelopes is learned
+    assert make_course_planner("micp", envelopes=learned).envelope is learned
+    for arguments, message in (
+        ({"name": "best"}, "planner: expected one of two-stage, micp"),
+        ({"name": "two-stage", "relaxation": "boxes"}, "relaxation: expected one of lift, envelope"),
+        ({"name": "two-stage", "relaxation": "envelope"}, "envelopes: expected an envelope or modes"),
+        ({"name": "two-stage", "relaxation": "lift", "envelopes": learned}, "envelopes: expected none for the lift"),
+        ({"name": "nlp", "relaxation": "lift"}, "relaxation: expected none for nlp"),
+        ({"name": "exact", "envelopes": learned}, "envelopes: expected none for exact"),
+        ({"name": "micp", "envelopes": modes}, "envelopes: expected one envelope for micp, got modes"),
+    ):
+        with pytest.raises(InvalidInput, match=message):
+            make_course_planner(**arguments)

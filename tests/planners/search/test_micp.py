@@ -1,0 +1,353 @@
+"""The mixed-integer baseline: its grid leaves nothing out, and its claims are never taken for answers."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stancekit.envs.terrains import DISTRIBUTIONS
+from stancekit.planners.contact.exact import ExactPlanner
+from stancekit.planners.equilibrium.reference import p1
+from stancekit.planners.equilibrium.rows import ConicStatus
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.relaxation.domain import domain_of
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.micp import Grid, MicpPlanner, MicpProgram
+from stancekit.planners.verify import check_plan, check_posture
+
+NEEDS_SCIP = pytest.mark.skipif(importlib.util.find_spec("pyscipopt") is None, reason="needs the exact extra")
+NEEDS_GUROBI = pytest.mark.skipif(importlib.util.find_spec("gurobipy") is None, reason="needs the exact extra")
+TWO = Grid(intervals=2)
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    """Natural wall-3 scenes with the exact planner's answer, the trivially infeasible ones left out."""
+    rng, exact = np.random.default_rng(1), ExactPlanner()
+    answered = [(problem, exact.solve(problem)) for problem in (DISTRIBUTIONS["wall-3"].sample(rng) for _ in range(30))]
+    return [(problem, outcome) for problem, outcome in answered if not outcome.details["trivial"]]
+
+
+@pytest.fixture(scope="module")
+def feasible(scenes):
+    """The first six that have a witness."""
+    kept = [(problem, outcome) for problem, outcome in scenes if outcome.status is Status.FEASIBLE][:6]
+    assert len(kept) == 6
+    return kept
+
+
+@pytest.fixture(scope="module")
+def infeasible(scenes):
+    """Those that have a certificate."""
+    kept = [(problem, outcome) for problem, outcome in scenes if outcome.status is Status.INFEASIBLE]
+    assert len(kept) > 3
+    return kept
+
+
+@pytest.fixture(scope="module")
+def walls():
+    return read_course("walls", frames=1)
+
+
+@pytest.fixture(scope="module")
+def learned():
+    """A box for the legs of wall-3 such as is learned, written down: the mirror image of the course's own tripod."""
+    course = read_course("walls", frames=3)
+    problem = course.posture_problem(replace(course.stances[1], limbs=(3, 5, 1)), np.zeros(12, dtype=int))
+    assert problem.legs == ("RF", "RR", "LM")
+    low = np.array([[0.0, -0.75, -0.25, 0.2, -0.3, 0.0], [-0.5, -0.75, -0.25, 0.2, -0.3, 0.0],
+                    [-0.25, 0.55, -0.25, 0.4, -0.3, 0.2]])  # fmt: skip
+    high = np.array([[0.5, -0.5, 0.25, 0.9, 0.3, 0.6], [0.0, -0.5, 0.25, 0.9, 0.3, 0.6],
+                     [0.25, 0.8, 0.25, 1.0, 0.3, 0.8]])  # fmt: skip
+    return EnvelopeSet.for_problems("wall-3", [problem], [Envelope(low=low, high=high)])
+
+
+def asked(problem, grid=TWO, **options):
+    """The program of a posture over the domain that it implies, and that domain."""
+    scaled = Scaled.of(problem)
+    domain = domain_of(scaled, "contact")
+    return MicpProgram(scaled, domain, grid, **options), domain
+
+
+def coordinates(point):
+    """[p, f] of a posture's point, shape (1, N, 6)."""
+    return np.hstack([point.toes - point.com, point.forces])[None]
+
+
+def witness(problem, outcome):
+    """[p, f] of a witness, shape (1, N, 6)."""
+    return Scaled.of(problem).point(outcome.posture)[None]
+
+
+def net_moment(course, point):
+    """Largest component of Σ (q − c) × C f over stances, contact by contact."""
+    worst, row = 0.0, 0
+    for stance in course.stances:
+        total = np.zeros(3)
+        for limb in stance.limbs:
+            placement = course.holds[stance.frame, limb]
+            world = course.placements[placement].candidates[0].frame @ point.forces[row]
+            total += np.cross(point.toes[placement] - point.com[stance.frame], world)
+            row += 1
+        worst = max(worst, np.abs(total).max())
+    return worst
+
+
+def test_the_grid_leaves_no_posture_out(feasible):
+    planner = MicpPlanner(grid=TWO)
+    for problem, _ in feasible:
+        outcome = planner.solve(problem)
+        assert outcome.claim == "feasible"
+        assert outcome.status is Status.FEASIBLE
+        assert check_posture(problem, outcome.posture).accepted
+
+
+def test_the_domain_holds_every_witness(scenes):
+    for problem, outcome in scenes:
+        if outcome.status is Status.FEASIBLE:
+            domain = domain_of(Scaled.of(problem), "contact")
+            assert domain.contains(witness(problem, outcome), margin=1e-6).all()
+
+
+def test_a_claim_of_infeasibility_stays_a_claim(infeasible):
+    planner = MicpPlanner(grid=TWO)
+    outcomes = [planner.solve(problem) for problem, _ in infeasible]
+    assert {outcome.status for outcome in outcomes} == {Status.UNDECIDED}
+    refused = [outcome for outcome in outcomes if outcome.claim == "infeasible"]
+    assert len(refused) > 2
+    assert {outcome.message for outcome in refused} == {
+        "highs says infeasible; neither a certificate nor toes that hold came with it"
+    }
+    for outcome in outcomes:
+        if outcome.claim == "feasible":
+            assert outcome.message.startswith("witness refused")
+            assert outcome.details["claimed_residual_nm"] > 0.1
+
+
+def test_one_piece_of_the_domain_is_the_mccormick_relaxation(scenes):
+    claims = []
+    for problem, _ in scenes:
+        program, domain = asked(problem, Grid(intervals=1))
+        claims.append(program.solve(60.0).claim)
+        if claims[-1] == "infeasible":  # its cones are wider, so what it refuses the relaxation refuses, too
+            answer = p1(Scaled.of(problem), domain, soft=True).solve()
+            assert answer.status is ConicStatus.INFEASIBLE or answer.objective > 0.0
+    assert set(claims) == {"feasible", "infeasible"}
+
+
+def test_a_point_of_the_grid_lies_on_the_surface_up_to_its_cells(feasible):
+    problem, _ = feasible[0]
+    gaps = []
+    for intervals in (1, 2, 4):
+        program, domain = asked(problem, Grid(intervals=intervals))
+        answer = program.solve(60.0)
+        p, f = coordinates(answer.point)[0, :, :3], answer.point.forces
+        gap = np.abs(program.products.moments.value - (p[:, :, None] * f[:, None, :]).reshape(3, 9))
+        (p_low, p_high), (f_low, f_high) = domain.position, domain.force
+        cell = ((p_high - p_low)[:, :, None] * (f_high - f_low)[:, None, :]).reshape(3, 9) / intervals**2
+        assert np.all(gap <= 0.25 * cell + 1e-6)  # McCormick's largest gap over a cell
+        assert gap.max() <= program.figures["cell_error"] + 1e-6
+        gaps.append(gap.max())
+    assert gaps[0] > 1e-4
+
+
+@pytest.mark.parametrize("cut", ["both", "position"])
+def test_both_encodings_make_the_same_claim(scenes, cut):
+    claims = []
+    for problem, _ in scenes[:6]:
+        log, unary = (
+            asked(problem, Grid(intervals=2, encoding=encoding, cut=cut))[0].solve(60.0).claim
+            for encoding in ("log", "unary")
+        )
+        assert log == unary
+        claims.append(log)
+    assert set(claims) == {"feasible", "infeasible"}
+
+
+def test_binaries_are_a_variable_and_not_a_cell(scenes):
+    problem = scenes[0][0]
+    figures = {encoding: asked(problem, Grid(encoding=encoding))[0].figures for encoding in ("log", "unary")}
+    assert figures["log"]["binaries"] == 18 * 2
+    assert figures["unary"]["binaries"] == 18 * 4
+    assert asked(problem, Grid(cut="position"))[0].figures["binaries"] == 9 * 2
+
+
+def test_binaries_grow_with_the_limbs_that_carry():
+    course = read_course("walls", frames=4)
+    scaled = Scaled.of(course)
+    program = MicpProgram(scaled, domain_of(scaled, "contact"))
+    carrying = sum(len(stance.limbs) for stance in course.stances)
+    assert program.figures["binaries"] == 12 * carrying == 252
+
+
+@pytest.mark.parametrize("use", ["rows", "shrink"])
+def test_with_an_envelope_the_claimed_point_of_a_posture_lies_in_it(feasible, use):
+    found = 0
+    for problem, outcome in feasible[:4]:
+        envelope = Envelope.around(witness(problem, outcome)).widened(0.1)
+        planner = MicpPlanner(grid=Grid(intervals=2, envelope_use=use), envelope=envelope)
+        answer = planner.program(problem).solve(60.0)
+        assert envelope.contains(coordinates(answer.point), margin=1e-6).all()
+        outcome = planner.solve(problem)
+        assert outcome.claim == "feasible"
+        found += outcome.status is Status.FEASIBLE
+    assert found > 2
+
+
+@pytest.mark.parametrize("use", ["rows", "shrink"])
+def test_an_envelope_confines_the_point_of_a_course(use, walls, learned):
+    scaled = Scaled.of(walls)
+    planner = MicpPlanner(envelope=learned, grid=Grid(envelope_use=use))
+    box = planner.box(walls)
+    answer = planner.program(walls).solve(60.0)
+    assert answer.claim == "feasible"
+    frame, limbs = scaled.layout.stances[0]
+    p = answer.point.toes[[walls.holds[frame, limb] for limb in limbs]] - answer.point.com[frame]
+    assert box.contains(np.hstack([p, answer.point.forces])[None], margin=1e-6).all()
+    assert np.abs(answer.moments).max() == pytest.approx(net_moment(walls, answer.point), abs=1e-6)
+
+
+def test_a_finer_grid_leaves_less_of_the_moments(walls, learned):
+    for intervals in (1, 8):
+        planner = MicpPlanner(envelope=learned, grid=Grid(envelope_use="shrink", intervals=intervals))
+        box, answer = planner.box(walls), planner.program(walls).solve(60.0)
+        width = float(np.max(box.high - box.low) / intervals)
+        assert answer.claim == "feasible"
+        # |m − p f| ≤ (cell of p)(cell of f)/4, and six such products make a component of the moments of three limbs
+        assert np.abs(answer.moments).max() <= 6.0 * width**2 / 4.0 + 1e-6
+
+
+@pytest.mark.parametrize("use", ["rows", "shrink"])
+def test_an_envelope_out_of_reach_of_a_posture_has_no_point(feasible, use):
+    problem, outcome = feasible[0]
+    far = Envelope.around(witness(problem, outcome) + 3.0).widened(0.1)
+    planner = MicpPlanner(grid=Grid(intervals=2, envelope_use=use), envelope=far)
+    assert planner.solve(problem).claim == "infeasible"
+
+
+def test_an_envelope_out_of_reach_is_a_claim_of_infeasible_that_proves_nothing(walls, learned):
+    box, up = learned.envelopes[0], np.array([0.0, 0.0, 0.8, 0.0, 0.0, 0.0])
+    away = replace(learned, envelopes=(Envelope(low=box.low + up, high=box.high + up),))
+    outcome = MicpPlanner(envelope=away).solve(walls)
+    assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "infeasible")
+    assert "highs says infeasible; neither a certificate" in outcome.message
+
+
+@pytest.mark.parametrize("solver", ["highs", pytest.param("scip", marks=NEEDS_SCIP)])
+def test_a_claim_becomes_a_plan_that_the_verifier_accepts(solver, walls):
+    outcome = MicpPlanner(solver=solver).solve(walls)
+    assert (outcome.status, outcome.claim) == (Status.FEASIBLE, "feasible")
+    assert outcome.details["binaries"] == 3 * 6 * 2  # 3 limbs carry, 6 components each, log₂ 4 binaries a component
+    assert check_plan(outcome.plan).accepted
+
+
+def test_patches_are_chosen_by_binaries():
+    course = read_course("icy-walls", frames=1)
+    outcome = MicpPlanner().solve(course)
+    assert outcome.status is Status.FEASIBLE, outcome.message
+    assert outcome.details["binaries"] == 36 + 4 * 6
+    carrying = [course.holds[0, limb] for limb in course.stances[0].limbs]
+    assert any(len({patch.friction for patch in course.placements[p].candidates}) == 2 for p in carrying)
+    assert all(course.patch(p, outcome.plan.choice).friction > 0.0 for p in carrying)  # three limbs, all needed
+
+
+def test_candidates_of_several_frames_share_the_axes_of_the_world(ragged):
+    course = ragged(2, frames=1, ice=0.0)
+    outcome = MicpPlanner(grid=TWO, time_limit_s=30.0).solve(course)
+    assert outcome.claim == "feasible", outcome.message
+    assert outcome.status is Status.FEASIBLE, outcome.message
+    assert len(set(outcome.plan.choice.tolist())) > 1
+
+
+def test_minimising_the_objective_bounds_it_from_below(walls):
+    course = replace(walls, goal_m=walls.goal_m + np.array([0.0, 0.0, 0.2]))  # out of the radius about the start
+    best = (0.2 - course.com_radius_m[0]) ** 2
+    outcome = MicpPlanner(gap=0.05).solve(course)
+    assert outcome.status is Status.FEASIBLE
+    assert outcome.objective == pytest.approx(best, rel=0.05, abs=1e-4)
+
+
+def test_an_envelope_of_other_limbs_or_over_several_frames_is_refused(feasible, ragged):
+    envelope = Envelope(low=-np.ones((5, 6)), high=np.ones((5, 6)))
+    with pytest.raises(InvalidInput, match=r"^contacts: expected 5 for this envelope, got 3$"):
+        MicpPlanner(envelope=envelope).solve(feasible[0][0])
+    with pytest.raises(InvalidInput, match=r"^frame 0, limb LR: expected candidate patches that share one contact fr"):
+        MicpPlanner(envelope=envelope).solve(ragged(2, frames=1))
+
+
+def test_a_time_limit_leaves_the_problem_undecided(infeasible):
+    outcome = MicpPlanner(grid=Grid(intervals=8), time_limit_s=0.01).solve(infeasible[2][0])
+    assert (outcome.status, outcome.claim) == (Status.UNDECIDED, "unknown")
+
+
+def test_an_answer_does_not_depend_on_the_ones_before_it(feasible):
+    planner = MicpPlanner(grid=TWO)
+    (first, _), (second, _) = feasible[:2]
+    one, _, again = (planner.solve(problem) for problem in (first, second, first))
+    np.testing.assert_array_equal(one.posture.toes_m, again.posture.toes_m)
+    np.testing.assert_array_equal(one.posture.forces_n, again.posture.forces_n)
+
+
+@NEEDS_SCIP
+def test_scip_with_true_cones_agrees_with_highs(scenes):
+    for problem, _ in scenes[:4]:
+        mine, theirs = (asked(problem, solver=solver)[0].solve(60.0).claim for solver in ("scip", "highs"))
+        assert mine == theirs or (mine, theirs) == ("infeasible", "feasible")  # HiGHS' cones are wider
+
+
+@NEEDS_GUROBI
+def test_gurobis_free_licence_says_that_the_program_is_too_large():
+    outcome = MicpPlanner(solver="gurobi").solve(read_course("walls", frames=4))
+    assert outcome.status is not Status.INFEASIBLE
+    if outcome.status is Status.UNDECIDED:
+        assert "its free licence takes 2000 variables" in outcome.message
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: MicpPlanner(solver="cplex"), "solver: expected one of highs, scip, gurobi, got 'cplex'"),
+        (lambda: Grid(encoding="hot"), "encoding: expected one of log, unary, got 'hot'"),
+        (lambda: Grid(cut="force"), "cut: expected one of both, position, got 'force'"),
+        (lambda: Grid(intervals=3), "intervals: expected 1 or more, and a power of two for 'log', got 3"),
+        (lambda: Grid(envelope_use="cut"), "envelope_use: expected one of rows, shrink, got 'cut'"),
+        (lambda: Grid(domain="mine"), "domain: expected one of course, unit, got 'mine'"),
+        (
+            lambda: MicpPlanner(grid=Grid(cones="exact")),
+            "cones: expected outer, inner, or exact for another solver than highs, got 'exact'",
+        ),
+        (lambda: MicpPlanner(gap=-0.1), "gap: expected a number in [0, "),
+        (lambda: MicpPlanner(time_limit_s=0.0), "time_limit_s: expected a number above 0, got 0"),
+        (
+            lambda: MicpPlanner(projection="up"),
+            "projection: expected one of fix-p, fix-f, fix-toes, scp, nlp, got 'up'",
+        ),
+    ],
+)
+def test_options_that_there_are_not_are_refused(make, message):
+    with pytest.raises(InvalidInput) as caught:
+        make()
+    assert str(caught.value).startswith(message)
+
+
+def test_a_set_of_several_envelopes_is_refused(learned):
+    two = replace(learned, envelopes=learned.envelopes * 2)
+    with pytest.raises(InvalidInput, match=r"^envelopes: expected one for micp, got 2$"):
+        MicpPlanner(envelope=two)
+
+
+def test_a_solver_that_is_not_installed_is_named_with_the_extra(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda _: None)
+    with pytest.raises(InvalidInput) as caught:
+        MicpPlanner(solver="scip")
+    assert str(caught.value) == "solver: scip is not installed: pip install stancekit[exact]"
+
+
+def test_it_prints_nothing(feasible, capfd):
+    MicpPlanner(grid=TWO).solve(feasible[0][0])
+    assert capfd.readouterr() == ("", "")
