@@ -151,7 +151,7 @@ class Rows(Generic[D]):
             settings = solver_settings(equilibrate=not self._keep)
             self._solver = clarabel.DefaultSolver(hessian, q, matrix, b, self._cones, settings)
         else:
-            self._solver.update(q=q, A=matrix.data, b=b)
+            self._solver.update(q=q, A=matrix.data, b=b, **({"P": hessian.data} if self._squares else {}))
         answer = self._solver.solve()
         if answer.status not in _STATUS:  # rare: ask again, with refined steps
             careful = solver_settings(equilibrate=True, careful=True)
