@@ -9,10 +9,10 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
-from .search.answer import CoursePlanner
 from .plan import Plan, PlanOutcome
 from .scene.course import Course
 from .scene.patch import Patch
+from .search.answer import CoursePlanner
 
 SHARES = (0.8, 0.9, 1.0)
 """Shares of the friction that are planned with, the most cautious first."""

@@ -180,4 +180,3 @@ def objective_of(plan: Plan) -> float:
     cost += weights.com_step * float(np.sum(np.diff(plan.com_m, axis=0) ** 2))
     steps = np.array([plan.toes_at(k) - plan.toes_at(k - 1) for k in range(1, course.frames)])
     return cost + weights.toe_step * float(np.sum(steps**2))
-

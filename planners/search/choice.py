@@ -100,9 +100,7 @@ class ChoiceSearch:
         """The proof that there is no plan, where the tree was searched to its end."""
         if self.found is not None or self._open_end or not self._leaves:
             return None
-        return Certificate(
-            tree=np.array(self._tree, dtype=np.float64), multipliers=np.array(self._leaves)
-        )
+        return Certificate(tree=np.array(self._tree, dtype=np.float64), multipliers=np.array(self._leaves))
 
     def _guess(self) -> None:
         """Try the first candidates that have friction, which are the nearest; then dive, unless the root is refuted."""
@@ -254,8 +252,8 @@ def nearest(scaled: Scaled) -> Index:
 
 
 def _preference(scaled: Scaled) -> Array:
-    """Log of how much a candidate is liked before anything is known: near, and with friction; shape (P, options)."""
+    """Log of how much a candidate is liked before anything is known: near, and with friction; −inf where none is."""
     grips = scaled.by_candidate((scaled.friction > 0.0).astype(np.float64), 0.0)
     rank = np.cumsum(grips, axis=1) - 1.0
     liked = np.where(grips > 0.0, 0.7 * 0.35 ** np.maximum(rank, 0.0), 0.01)
-    return np.where(scaled.opened() > 0.0, np.log(liked + 0.02), -1e3)
+    return np.where(scaled.opened() > 0.0, np.log(liked + 0.02), -np.inf)
