@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.rows import ConicStatus, Rows
-from stancekit.planners.equilibrium.scaled import Point, Scaled, skew
+from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.outcome import Certificate, Posture
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import LiftProgram, solve_lift
@@ -294,22 +294,6 @@ def test_the_answer_meets_what_the_lift_demands_of_it(programs, mixed, seed):
     np.testing.assert_array_equal(point.com, answer.com)
     for i in range(3):
         np.testing.assert_allclose(point.forces[i], answer.by_vertex[own == i].sum(axis=0), atol=1e-12)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_units_come_off_and_on_again(mixed, seed):
-    problem = replace(mixed(seed, (3, 4, 5)), force_scale_n=37.0, length_scale_m=0.41)
-    scaled, rng = Scaled.of(problem), np.random.default_rng(seed)
-    com, toes, forces = rng.normal(size=3), rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
-    posture = scaled.posture(Point(com=com[None], rotation=np.zeros((1, 3)), toes=toes, forces=forces, residual=0.0))
-    np.testing.assert_allclose(posture.com_m, 0.41 * com)
-    for contact, mine, force in zip(problem.contacts, posture.forces_n, forces, strict=True):
-        n, y, z = contact.patch.frame.T
-        np.testing.assert_allclose(mine, 37.0 * (force[0] * n + force[1] * y + force[2] * z), atol=1e-12)
-    np.testing.assert_allclose(scaled.point(posture), np.hstack([toes - com, forces]), atol=1e-12)
-    assert scaled.weight == pytest.approx(98.1 / 37.0)
-    v, w = rng.normal(size=(2, 4, 3))
-    np.testing.assert_allclose(np.einsum("kij,kj->ki", skew(v), w), np.cross(v, w), atol=1e-14)
 
 
 # ------------------------------------------------------------------------------------------------- over key frames
