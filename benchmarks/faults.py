@@ -37,10 +37,10 @@ from stancekit.envs.runner.runner import RunSettings
 from stancekit.envs.worlds.calibration import nominal
 from stancekit.envs.worlds.dynamixel import DynamixelWorld
 from stancekit.planners.arrays import Array
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan_file import write_plan
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.scene.urdf import joint_names
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 
