@@ -33,11 +33,11 @@ from stancekit.envs.runner.pace import paced
 from stancekit.envs.tracking import Feel, Tracker
 from stancekit.envs.worlds.calibration import nominal
 from stancekit.envs.worlds.dynamixel import DynamixelWorld
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.kinematics import Kinematics, rotation_of
 from stancekit.planners.plan import Plan
 from stancekit.planners.plan_file import read_plan
 from stancekit.planners.scene.course_spec import builtin_courses, read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from tests.emulators.servo_bus import BusProcess
 
 

@@ -38,11 +38,11 @@ from stancekit.envs.runner.runner import Runner
 from stancekit.envs.worlds import WORLDS, make_world
 from stancekit.envs.worlds.world import World
 from stancekit.planners.caution import SHARES, slippery
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput, PlanningFailed
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course import Course
 from stancekit.planners.scene.course_spec import builtin_courses, read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from tests.emulators.slipping import SlippingWorld
 
 MODES = ("once", "anew", "anew-unlearned")

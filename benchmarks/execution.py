@@ -27,9 +27,9 @@ from stancekit.envs.execution import Execution, simulate
 from stancekit.envs.motion import Timing
 from stancekit.envs.worlds import WORLDS
 from stancekit.planners.caution import SHARES, plan_with_reserve
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan import Plan
 from stancekit.planners.scene.course_spec import builtin_courses
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 
 def main() -> None:

@@ -39,9 +39,9 @@ from stop_runs import STOPS, stopped
 
 from stancekit.envs.runner.acceptance import Accepted
 from stancekit.planners.arrays import Array
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan_file import write_plan
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 KINDS = (*FAULTS, *STOPS)

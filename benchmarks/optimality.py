@@ -24,13 +24,14 @@ from threadpoolctl import threadpool_limits
 from stancekit.envs.courses import SMALL, perturbed
 from stancekit.planners.arrays import Array
 from stancekit.planners.documents import read_text
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.files import write_text
-from stancekit.planners.keyframes.exact import ExactCoursePlanner
-from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
 from stancekit.planners.plan import PlanOutcome
 from stancekit.planners.scene import Patch, hexapod
 from stancekit.planners.scene.course import Course, Placement, StepLimits
 from stancekit.planners.scene.robot import Limb, Robot
+from stancekit.planners.search.exact import ExactCoursePlanner
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,10 +113,10 @@ def _tilted_patch(rng: np.random.Generator, com: Array, limb: Limb) -> Patch:
 
 def main(options: Options) -> None:
     """Solve, print and keep."""
-    models = CourseModels()
-    first = TwoStageCoursePlanner(models=models, time_limit_s=options.time_limit_s)
-    best = TwoStageCoursePlanner(models=models, time_limit_s=options.time_limit_s, gap=options.gap)
-    exact = ExactCoursePlanner(models=models, time_limit_s=options.time_limit_s, gap=options.gap)
+    programs = Programs()
+    first = TwoStageCoursePlanner(programs=programs, time_limit_s=options.time_limit_s)
+    best = TwoStageCoursePlanner(programs=programs, time_limit_s=options.time_limit_s, gap=options.gap)
+    exact = ExactCoursePlanner(programs=programs, time_limit_s=options.time_limit_s, gap=options.gap)
     rows = []
     for index in range(options.count):
         path = options.out / f"{options.seed}-{index}-{options.gap:g}-{options.time_limit_s:g}.json"

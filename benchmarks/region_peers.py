@@ -1,4 +1,4 @@
-"""The region choice of a course handed to mixed-integer solvers: the same lift, a binary for every slot, no objective.
+"""The region choice of a course handed to mixed-integer solvers: the same lift, a binary a candidate, no objective.
 
 Both get the conic form that the two-stage planner's own nodes are made of, and the rows Σ_u λ_{r,u} ≤ z_r, Σ_r z_r = 1.
 SCIP takes the second-order cones as they are. HiGHS has none: it gets planes about the cones for "no" (a relaxation,
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -16,8 +17,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from stancekit.planners.arrays import Array
-from stancekit.planners.keyframes.lift import LiftedCourse, lifted_values
-from stancekit.planners.keyframes.scaled import ScaledCourse
+from stancekit.planners.equilibrium.layout import Index
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.equilibrium.terms import Given
+from stancekit.planners.relaxation.lift import LiftProgram
 
 Label = Literal["feasible", "infeasible", "unknown"]
 
@@ -33,7 +36,9 @@ class Said:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mixed:
-    """b − A x in cones: zero rows, rows ≥ 0 and second-order cones (row slices); x ends with z, from ``first`` on."""
+    """b − A x in cones: zero rows, rows ≥ 0 and second-order cones (row slices); x ends with z, a candidate
+    each, from ``first`` on; columns: of the lift, by the names of its variables.
+    """
 
     matrix: sp.csr_matrix
     offset: Array
@@ -41,29 +46,30 @@ class Mixed:
     positive: slice
     cones: list[slice]
     first: int
+    columns: Mapping[str, Index]
 
     @classmethod
-    def of(cls, lift: LiftedCourse, scaled: ScaledCourse) -> Mixed:
-        """The lift of a course, with a binary a slot."""
-        _, _, matrix, offset, cones = lift.model.bare(lifted_values(scaled))
+    def of(cls, lift: LiftProgram, scaled: Scaled) -> Mixed:
+        """The lift of a course, with a binary a candidate."""
+        _, _, matrix, offset = lift.rows.load(Given(scaled))
         layout, n = scaled.layout, matrix.shape[1]
-        shares = sp.lil_matrix((layout.slots, n + layout.slots))
-        for slot, columns in enumerate(lift.model.columns("weights")):
-            shares[slot, columns] = 1.0
-            shares[slot, n + slot] = -1.0  # Σ_u λ_u − z ≤ 0
-        one = sp.hstack([sp.csr_matrix((layout.placements, n)), layout.toe_of_slots])
-        closed = sp.hstack([sp.csr_matrix((layout.slots, n)), sp.eye(layout.slots)])  # z ≤ opened
-        wide = sp.hstack([matrix, sp.csr_matrix((matrix.shape[0], layout.slots))]).tocsr()
+        count = len(layout.candidate_footholds)
+        shares = sp.lil_matrix((count, n + count))
+        shares[layout.vertex_candidates, lift.rows.columns["weights"]] = 1.0
+        shares[np.arange(count), n + np.arange(count)] = -1.0  # Σ_u λ_u − z ≤ 0
+        one = sp.lil_matrix((layout.footholds, n + count))
+        one[layout.candidate_footholds, n + np.arange(count)] = 1.0  # Σ_r z_r = 1
+        wide = sp.hstack([matrix, sp.csr_matrix((matrix.shape[0], count))]).tocsr()
         spans, at = [], 0
-        for cone in cones:
+        for cone in lift.rows.cone_list:
             spans.append((type(cone).__name__, slice(at, at + cone.dim)))  # type: ignore[attr-defined]
             at += cone.dim  # type: ignore[attr-defined]
         zero = [wide[span] for name, span in spans if name.startswith("Zero")] + [one]
-        above = [wide[span] for name, span in spans if name.startswith("Nonnegative")] + [shares, closed]
+        above = [wide[span] for name, span in spans if name.startswith("Nonnegative")] + [shares]
         round_ = [(wide[span], offset[span]) for name, span in spans if name.startswith("Second")]
-        zeros = [offset[span] for name, span in spans if name.startswith("Zero")] + [np.ones(layout.placements)]
+        zeros = [offset[span] for name, span in spans if name.startswith("Zero")] + [np.ones(layout.footholds)]
         aboves = [offset[span] for name, span in spans if name.startswith("Nonnegative")]
-        aboves += [np.zeros(layout.slots), scaled.opened]
+        aboves += [np.zeros(count)]
         e, p = sum(part.shape[0] for part in zero), sum(part.shape[0] for part in above)
         ends = e + p + np.cumsum([0] + [len(b) for _, b in round_])
         return cls(
@@ -73,6 +79,7 @@ class Mixed:
             positive=slice(e, e + p),
             cones=[slice(int(a), int(b)) for a, b in itertools.pairwise(ends)],
             first=n,
+            columns=lift.rows.columns,
         )
 
 

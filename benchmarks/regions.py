@@ -5,7 +5,7 @@ python benchmarks/regions.py --count 30 --seed 0 --out out/regions
 Random panels of .3 m, half of them without friction, M = 4 and 8 key frames, 2 to 4 candidate patches a toe. The peers
 HiGHS and SCIP get the lift with a binary a slot (``region_peers.py``); their choices and toes go through the same P2
 and verifier as the two-stage planner's. A course is proved infeasible where the verifier accepts the certificate; HiGHS
-and SCIP only claim. Times are wall times, models being compiled left out. Finished courses are kept in the folder.
+and SCIP only claim. Times are wall times. Finished courses are kept in the folder.
 """
 
 from __future__ import annotations
@@ -24,17 +24,21 @@ from rich.table import Table
 from threadpoolctl import threadpool_limits
 
 from stancekit.envs.courses import icy_walls
+from stancekit.planners.arrays import Array
 from stancekit.planners.documents import read_text
+from stancekit.planners.equilibrium.layout import Index
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.files import write_text
-from stancekit.planners.keyframes.decoupled import DecoupledPlanner
-from stancekit.planners.keyframes.planner import PlanAcceptance, plan_of
-from stancekit.planners.keyframes.project import PlanPoint
-from stancekit.planners.keyframes.scaled import ScaledCourse
-from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
 from stancekit.planners.outcome import Status
 from stancekit.planners.plan import PlanOutcome
+from stancekit.planners.projection.project import SURFACE, project
+from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.scene.course import Course
+from stancekit.planners.search.answer import Acceptance, plan_of
 from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.decoupled import DecoupledPlanner
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,36 +63,28 @@ class Options:
 class Peer:
     """A mixed-integer solver on the lift with binaries, then P2 and the verifier."""
 
-    def __init__(self, name: str, models: CourseModels, time_limit_s: float) -> None:
-        self.name, self._models, self._limit = name, models, time_limit_s
+    def __init__(self, name: str, programs: Programs, time_limit_s: float) -> None:
+        self.name, self._programs, self._limit = name, programs, time_limit_s
 
     def solve(self, course: Course) -> PlanOutcome:
         """HiGHS: planes within the cones for a plan, then planes about them for a refutation. SCIP: the cones."""
-        clock, scaled = Clock.start(), ScaledCourse.of(course)
-        lift = self._models.lift(scaled, clock)
-        mixed = region_peers.Mixed.of(lift, scaled)
+        clock, scaled = Clock.start(), Scaled.of(course)
+        mixed = region_peers.Mixed.of(self._programs.get(LiftProgram, scaled.layout, False, False), scaled)
         plan, claim, message = None, "", ""
         for said in self._said(mixed):
             clock.count(1, said.seconds)
             claim = said.label
             if said.x is not None:
-                shares = said.x[mixed.first :].reshape(scaled.layout.placements, scaled.layout.regions)
-                choice = shares.argmax(axis=1)
-                chosen = scaled.chosen(choice)
-                weights = np.maximum(said.x[lift.model.columns("weights")], 0.0)
-                slots = np.arange(len(choice)) * scaled.layout.regions + choice
-                toes = np.einsum("pu,pud->pd", weights[slots], scaled.vertices[slots])
-                start = PlanPoint(
-                    com=said.x[lift.model.columns("com")], rotation=said.x[lift.model.columns("rotation")],
-                    toes=toes / np.maximum(weights[slots].sum(axis=1), 1e-9)[:, None],
-                    forces=np.zeros((len(scaled.layout.bearing[0]), 3)), residual=float("inf"),
-                )  # fmt: skip
-                point = self._models.projector(chosen).scp(chosen, start, clock)
-                message = "" if point.found else "P2 found no plan"
-                plan = plan_of(scaled, choice, point, provenance={"planner": self.name}) if point.found else None
+                choice, start = rounded(mixed, scaled, said.x)
+                point = project(self._programs, "scp", scaled.chosen(choice), start)
+                clock.count(point.solves, point.seconds)
+                found = point.residual <= SURFACE
+                message = "" if found else "P2 found no plan"
+                made = {"planner": self.name}
+                plan = plan_of(course, scaled, choice, point, provenance=made) if found else None
             if plan is not None or claim == "infeasible":
                 break
-        return PlanAcceptance().outcome(
+        return Acceptance().plan_outcome(
             course, method=self.name, clock=clock, plan=plan, claim=claim, message=message,
             details={"projected": float(claim == "feasible")},
         )  # fmt: skip
@@ -103,13 +99,32 @@ class Peer:
         yield region_peers.highs(mixed, inner=False, time_limit_s=self._limit - inner.seconds)
 
 
+def rounded(mixed: region_peers.Mixed, scaled: Scaled, x: Array) -> tuple[Index, Point]:
+    """The candidate of the largest binary of every foothold, by number, and where the solver has the toe on it."""
+    layout = scaled.layout
+    choice = np.asarray(scaled.by_candidate(x[mixed.first :], -1.0).argmax(axis=1))
+    weights = np.maximum(x[mixed.columns["weights"]], 0.0)
+    weights *= (np.concatenate(scaled.which) == choice[layout.candidate_footholds])[layout.vertex_candidates]
+    toes, total = np.zeros((layout.footholds, 3)), np.zeros(layout.footholds)
+    np.add.at(toes, layout.vertex_footholds, weights[:, None] * scaled.vertices)
+    np.add.at(total, layout.vertex_footholds, weights)
+    start = Point(
+        com=x[mixed.columns["com"]],
+        rotation=x[mixed.columns["rotation"]],
+        toes=toes / np.maximum(total, 1e-9)[:, None],
+        forces=np.zeros((len(layout.contacts[0]), 3)),
+        residual=float("inf"),
+    )
+    return choice, start
+
+
 def main(options: Options) -> None:
     """Solve, print and keep."""
-    models = CourseModels()
+    programs = Programs()
     planners: dict[str, Any] = {
-        "two-stage": TwoStageCoursePlanner(models=models, time_limit_s=options.time_limit_s),
-        "decoupled": DecoupledPlanner(models=models),
-        **{name: Peer(name, models, options.time_limit_s) for name in ("highs", "scip")},
+        "two-stage": TwoStageCoursePlanner(programs=programs, time_limit_s=options.time_limit_s),
+        "decoupled": DecoupledPlanner(programs=programs),
+        **{name: Peer(name, programs, options.time_limit_s) for name in ("highs", "scip")},
     }
     for frames in options.frames:
         for regions in options.regions:

@@ -24,8 +24,8 @@ from stancekit.envs.runner.acceptance import Accepted
 from stancekit.envs.runner.ending import ENDINGS
 from stancekit.envs.runner.runner import Runner, RunSettings
 from stancekit.planners.caution import plan_with_reserve
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.scene.course_spec import builtin_courses, read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from tests.emulators.slipping import FAULTS, SlippingWorld
 
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
 from stancekit.planners.plan import Plan, PlanOutcome
-from stancekit.planners.plan_window import Standing, course_window, joined
+from stancekit.planners.plan_window import Standing, joined
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.scene.course import Course
@@ -22,6 +22,7 @@ from stancekit.planners.scene.course_keys import CourseSpec
 from stancekit.planners.scene.course_spec import read_spec
 from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
+from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
@@ -133,7 +134,7 @@ class TraverseEnv(gym.Env[View, np.int64]):
             course = self._draw(self.np_random)
             if course.frames < 2:
                 raise InvalidInput(f"course: expected two or more frames to go, got {course.frames}")
-            plan = self._start.solve(course_window(course, 0, 0)).plan
+            plan = replan(None, course, horizon=0, planner=self._start).plan
             if plan is not None:
                 self._course, self._walked = course, [plan]
                 self._frame, self._vain, self._over = 0, 0, False
@@ -179,10 +180,9 @@ class TraverseEnv(gym.Env[View, np.int64]):
 
     def _try(self, course: Course, planner: CoursePlanner) -> _Try:
         """Plan the next window, have the walk with it verified, execute it."""
-        last = min(self._frame + self._horizon, course.frames - 1)
-        window = course_window(course, self._frame, last, Standing.at_end(self._walked[-1]))
+        state = Standing.at_end(self._walked[-1])
         try:
-            outcome = planner.solve(window)
+            outcome = replan(state, course, frame=self._frame, horizon=self._horizon, planner=planner)
         except InvalidInput:  # an envelope that was not learned for these limbs or patches
             return _Try(refused=True)
         plan = outcome.plan

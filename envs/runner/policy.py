@@ -17,13 +17,14 @@ from typing import Any, TypeVar
 import numpy as np
 
 from stancekit.planners.arrays import checked, gathered
-from stancekit.planners.caution import SHARES, plan_with_reserve, slippery
+from stancekit.planners.caution import SHARES, slippery
 from stancekit.planners.kinematics import Kinematics
 from stancekit.planners.outcome import HardwareFault, InvalidInput, PlanningFailed
-from stancekit.planners.plan_window import Standing, course_window
+from stancekit.planners.plan_window import Standing
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course import Course
 from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 from ..tracking import Continued, Target
@@ -218,18 +219,22 @@ class ClosedLoop:
     def _planned(self, standing: Standing | None) -> Accepted:
         """Observe, choose, plan, verify. Raises PlanningFailed."""
         begin = time.perf_counter()
-        settings, last = self.settings, self.course.frames - 1
-        last = min(self._frame + settings.horizon, last) if settings.horizon else last
         believed = self.course if self._share >= 1.0 else slippery(self.course, self._share)
         if standing is not None:
             duller = self._share / self._planned_share
             patches = tuple(replace(patch, friction=duller * patch.friction) for patch in standing.patches)
             standing = replace(standing, patches=patches)
-        window = course_window(believed, self._frame, last, standing)
-        seen = Observation(
-            window=window, standing=standing, state=self.runner.state, friction_share=self._share, frame=self._frame
-        )
-        outcome = plan_with_reserve(self._policy(seen), window, settings.shares)
+
+        def chosen(window: Course) -> CoursePlanner:
+            seen = Observation(
+                window=window, standing=standing, state=self.runner.state, friction_share=self._share, frame=self._frame
+            )
+            return self._policy(seen)
+
+        outcome = replan(
+            standing, believed, frame=self._frame, horizon=self.settings.horizon or None, planner=chosen,
+            shares=self.settings.shares,
+        )  # fmt: skip
         self._plan_s += time.perf_counter() - begin
         if outcome.plan is None:
             raise PlanningFailed(f"frame {self._frame}: {outcome.message or outcome.claim or outcome.status.value}")

@@ -252,8 +252,8 @@ def nearest(scaled: Scaled) -> Index:
 
 
 def _preference(scaled: Scaled) -> Array:
-    """Log of how much a candidate is liked before anything is known: near, and with friction; shape (P, options)."""
+    """Log of how much a candidate is liked before anything is known: near, and with friction; −inf where none is."""
     grips = scaled.by_candidate((scaled.friction > 0.0).astype(np.float64), 0.0)
     rank = np.cumsum(grips, axis=1) - 1.0
     liked = np.where(grips > 0.0, 0.7 * 0.35 ** np.maximum(rank, 0.0), 0.01)
-    return np.where(scaled.opened() > 0.0, np.log(liked + 0.02), -1e3)
+    return np.where(scaled.opened() > 0.0, np.log(liked + 0.02), -np.inf)

@@ -76,7 +76,8 @@ class DecoupledPlanner:
         if solution.status is ConicStatus.INFEASIBLE:
             proof = Certificate(tree=np.array([LEAF]), multipliers=multipliers(scaled.layout, solution)[None])
             return self.acceptance.plan_outcome(course, method=self.name, clock=clock, certificate=proof)
-        chosen, bound = scaled.chosen(choice), solution.bound * course.length_scale_m**2
+        bound = solution.bound * course.length_scale_m**2 if solution.solved else float("nan")
+        chosen = scaled.chosen(choice)
         if scaled.options > 1 and solution.solved:
             solution, _, point = self._place(chosen, clock)
         plan, message = None, "the patches of the largest shares admit no positions"

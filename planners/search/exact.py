@@ -187,7 +187,7 @@ class _BestPlan:
                 return
             for child in self._branch(node):
                 self._push(self._node(child, node))
-        self.lower = min(self.upper, self._lost)
+        self.lower = max(self._known, min(self.upper, self._lost))
         if np.isfinite(self._lost):
             self.stopped = "the conic solver gave up on a part of the course"
 

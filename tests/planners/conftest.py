@@ -1,13 +1,17 @@
-"""What the tests of planners share: a walk whose forces are known in closed form, and random courses between walls."""
+"""What the tests of planners share: a walk whose forces are known in closed form, small courses between two walls, and
+the lift of a course written a second time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
+import cvxpy as cp
 import numpy as np
 import pytest
 
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.plan import Plan
 from stancekit.planners.scene import Patch, hexapod
@@ -17,8 +21,15 @@ from stancekit.planners.scene.robot import Limb, Robot
 STEP_M, HEIGHT_M = 0.03, 0.2
 TRIPODS = (("RF", "RR", "LM"), ("RM", "LF", "LR"))
 SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+
 FOUR = ("LF", "LR", "RF", "RR")
 CLIMB_M = 0.04
+
+
+@pytest.fixture(scope="session")
+def programs() -> Programs:
+    """The programs, once a process."""
+    return Programs()
 
 
 @pytest.fixture(scope="session")
@@ -70,6 +81,142 @@ def _walk(frames: int = 5, gait: str = "tripod") -> Plan:
 
 def _square(centre: np.ndarray, friction: float, half: float = 0.1) -> Patch:
     return Patch(vertices_m=centre + half * SQUARE, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=friction)
+
+
+@pytest.fixture(scope="session")
+def climb() -> Callable[..., Course]:
+    """``climb(seed, frames=2, regions=1, ice=0.0)``: four limbs on tilted patches of two walls, one limb moves a frame.
+
+    Some seeds have a plan and some do not. ice: the chance that a patch has no friction.
+    """
+    return cache(_climb)
+
+
+def _climb(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Course:
+    rng = np.random.default_rng(seed)
+    robot = Robot(name="four", mass_kg=10.0, limbs=hexapod().select(FOUR))
+    com = np.array([[0.0, 0.0, CLIMB_M * k] for k in range(frames)])
+    lifts = ((), *((FOUR[k % 4],) for k in range(frames - 1)))
+    placements = tuple(
+        Placement(limb=limb.name, frame=k, candidates=tuple(_tilted(rng, com[k], limb, ice) for _ in range(regions)))
+        for k in range(frames)
+        for limb in robot.limbs
+        if k == 0 or limb.name in lifts[k]
+    )
+    return Course(
+        name=f"climb-{seed}", robot=robot, terrain=tuple(p for put in placements for p in put.candidates),
+        placements=placements, lifts=lifts, next_lift=(FOUR[(frames - 1) % 4],) if frames == 1 else (),
+        com_nominal_m=com, com_radius_m=np.full(frames, 0.05), goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3),
+        steps=StepLimits(com_m=0.09, toe_m=0.3, progress_m=0.01),
+    )  # fmt: skip
+
+
+def _rough(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Course:
+    course, rng = _climb(seed, frames, regions, ice), np.random.default_rng([seed, frames, regions])
+    placements = []
+    for index, put in enumerate(course.placements):
+        some = put.candidates[: 1 if index == 0 else int(rng.integers(1, regions + 1))]
+        patches = tuple(_polygon(rng, patch) for patch in some)
+        toe = patches[0].vertices_m.mean(axis=0) if index == 0 else None
+        placements.append(replace(put, candidates=patches, toe_m=toe))
+    return replace(course, name=f"rough-{seed}", placements=tuple(placements))
+
+
+def _polygon(rng: np.random.Generator, patch: Patch) -> Patch:
+    """The same place, normal and friction; the border is around a circle, up to a thousandth of it off the plane."""
+    count, radius = int(rng.integers(3, 7)), rng.uniform(0.04, 0.07)
+    angle = 2.0 * np.pi * (np.arange(count) + rng.uniform(-0.2, 0.2, count)) / count
+    flat = radius * np.outer(np.cos(angle), patch.frame[:, 1]) + radius * np.outer(np.sin(angle), patch.frame[:, 2])
+    off = rng.uniform(-1e-3, 1e-3, (count, 1)) * radius * patch.normal
+    return replace(patch, vertices_m=patch.vertices_m.mean(axis=0) + flat + off)
+
+
+def _tilted(rng: np.random.Generator, com: np.ndarray, limb: object, ice: float) -> Patch:
+    side = np.sign(limb.shoulder_m[1])
+    normal = np.array([*rng.uniform(-0.25, 0.25, 1), -side, *rng.uniform(-0.25, 0.25, 1)])
+    normal /= np.linalg.norm(normal)
+    first = np.cross(normal, [0.0, 0.0, 1.0])
+    first /= np.linalg.norm(first)
+    second = np.cross(first, normal)
+    away = [0.06 * np.sign(limb.shoulder_m[0]), side * 0.36, -0.03]
+    centre = com + np.add(away, [limb.shoulder_m[0], 0.0, 0.0]) + rng.uniform(-0.06, 0.06, 3)
+    corners = 0.05 * np.array([first + second, first - second, -first - second, second - first])
+    friction = 0.0 if rng.random() < ice else rng.uniform(0.35, 0.9)
+    return Patch(vertices_m=centre + corners, normal=normal, shear_reference=[0.0, 0.0, 1.0], friction=friction)
+
+
+@pytest.fixture(scope="session")
+def rough() -> Callable[..., Course]:
+    """``rough(seed, frames=2, regions=1, ice=0.0)``: such a course on polygons of 3 to 6 corners, not quite flat.
+
+    A foothold has one or more candidates, ``regions`` at most, and the first limb's toe stands already.
+    """
+    return cache(_rough)
+
+
+@pytest.fixture(scope="session")
+def written_course() -> Callable[[Course], tuple[cp.Problem, list[list[cp.Variable]]]]:
+    """``written_course(course)``: the lift from the course's own numbers, one sentence of the paper after another.
+
+    The problem, objective in m², and the shares λ by placement and candidate. No line is shared with the planners.
+    """
+    return _written_course
+
+
+def _written_course(course: Course) -> tuple[cp.Problem, list[list[cp.Variable]]]:
+    frames, robot = course.frames, course.robot
+    com, turn = cp.Variable((frames, 3)), cp.Variable((frames, 3))
+    borders = [
+        [patch.vertices_m if put.toe_m is None else put.toe_m[None] for patch in put.candidates]
+        for put in course.placements
+    ]
+    shares = [[cp.Variable(len(border), nonneg=True) for border in row] for row in borders]
+    toes = [
+        sum(border.T @ share for border, share in zip(row, weights, strict=True))
+        for row, weights in zip(borders, shares, strict=True)
+    ]
+    rows = [sum(cp.sum(share) for share in row) == 1 for row in shares]
+    standing = {}
+    for k in range(frames):
+        rows += [cp.norm(com[k] - course.com_nominal_m[k]) <= course.com_radius_m[k]]
+        rows += [cp.abs(turn[k]) <= course.tilt_limit_rad]
+        for put_index, put in enumerate(course.placements):
+            if put.frame <= k:
+                standing[k, put.limb] = put_index
+        for limb in robot.limbs:
+            shoulder = com[k] + limb.shoulder_m - _times(limb.shoulder_m) @ turn[k]  # Θ × v = −v × Θ
+            rows.append(cp.norm(toes[standing[k, limb.name]] - shoulder) <= limb.reach_m)
+    for stance in course.stances:
+        force, moment = np.array([0.0, 0.0, -1.0]), _times(np.array([0.0, 0.0, -1.0])) @ com[stance.frame] * -1.0
+        for i in stance.limbs:
+            p = standing[stance.frame, robot.limb_names[i]]
+            for patch, border, share in zip(course.placements[p].candidates, borders[p], shares[p], strict=True):
+                for u, vertex in enumerate(border):
+                    f = cp.Variable(3)  # λ_u f in the contact frame
+                    rows += [cp.norm(f[1:]) <= patch.friction * f[0]]
+                    rows += [f <= share[u] * course.force_max, f >= share[u] * course.force_min]
+                    force = force + patch.frame @ f
+                    moment = moment + _times(vertex) @ patch.frame @ f
+        rows += [force == 0, moment == 0]
+    cost = course.weights.goal * cp.sum_squares(com[frames - 1] - course.goal_m)
+    cost += course.weights.tilt * cp.sum_squares(turn)
+    for k in range(1, frames):
+        rows += [cp.norm(com[k] - com[k - 1]) <= course.steps.com_m]
+        rows += [cp.norm(turn[k] - turn[k - 1]) <= course.steps.rotation_rad]
+        ahead = course.com_nominal_m[k] - course.com_nominal_m[k - 1]
+        rows += [(com[k] - com[k - 1]) @ (ahead / np.linalg.norm(ahead)) >= course.steps.progress_m]
+        cost += course.weights.com_step * cp.sum_squares(com[k] - com[k - 1])
+        for name in robot.limb_names:
+            before, after = standing[k - 1, name], standing[k, name]
+            if before != after:
+                rows += [cp.norm(toes[after] - toes[before]) <= course.steps.toe_m]
+                cost += course.weights.toe_step * cp.sum_squares(toes[after] - toes[before])
+    return cp.Problem(cp.Minimize(cost), rows), shares
+
+
+def _times(v: np.ndarray) -> np.ndarray:
+    """The matrix of v × ·."""
+    return np.cross(v, np.eye(3)).T
 
 
 @pytest.fixture(scope="session")

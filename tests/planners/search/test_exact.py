@@ -1,4 +1,4 @@
-"""The exact planner: against statics on paper, against IPOPT, and never without a witness or a proof."""
+"""The exact planners: against statics on paper, IPOPT and SCIP, and never without a witness or a proof."""
 
 from __future__ import annotations
 
@@ -10,25 +10,29 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
-from stancekit.planners.contact.exact import ExactPlanner, cut, halving_chord
-from stancekit.planners.contact.planner import Acceptance
-from stancekit.planners.contact.stages import Stages
-from stancekit.planners.outcome import Certificate, Status
+from stancekit.planners.equilibrium.scaled import Scaled, cones_met
+from stancekit.planners.outcome import Certificate, InvalidInput, Status
+from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.scene import Contact, Patch, PostureProblem
+from stancekit.planners.search import cuts
+from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.cuts import cut, halving_chord
+from stancekit.planners.search.exact import ExactCoursePlanner, ExactPlanner
 from stancekit.planners.search.nlp import NlpPlanner
-from stancekit.planners.verify import check_certificate, check_posture
-from stancekit.planners.verify.geometry import cut as cut_again
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_certificate, check_plan, check_posture
 
-SEEDS = st.integers(0, 2**32 - 1)
 MANY_NODES = ("wall-3", 225)
 """A scene that takes five nodes: its root is split, and so is one of the two."""
+GAPPED = (2, 4)
+"""Seeds of courses whose lift is far below the best plan."""
 NATURAL = [("wall-3", seed) for seed in range(15)] + [("ground-3", 86), ("ground-3", 215)]
 NATURAL += [("ground-3", seed) for seed in range(5)] + [("wall-5", seed) for seed in range(5)]
 
 
 @pytest.fixture(scope="module")
-def planner(stages):
-    return ExactPlanner(stages=stages)
+def planner(programs):
+    return ExactPlanner(programs=programs)
 
 
 def rectangle(leg, centre, sides, normal, shear_reference, *, friction, most=1.0, reach=1.0, shoulder=(0, 0, 0)):
@@ -142,23 +146,23 @@ def test_walls_without_friction_hold_nothing(planner):
 
 
 @pytest.mark.parametrize("friction", [0.3, 1e-3, 0.0])
-def test_feet_that_are_all_on_one_side_of_the_com_do_not_pull(stages, friction):
+def test_feet_that_are_all_on_one_side_of_the_com_do_not_pull(programs, friction):
     """Both level patches begin .15 m ahead of the COM: the moment is .15 m of the .6 m unit at the least."""
     feet = [
         rectangle(leg, (x, 0, -0.2), [(0.05, 0, 0), (0, 0.05, 0)], (0, 0, 1), (1, 0, 0), friction=friction, most=2.0)
         for leg, x in (("RF", 0.2), ("LF", 0.4))
     ]
-    outcome = ExactPlanner(stages=stages, max_nodes=100).solve(problem_of(*feet))
+    outcome = ExactPlanner(programs=programs, max_nodes=100).solve(problem_of(*feet))
     confirm(problem_of(*feet), outcome)
     assert outcome.status is Status.INFEASIBLE
     assert outcome.lower_bound == pytest.approx(0.25, rel=1e-4)
 
 
 @pytest.mark.parametrize("scene", [("wall-3", 0), ("wall-3", 39), ("ground-3", 42), ("ground-3", 88)], ids=str)
-def test_scenes_with_one_foot_on_ice_are_decided(stages, drawn, scene):
+def test_scenes_with_one_foot_on_ice_are_decided(programs, drawn, scene):
     first, *others = drawn(*scene).contacts
     icy = replace(first, patch=replace(first.patch, friction=0.0))
-    outcome = ExactPlanner(stages=stages, max_nodes=100).solve(replace(drawn(*scene), contacts=(icy, *others)))
+    outcome = ExactPlanner(programs=programs, max_nodes=100).solve(replace(drawn(*scene), contacts=(icy, *others)))
     assert outcome.status is not Status.UNDECIDED
 
 
@@ -200,22 +204,22 @@ def test_both_answers_come_up_and_some_take_branching(planner, drawn):
 # ------------------------------------------------------------------------------------------------------------ limits
 
 
-def test_at_the_node_limit_it_is_undecided(stages, planner, drawn):
+def test_at_the_node_limit_it_is_undecided(programs, planner, drawn):
     problem = drawn(*MANY_NODES)
     decided = planner.solve(problem)
     assert decided.status is Status.INFEASIBLE
     assert decided.details["nodes"] > 3
     assert len(decided.certificate.multipliers) > 2
     for limit in (0, 1):
-        outcome = ExactPlanner(stages=stages, max_nodes=limit).solve(problem)
+        outcome = ExactPlanner(programs=programs, max_nodes=limit).solve(problem)
         confirm(problem, outcome)
         assert outcome.status is Status.UNDECIDED
         assert outcome.message == "stopped at the time, node or solver limit"
         assert outcome.lower_bound == 0.0
 
 
-def test_at_the_time_limit_it_is_undecided(stages, drawn):
-    planner = ExactPlanner(stages=stages, time_limit_s=0.0)
+def test_at_the_time_limit_it_is_undecided(programs, drawn):
+    planner = ExactPlanner(programs=programs, time_limit_s=0.0)
     outcome = planner.solve(drawn("wall-3", 0))
     assert outcome.status is Status.UNDECIDED
     assert outcome.message == "stopped at the time, node or solver limit"
@@ -223,32 +227,32 @@ def test_at_the_time_limit_it_is_undecided(stages, drawn):
     assert refuted.status is Status.INFEASIBLE
 
 
-def test_between_tolerance_and_gap_it_is_undecided(stages, planner, drawn):
+def test_between_tolerance_and_gap_it_is_undecided(programs, planner, drawn):
     bound = planner.solve(drawn("wall-3", 5)).lower_bound
     assert 1e-3 < bound < np.inf
-    strict = ExactPlanner(stages=stages, acceptance=Acceptance(gap=1.9 * bound), max_nodes=40)
+    strict = ExactPlanner(programs=programs, acceptance=Acceptance(gap=1.9 * bound), max_nodes=40)
     outcome = strict.solve(drawn("wall-3", 5))
     assert outcome.status is Status.UNDECIDED
     assert outcome.message == "stopped at the time, node or solver limit"
-    loose = ExactPlanner(stages=stages, acceptance=Acceptance(gap=0.99 * bound))
+    loose = ExactPlanner(programs=programs, acceptance=Acceptance(gap=0.99 * bound))
     assert loose.solve(drawn("wall-3", 5)).status is Status.INFEASIBLE
 
 
 def test_where_the_projection_does_not_arrive_the_search_goes_on(drawn, monkeypatch):
-    stages = Stages()
-    project, calls = stages.project, []
+    scp, calls = cuts.scp, []
 
-    def arrives_later(projection, scaled, start):
-        calls.append(projection)
-        point = project(projection, scaled, start)
+    def arrives_later(*given, **options):
+        calls.append(options["worth"])
+        point = scp(*given, **options)
         return replace(point, residual=1e-5) if len(calls) < 3 else point
 
-    monkeypatch.setattr(stages, "project", arrives_later)
+    monkeypatch.setattr(cuts, "scp", arrives_later)
     problem = drawn("wall-3", 0)
-    outcome = ExactPlanner(stages=stages).solve(problem)
+    outcome = ExactPlanner().solve(problem)
     confirm(problem, outcome)
     assert outcome.status is Status.FEASIBLE
-    assert (calls, outcome.details["nodes"]) == (["scp"] * 3, 5.0)
+    assert (len(calls), outcome.details["nodes"]) == (3, 5.0)
+    assert calls[0] == np.inf  # at the root SCP may take all its steps
 
 
 def test_a_corner_given_twice_changes_nothing(planner, drawn):
@@ -319,42 +323,205 @@ def test_a_turned_scene_has_the_same_answer(planner, drawn, mixed, quarters):
             assert theirs.lower_bound == pytest.approx(mine.lower_bound, rel=5e-5)
 
 
-# ----------------------------------------------------------------------------------------------------------- pieces
-
-
-@given(SEEDS)
-def test_planner_and_verifier_cut_patches_alike(seed):
-    rng = np.random.default_rng(seed)
-    count = int(rng.integers(3, 8))
-    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, count))
-    piece = np.column_stack([np.cos(angle), np.sin(angle), 0.3 * np.sin(angle)])
-    for _ in range(4):
-        chord = halving_chord(piece)
-        for mine, theirs in zip(cut(piece, *chord), cut_again(piece, *chord), strict=True):
-            np.testing.assert_array_equal(mine, theirs)
-        first, second = np.sort(rng.uniform(0.0, len(piece), 2))
-        for mine, theirs in zip(cut(piece, first, second), cut_again(piece, first, second), strict=True):
-            np.testing.assert_allclose(mine, theirs, atol=1e-12)
-        piece = cut(piece, *chord)[int(rng.integers(2))]
-
-
-def test_a_triangle_is_halved_by_the_median_to_its_longest_edge():
-    triangle = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 4.0, 0.0]])
-    assert halving_chord(triangle) == (0.0, 1.5)
-    one, other = cut(triangle, 0.0, 1.5)
-    np.testing.assert_allclose(one, [[0, 0, 0], [1, 0, 0], [0.5, 2, 0]])
-    np.testing.assert_allclose(other, [[0.5, 2, 0], [0, 4, 0], [0, 0, 0]])
-    assert halving_chord(np.vstack([triangle, [-1.0, 1.0, 0.0]])) == (0.0, 2.0)
-
-
-def test_huge_scales_in_a_file_buy_no_tolerance(stages, drawn):
+def test_huge_scales_in_a_file_buy_no_tolerance(programs, drawn):
     infeasible = 0
     for seed in range(12):
         plain = drawn("wall-3", seed)
         contacts = tuple(replace(c, force_min=c.force_min / 1000, force_max=c.force_max / 1000) for c in plain.contacts)
         huge = replace(plain, contacts=contacts, force_scale_n=98100.0, length_scale_m=600.0)
-        truth = ExactPlanner(stages=stages).solve(plain).status
+        truth = ExactPlanner(programs=programs).solve(plain).status
         infeasible += truth is Status.INFEASIBLE
-        said = ExactPlanner(stages=stages, max_nodes=20).solve(huge).status
+        said = ExactPlanner(programs=programs, max_nodes=20).solve(huge).status
         assert said in (truth, Status.UNDECIDED)
     assert infeasible >= 3
+
+
+# ---------------------------------------------------------------------------------------------------------- courses
+
+
+@pytest.fixture(scope="module")
+def courses(programs):
+    return ExactCoursePlanner(programs=programs, time_limit_s=60.0)
+
+
+def test_every_answer_carries_what_it_promises_and_the_lift_alone_would_not_have_closed_some(climb, courses, programs):
+    seen, cuts = set(), 0.0
+    for seed in (0, 1, 2, 5):
+        course = climb(seed)
+        outcome = courses.solve(course)
+        seen.add(outcome.status)
+        if outcome.status is Status.FEASIBLE:
+            assert check_plan(outcome.plan).accepted
+            assert outcome.bound <= outcome.objective * (1.0 + 1e-6)
+            assert outcome.claim == "optimal"
+            assert outcome.objective - outcome.bound <= 1.1e-3 * outcome.objective
+            assert TwoStageCoursePlanner(programs=programs).solve(course).objective >= outcome.bound * (1.0 - 1e-6)
+        else:
+            assert check_certificate(course, outcome.certificate).accepted
+        cuts += outcome.details["cuts"]
+    assert seen == {Status.FEASIBLE, Status.INFEASIBLE}
+    assert cuts > 0
+
+
+def test_with_one_frame_it_finds_what_the_posture_planner_finds(climb, courses, planner):
+    seen = set()
+    for seed in range(7):
+        course = climb(seed, frames=1)
+        ours = courses.solve(course)
+        alone = planner.solve(course.posture_problem(course.stances[0], np.zeros(4, dtype=int)))
+        if ours.status is Status.FEASIBLE:
+            assert alone.status is Status.FEASIBLE
+        if alone.status is Status.INFEASIBLE:
+            assert ours.status is Status.INFEASIBLE
+        seen.add((ours.status, alone.status))
+    assert {(Status.FEASIBLE, Status.FEASIBLE), (Status.INFEASIBLE, Status.INFEASIBLE)} <= seen
+
+
+def objective(programs, scaled):
+    """The lift's bound on the objective."""
+    return solve_lift(programs, scaled, least_moment=False).bound
+
+
+def split(scaled, contact, axis, value):
+    """Force boxes up to this value of a component, and from it on."""
+    below, above = scaled.force_max.copy(), scaled.force_min.copy()
+    below[contact, axis] = above[contact, axis] = value
+    return scaled.with_force_box(scaled.force_min, below), scaled.with_force_box(above, scaled.force_max)
+
+
+def test_parts_cover_the_course_and_never_lower_the_bound(climb, programs):
+    whole = Scaled.of(climb(GAPPED[0]))
+    root = objective(programs, whole)
+    halves = [whole.with_piece(1, half) for half in cut(whole.pieces[1], *halving_chord(whole.pieces[1]))]
+    for parts in (split(whole, 0, 0, 0.3), split(whole, 4, 2, 0.1), halves):
+        bounds = [objective(programs, part) for part in parts]
+        assert min(bounds) >= root - 1e-7
+        assert max(bounds) > min(bounds)
+    areas = [_area(border) for border in (whole.pieces[1], halves[0].pieces[1], halves[1].pieces[1])]
+    assert areas[0] == pytest.approx(areas[1] + areas[2])
+
+
+def _area(border: np.ndarray) -> float:
+    fan = np.cross(border[1:-1] - border[0], border[2:] - border[0])
+    return float(0.5 * np.linalg.norm(fan, axis=1).sum())
+
+
+def test_a_box_of_no_size_about_a_plans_forces_makes_the_lift_exact(climb, programs):
+    course = climb(GAPPED[1])
+    outcome = TwoStageCoursePlanner(programs=programs, gap=1e-4).solve(course)
+    whole = part = Scaled.of(course)
+    stance, limb, foothold = whole.layout.contacts
+    forces = np.einsum("bji,bj->bi", whole.frames[foothold], outcome.plan.forces_n[stance, limb] / course.weight_n)
+    for b, f in enumerate(forces):
+        for axis in range(3):
+            part = split(split(part, b, axis, f[axis] + 1e-4)[0], b, axis, f[axis] - 1e-4)[1]
+    held, root = objective(programs, part), objective(programs, whole)
+    unit = course.length_scale_m**2
+    assert held * unit <= outcome.objective * (1.0 + 1e-4)
+    assert held * unit >= outcome.objective * 0.99
+    assert root * unit < outcome.objective * 0.9
+
+
+def test_boxes_met_with_their_cones_change_no_bound(climb, programs):
+    scaled = Scaled.of(climb(5, regions=2))
+    grip = scaled.by_candidate(scaled.friction, 0.0).max(axis=1)[scaled.layout.contacts[2]]
+    low, high = cones_met(scaled.force_min, scaled.force_max, grip)
+    assert (high - low < scaled.force_max - scaled.force_min).any()
+    met = scaled.with_force_box(low, high)
+    assert objective(programs, met) == pytest.approx(objective(programs, scaled), rel=1e-5)
+
+
+def test_at_its_limit_the_plan_stays_and_the_bound_says_how_far_it_may_be_off(climb, programs):
+    course = climb(GAPPED[1])
+    outcome = ExactCoursePlanner(programs=programs, max_nodes=3).solve(course)
+    assert outcome.status is Status.FEASIBLE
+    assert outcome.claim == ""
+    assert outcome.message == "the search met its limit (3 nodes)"
+    assert outcome.bound < outcome.objective
+    assert outcome.details["gap"] == pytest.approx(1.0 - outcome.bound / outcome.objective, rel=1e-6)
+
+
+def test_bad_settings_are_refused():
+    with pytest.raises(InvalidInput, match="gap: expected a number above 0"):
+        ExactCoursePlanner(gap=0.0)
+    with pytest.raises(InvalidInput, match="max_nodes: expected 1 or more, got 0"):
+        ExactCoursePlanner(max_nodes=0)
+
+
+@pytest.mark.parametrize("seed", GAPPED)
+def test_scip_finds_the_same_best_plan_and_its_bound_does_not_exclude_it(seed, climb, courses):
+    course, outcome = climb(seed), courses.solve(climb(seed))
+    best, bound = scip(course, time_limit_s=4.0)
+    assert bound <= outcome.objective * 1.002  # what SCIP proved does not exclude the plan
+    assert best >= outcome.objective * (1.0 - 2e-3)  # nor does it find a better one; its tolerances are looser
+    if np.isfinite(best):
+        assert best >= outcome.bound * (1.0 - 1e-3)
+
+
+def scip(course, *, time_limit_s):
+    """Best objective and bound [m²] that SCIP has for the true bilinear problem, written from the course's numbers."""
+    pyscipopt = pytest.importorskip("pyscipopt")
+    model = pyscipopt.Model()
+    model.hideOutput()
+    model.setParam("limits/time", time_limit_s)
+    model.setParam("limits/gap", 1e-3)
+
+    def free(low, high):
+        return [model.addVar(lb=float(a), ub=float(b)) for a, b in zip(low, high, strict=True)]
+
+    def within(vector, radius):
+        model.addCons(sum(x * x for x in vector) <= radius**2)
+
+    def cross(a, b):
+        return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+    tilt, frames = course.tilt_limit_rad, range(course.frames)
+    com = [free(course.com_nominal_m[k] - course.com_radius_m[k], course.com_nominal_m[k] + course.com_radius_m[k])
+           for k in frames]  # fmt: skip
+    turn = [free([-tilt] * 3, [tilt] * 3) for _ in frames]
+    toes = []
+    for put in course.placements:
+        corners = put.candidates[0].vertices_m
+        share, toe = free([0] * len(corners), [1] * len(corners)), free(corners.min(axis=0), corners.max(axis=0))
+        model.addCons(sum(share) == 1)
+        for j in range(3):
+            model.addCons(sum(s * float(v) for s, v in zip(share, corners[:, j], strict=True)) == toe[j])
+        toes.append(toe)
+    for k in frames:
+        within([com[k][j] - float(course.com_nominal_m[k][j]) for j in range(3)], float(course.com_radius_m[k]))
+        for i, limb in enumerate(course.robot.limbs):
+            turned = cross(turn[k], [float(x) for x in limb.shoulder_m])
+            toe = toes[course.holds[k, i]]
+            within([toe[j] - com[k][j] - float(limb.shoulder_m[j]) - turned[j] for j in range(3)], limb.reach_m)
+    for stance in course.stances:
+        net, moment = [0.0, 0.0, -1.0], [-com[stance.frame][1], 1.0 * com[stance.frame][0], 0.0]
+        for i in stance.limbs:
+            p = course.holds[stance.frame, i]
+            patch = course.placements[p].candidates[0]
+            f = free([0.0, -patch.friction, -patch.friction], [1.0, patch.friction, patch.friction])
+            model.addCons(f[1] * f[1] + f[2] * f[2] <= patch.friction**2 * f[0] * f[0])
+            world = [sum(float(patch.frame[j, a]) * f[a] for a in range(3)) for j in range(3)]
+            net = [a + b for a, b in zip(net, world, strict=True)]
+            moment = [a + b for a, b in zip(moment, cross(toes[p], world), strict=True)]
+        for row in (*net, *moment):
+            model.addCons(row == 0)
+    weights, cost = course.weights, 0.0
+    cost += weights.goal * sum((com[-1][j] - float(course.goal_m[j])) ** 2 for j in range(3))
+    cost += weights.tilt * sum(x * x for row in turn for x in row)
+    for k in range(1, course.frames):
+        step = [com[k][j] - com[k - 1][j] for j in range(3)]
+        within(step, course.steps.com_m)
+        within([turn[k][j] - turn[k - 1][j] for j in range(3)], course.steps.rotation_rad)
+        model.addCons(step[2] >= course.steps.progress_m)  # these courses lead straight up
+        cost += weights.com_step * sum(x * x for x in step)
+        for i in range(len(course.robot.limbs)):
+            before, after = course.holds[k - 1, i], course.holds[k, i]
+            if before != after:
+                step = [toes[after][j] - toes[before][j] for j in range(3)]
+                within(step, course.steps.toe_m)
+                cost += weights.toe_step * sum(x * x for x in step)
+    value = model.addVar(lb=0.0)
+    model.addCons(cost <= value)
+    model.setObjective(value)
+    model.optimize()
+    return model.getPrimalbound() if model.getNSols() else np.inf, model.getDualbound()

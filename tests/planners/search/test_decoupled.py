@@ -8,33 +8,35 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
-from stancekit.planners.conic import ConicStatus
-from stancekit.planners.keyframes.decoupled import DecoupledPlanner, Positions
-from stancekit.planners.keyframes.scaled import ScaledCourse
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
+from stancekit.planners.equilibrium.rows import ConicStatus
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import Status
 from stancekit.planners.scene.course import StepLimits
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.decoupled import DecoupledPlanner, Positions
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_certificate, check_plan
 
 
 @pytest.fixture(scope="module")
-def planner(models):
-    return DecoupledPlanner(models=models)
+def planner(programs):
+    return DecoupledPlanner(programs=programs)
 
 
-def test_on_level_ground_it_plans_as_the_two_stage_planner_does(planner, models):
+def test_on_level_ground_it_plans_as_the_two_stage_planner_does(planner, programs):
     course = read_course("stairs", frames=2)
     outcome = planner.solve(course)
     assert outcome.status is Status.FEASIBLE
     assert check_plan(outcome.plan).accepted
-    assert outcome.objective == pytest.approx(TwoStageCoursePlanner(models=models).solve(course).objective, rel=1e-4)
+    assert outcome.objective == pytest.approx(
+        TwoStageCoursePlanner(programs=programs).solve(course).objective, rel=1e-4
+    )
     assert outcome.details["on_ice"] == 0.0
 
 
-def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_has_a_plan(planner, models):
+def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_has_a_plan(planner, programs):
     failed = on_ice = 0
-    coupled = TwoStageCoursePlanner(models=models)
+    coupled = TwoStageCoursePlanner(programs=programs)
     for seed in range(8):
         course = walls_of_ice(seed)
         ours, theirs = coupled.solve(course), planner.solve(course)
@@ -70,21 +72,21 @@ def test_the_positions_know_nothing_of_friction(climb):
             for put in course.placements
         ),
     )
-    scaled = ScaledCourse.of(course)
-    positions = Positions(scaled.layout, course.weights, course.length_scale_m, scaled)
-    first, second = positions.solve(scaled), positions.solve(ScaledCourse.of(icy))
+    scaled = Scaled.of(course)
+    positions = Positions(scaled.layout)
+    first, second = positions.solve(scaled), positions.solve(Scaled.of(icy))
     np.testing.assert_array_equal(first[2].toes, second[2].toes)
 
 
-def test_the_positions_bound_the_objective_of_the_lift_from_below(climb, written):
+def test_the_positions_bound_the_objective_of_the_lift_from_below(climb, written_course):
     looked_at = 0
     for seed in (1, 2):
         course = climb(seed)
-        scaled = ScaledCourse.of(course)
+        scaled = Scaled.of(course)
         if looked_at == 0:
-            positions = Positions(scaled.layout, course.weights, course.length_scale_m, scaled)
+            positions = Positions(scaled.layout)
         solution, _, _ = positions.solve(scaled)
-        problem, _ = written(course)
+        problem, _ = written_course(course)
         problem.solve(cp.CLARABEL)
         assert solution.status is ConicStatus.SOLVED
         assert solution.objective * course.length_scale_m**2 <= problem.value + 1e-7

@@ -1,0 +1,430 @@
+"""The lift: a bound that is never too high, tight where it must be, and proved by its own multipliers; for a posture,
+and over key frames against the same model written a second time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cvxpy as cp
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.rows import ConicStatus, Rows
+from stancekit.planners.equilibrium.scaled import Point, Scaled
+from stancekit.planners.outcome import Certificate, Posture
+from stancekit.planners.projection.project import project
+from stancekit.planners.relaxation.lift import LiftProgram, solve_lift
+from stancekit.planners.scene import Contact, Patch, PostureProblem
+from stancekit.planners.search.cuts import alone
+from stancekit.planners.verify import check_certificate, check_posture
+
+SEEDS = st.integers(0, 2**32 - 1)
+LEAF = [[0.0, 0.0, 0.0, 0.0, 0.0]]
+SEEDS_OF = {
+    "wall-3": (0, 1, 2, 3, 5, 8, 12, 17, 20, 22, 225),
+    "ground-3": (0, 1, 37, 86, 115),
+    "wall-5": (0, 1, 7, 19, 45),
+}
+NATURAL = [(name, seed) for name, seeds in SEEDS_OF.items() for seed in seeds]
+MIXED = [(seed, corners) for seed in range(4) for corners in ((3, 4, 5), (4,), (5, 3), (6, 3, 4, 3))]
+
+
+def least(programs, scaled):
+    """The lift with the least moment residual."""
+    return solve_lift(programs, scaled, least_moment=True)
+
+
+def narrowed(scaled, contact, corners, low, high):
+    """A posture with one contact on these corners and within this force box."""
+    lows, highs = scaled.force_min.copy(), scaled.force_max.copy()
+    lows[contact], highs[contact] = low, high
+    return scaled.with_piece(contact, corners).with_force_box(lows, highs)
+
+
+def forms(scaled):
+    """The program without the rows that the cones may imply, and with all of them."""
+    return (LiftProgram(scaled.layout, implied, True) for implied in (True, False))
+
+
+def lift_again(model):
+    """The lift in its own words: per vertex a share λ and a force λ f in the cone and in λ times the box."""
+    problem = model.problem
+    slack = cp.Variable()
+    moment, rows = 0.0, [model.balance, *model.body, *model.on_patches, *model.in_reach]
+    for i, contact in enumerate(problem.contacts):
+        shared = cp.Variable((len(model.vertices[i]), 3))
+        rows.append(cp.sum(shared, axis=0) == model.forces[i])
+        for share, force, vertex in zip(model.shares[i], shared, model.vertices[i], strict=True):
+            rows.append(cp.norm(force[1:]) <= contact.patch.friction * force[0])
+            rows += [force >= share * contact.force_min, force <= share * contact.force_max]
+            moment = moment + np.cross(vertex, np.eye(3)).T @ model.frames[i] @ force
+    moment = moment - model.weight * cp.hstack([model.com[1], -model.com[0], 0.0])
+    program = cp.Problem(cp.Minimize(slack), [*rows, cp.abs(moment) <= slack])
+    return float(program.solve(solver=cp.CLARABEL))
+
+
+@pytest.mark.parametrize("scene", [*NATURAL, *MIXED], ids=str)
+def test_the_bound_is_that_of_the_lift_written_again(programs, drawn, mixed, written, scene):
+    problem = drawn(*scene) if isinstance(scene[0], str) else mixed(*scene)
+    bound = least(programs, Scaled.of(problem)).bound
+    assert bound == pytest.approx(lift_again(written(problem)), abs=3e-7)
+
+
+def test_the_scenes_above_are_of_all_sorts(programs, drawn, mixed):
+    bounds = [least(programs, Scaled.of(drawn(*scene))).bound for scene in NATURAL]
+    bounds += [least(programs, Scaled.of(mixed(*scene))).bound for scene in MIXED]
+    assert sum(np.isinf(bounds)) >= 3
+    assert sum(1e-3 < bound < 1.0 for bound in bounds) >= 10
+    assert sum(bound < 1e-6 for bound in bounds) >= 10
+
+
+def around_a_posture(seed):
+    """A random posture in balance of forces, and a problem whose every other constraint it meets."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(1, 4))
+    com, rotation = rng.uniform(-0.05, 0.05, 3), rng.uniform(-0.2, 0.2, 3)
+    forces = rng.uniform([-40.0, -40.0, -20.0], [40.0, 40.0, 80.0], (count, 3))
+    forces -= (forces.sum(axis=0) - [0.0, 0.0, 98.1]) / count
+    toes = rng.uniform([-0.4, -0.4, -0.4], [0.4, 0.4, 0.1], (count, 3))
+    contacts = []
+    for leg, force, toe in zip(("RF", "RR", "LM"), forces, toes, strict=False):
+        normal = force / np.linalg.norm(force) + rng.uniform(-0.4, 0.4, 3)
+        normal = normal / np.linalg.norm(normal)
+        reference = np.cross(normal, rng.normal(size=3))
+        first = reference / np.linalg.norm(reference)
+        corners = int(rng.integers(3, 6))
+        angle = 2.0 * np.pi * (np.arange(corners) + rng.uniform(-0.2, 0.2, corners)) / corners
+        border = np.outer(np.cos(angle), first) + np.outer(np.sin(angle), np.cross(normal, first))
+        border = rng.uniform(0.01, 0.15) * border
+        border = border - rng.dirichlet(np.ones(corners)) @ border  # the toe is inside
+        frame = np.column_stack([normal, np.cross(first, normal), first])
+        f = frame.T @ force / 98.1
+        shoulder = rng.uniform(-0.2, 0.2, 3)
+        leg_vector = toe - com - shoulder - np.cross(rotation, shoulder)
+        patch = Patch(
+            vertices_m=toe + border, normal=normal, shear_reference=reference,
+            friction=np.linalg.norm(f[1:]) / f[0] + rng.choice([1e-6, 0.2]),
+        )  # fmt: skip
+        room = rng.choice([1e-6, 0.3], size=(2, 3))
+        contacts.append(
+            Contact(
+                leg=leg, shoulder_m=shoulder, reach_m=np.linalg.norm(leg_vector) + rng.choice([1e-6, 0.1]),
+                patch=patch, force_min=f - room[0], force_max=f + room[1],
+            )
+        )  # fmt: skip
+    problem = PostureProblem(
+        contacts=tuple(contacts), mass_kg=10.0, com_nominal_m=com + rng.uniform(-0.01, 0.01, 3), com_radius_m=0.02
+    )
+    return problem, Posture(com_m=com, rotation_rad=rotation, toes_m=toes, forces_n=forces)
+
+
+@given(SEEDS)
+@settings(max_examples=120)
+def test_the_bound_is_never_above_the_moment_of_a_posture_that_is_otherwise_right(programs, seed):
+    problem, posture = around_a_posture(seed)
+    groups = {g.group: g.worst for g in check_posture(problem, posture).groups}
+    assert max(worst for group, worst in groups.items() if group != "moment_balance") < 1e-12
+    moment = np.cross(posture.toes_m - posture.com_m, posture.forces_n).sum(axis=0) / (98.1 * 0.6)
+    answer = least(programs, Scaled.of(problem))
+    assert answer.solved
+    assert answer.bound <= np.max(np.abs(moment)) + 1e-7
+
+
+@given(SEEDS)
+@settings(max_examples=40)
+def test_on_patches_without_size_the_bound_is_the_least_residual_of_those_toes(programs, drawn, mixed, seed):
+    rng = np.random.default_rng(seed)
+    problem = mixed(int(rng.integers(20)), (3, 4, 5)) if rng.random() < 0.5 else drawn("wall-3", int(rng.integers(60)))
+    scaled = Scaled.of(problem)
+    toes = np.array([rng.dirichlet(np.ones(len(piece))) @ piece for piece in scaled.pieces])
+    for i, toe in enumerate(toes):
+        scaled = scaled.with_piece(i, np.repeat(toe[None], int(rng.choice([1, 3])), axis=0))
+    answer, nothing = least(programs, scaled), np.zeros((1, 3))
+    held = Point(com=nothing, rotation=nothing, toes=toes, forces=0.0 * toes, residual=np.inf)
+    assert answer.bound == pytest.approx(project(programs, "fix-toes", scaled, held).residual, abs=2e-7)
+    if np.isfinite(answer.bound):
+        np.testing.assert_allclose(answer.toes, toes, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["wall-3", "ground-3"])
+def test_the_small_form_says_what_the_whole_one_says_where_the_box_is_implied(drawn, name):
+    small, whole = forms(Scaled.of(drawn("wall-3", 0)))
+    implied = 0
+    for seed in range(40):
+        scaled = Scaled.of(drawn(name, seed))
+        if not scaled.box_implied:
+            continue
+        implied += 1
+        assert small.solve(scaled).bound == pytest.approx(whole.solve(scaled).bound, abs=3e-7)
+    assert implied >= 10
+
+
+@pytest.mark.parametrize("friction", [0.5, 1e-3, 1e-4, 1e-6, 0.0])
+def test_the_form_that_is_chosen_says_what_the_whole_one_says_on_ice(programs, drawn, friction):
+    small, whole = forms(Scaled.of(drawn("wall-3", 0)))
+    for seed in range(30):
+        scaled = Scaled.of(drawn("wall-3", seed))
+        scaled = replace(scaled, friction=np.array([friction, 0.5, 0.5]))
+        assert scaled.box_implied <= (friction > 1e-3)
+        assert least(programs, scaled).bound == pytest.approx(whole.solve(scaled).bound, abs=1e-6)
+        if scaled.box_implied:
+            assert small.solve(scaled).bound == pytest.approx(whole.solve(scaled).bound, abs=1e-6)
+
+
+def test_the_box_is_implied_exactly_where_cone_and_normal_limit_reach_no_other_side(drawn):
+    three = Scaled.of(drawn("wall-3", 0))
+    plain = replace(
+        three, friction=np.full(3, 0.5), force_min=np.tile([0.0, -1.0, -1.0], (3, 1)), force_max=np.ones((3, 3))
+    )
+    assert plain.box_implied
+
+    def box(low, high):
+        others = ([[0.0, -1.0, -1.0]] * 2, np.ones((2, 3)))
+        return plain.with_force_box(np.vstack([[low], others[0]]), np.vstack([[high], others[1]]))
+
+    assert box([0, -0.5, -0.5], [1, 0.5, 0.5]).box_implied
+    assert box([-1, -0.5, -0.5], [1, 0.5, 0.5]).box_implied
+    for k, sign in ((1, 1), (2, 1), (1, -1), (2, -1)):
+        low, high = np.array([0, -0.5, -0.5]), np.array([1, 0.5, 0.5])
+        (high if sign > 0 else low)[k] = 0.499 * sign
+        assert not box(low, high).box_implied
+    assert not box([0.01, -1, -1], [1, 1, 1]).box_implied
+    assert not box([-1, -1, -1], [0, 1, 1]).box_implied
+
+
+@pytest.mark.parametrize("scene", [*NATURAL, *MIXED], ids=str)
+def test_the_multipliers_prove_the_bound(programs, drawn, mixed, scene):
+    problem = drawn(*scene) if isinstance(scene[0], str) else mixed(*scene)
+    answer = least(programs, Scaled.of(problem))
+    report = check_certificate(problem, Certificate(tree=LEAF, multipliers=answer.multipliers[None]))
+    if np.isinf(answer.bound):
+        assert report.lower_bound == np.inf
+    else:
+        assert report.lower_bound == pytest.approx(answer.bound, rel=3e-5, abs=2e-7)  # single precision
+    assert report.accepted == (report.lower_bound > 1e-4)
+
+
+@given(SEEDS)
+@settings(max_examples=60)
+def test_a_smaller_patch_or_force_box_never_lowers_the_bound(programs, drawn, mixed, seed):
+    rng = np.random.default_rng(seed)
+    problem = mixed(int(rng.integers(20)), (3, 4, 5)) if rng.random() < 0.5 else drawn("wall-3", int(rng.integers(60)))
+    scaled = Scaled.of(problem)
+    before = least(programs, scaled).bound
+    for _ in range(3):
+        i = int(rng.integers(scaled.size[0]))
+        corners = scaled.pieces[i]
+        if rng.random() < 0.5:
+            corners = rng.dirichlet(np.ones(len(corners)), len(corners)) @ corners
+        low, high = scaled.force_min[i], scaled.force_max[i]
+        ends = low + (high - low) * np.sort(rng.uniform(0.0, 1.0, (2, 3)), axis=0)
+        keep = rng.random(3) < 0.7
+        scaled = narrowed(scaled, i, corners, np.where(keep, low, ends[0]), np.where(keep, high, ends[1]))
+        after = least(programs, scaled).bound
+        assert after >= before - 2e-7
+        before = after
+
+
+@pytest.mark.parametrize("implied", [True, False])
+@pytest.mark.parametrize("seed", range(6))
+def test_repeated_corners_change_nothing(drawn, implied, seed):
+    scaled = padded = Scaled.of(drawn("wall-3", seed))
+    for i, corners in enumerate(scaled.pieces):
+        padded = padded.with_piece(i, corners[[0, 1, 2, 2, 2]])
+    assert len(padded.vertices) == 15
+    three = LiftProgram(scaled.layout, implied, True).solve(scaled)
+    five = LiftProgram(padded.layout, implied, True).solve(padded)
+    assert five.bound == pytest.approx(three.bound, abs=2e-7)
+
+
+def test_a_limb_that_may_not_push_must_stand_on_its_patch_all_the_same(programs, drawn):
+    """A force box without size leaves the shares free unless λ ≥ 0 is asked for: the patch would be its whole plane."""
+    scaled = Scaled.of(drawn("wall-3", 0))
+    nothing = np.zeros(3)
+    corners = scaled.pieces[0]
+    assert np.isfinite(least(programs, narrowed(scaled, 0, corners, nothing, nothing)).bound)
+    beyond = narrowed(scaled, 0, corners + 20.0 * (corners[1] - corners[0]), nothing, nothing)
+    assert least(programs, beyond).bound == np.inf
+
+
+def test_where_the_solver_gives_up_nothing_is_proved(drawn, climb, monkeypatch):
+    solve = Rows.solve
+    monkeypatch.setattr(Rows, "solve", lambda rows, data: replace(solve(rows, data), status=ConicStatus.FAILED))
+    answer = least(Programs(), Scaled.of(drawn("wall-3", 5)))
+    assert (answer.solved, answer.bound) == (False, 0.0)
+    answer = solve_lift(Programs(), Scaled.of(climb(0)), least_moment=False)
+    assert (answer.solved, answer.bound) == (False, -np.inf)
+
+
+def test_a_mixed_scene_has_the_corners_that_it_has(mixed):
+    problem = mixed(0, (3, 5, 4))
+    scaled = Scaled.of(problem)
+    assert scaled.size == (3, 5)
+    assert scaled.layout.corners == ((3,), (5,), (4,))
+    for piece, padded, contact in zip(scaled.pieces, scaled.patches, problem.contacts, strict=True):
+        own = contact.patch.vertices_m / 0.6
+        np.testing.assert_array_equal(piece, own)
+        np.testing.assert_array_equal(padded, np.vstack([own, np.repeat(own[-1:], 5 - len(own), axis=0)]))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3, 4])
+def test_the_answer_meets_what_the_lift_demands_of_it(programs, mixed, seed):
+    scaled = Scaled.of(mixed(seed, (3, 4, 5)))
+    answer = least(programs, scaled)
+    assert answer.solved
+    if not np.isfinite(answer.bound):
+        assert answer.status is ConicStatus.INFEASIBLE
+        return
+    own = np.repeat([0, 1, 2], [3, 4, 5])
+    assert answer.weights.min() >= 0.0
+    np.testing.assert_allclose(answer.shares, 1.0, atol=1e-12)
+    toes = [answer.weights[own == i] @ piece for i, piece in enumerate(scaled.pieces)]
+    np.testing.assert_allclose(answer.toes, toes, atol=1e-12)
+    world = np.einsum("uij,uj->ui", scaled.frames[own], answer.by_vertex)
+    np.testing.assert_allclose(world.sum(axis=0), [0.0, 0.0, 1.0], atol=1e-7)
+    moment = np.cross(scaled.vertices, world).sum(axis=0) - np.cross(answer.com[0], [0.0, 0.0, 1.0])
+    assert np.max(np.abs(moment)) == pytest.approx(answer.bound, abs=1e-6)
+    shear = np.linalg.norm(answer.by_vertex[:, 1:], axis=-1)
+    assert np.all(shear <= scaled.friction[own] * answer.by_vertex[:, 0] + 1e-7)
+    choice, point = answer.rounded()
+    np.testing.assert_array_equal(choice, 0)
+    np.testing.assert_array_equal(point.com, answer.com)
+    for i in range(3):
+        np.testing.assert_allclose(point.forces[i], answer.by_vertex[own == i].sum(axis=0), atol=1e-12)
+
+
+# ------------------------------------------------------------------------------------------------- over key frames
+
+
+def lifted(programs, course):
+    """The lift of a course with its objective."""
+    return solve_lift(programs, Scaled.of(course), least_moment=False)
+
+
+@pytest.mark.parametrize(
+    ("seeds", "shape"),
+    [((1, 3, 4), {}), ((0, 5), {"regions": 2, "ice": 0.4}), ((4, 5), {"frames": 3})],
+    ids=["two frames", "two regions", "three frames"],
+)
+def test_its_least_objective_is_that_of_the_model_written_a_second_time(programs, climb, written_course, seeds, shape):
+    answers = {agreed(programs, climb(seed, **shape), written_course) for seed in seeds}
+    assert answers == {ConicStatus.SOLVED, ConicStatus.INFEASIBLE}
+
+
+def agreed(programs, course, written_course):
+    """The status, that of the model written a second time, too; its objective and a bound on it."""
+    ours, (problem, _) = lifted(programs, course), written_course(course)
+    problem.solve(cp.CLARABEL)
+    assert (ours.status is ConicStatus.INFEASIBLE) == (problem.status == cp.INFEASIBLE)
+    if ours.status is ConicStatus.SOLVED:
+        assert ours.bound * course.length_scale_m**2 == pytest.approx(problem.value, rel=1e-5, abs=1e-8)
+    return ours.status
+
+
+def test_so_it_is_on_other_polygons_some_of_ice_with_one_toe_that_stands(programs, rough, written_course):
+    courses = [rough(seed, regions=2, ice=0.2) for seed in (0, 1, 2, 4)]
+    assert all(course.placements[0].toe_m is not None for course in courses)
+    answers = {agreed(programs, course, written_course) for course in courses}
+    assert answers == {ConicStatus.SOLVED, ConicStatus.INFEASIBLE}
+
+
+def test_with_one_frame_and_one_stance_it_leaves_the_moments_that_one_postures_lift_leaves(programs, climb):
+    seen = []
+    for seed in range(8):
+        course = climb(seed, frames=1)
+        assert len(course.stances) == 1
+        posture = course.posture_problem(course.stances[0], np.zeros(4, dtype=int))
+        alone, ours = least(programs, Scaled.of(posture)), least(programs, Scaled.of(course))
+        if np.isfinite(alone.bound) and ours.status is ConicStatus.SOLVED:
+            # The fourth limb must be in reach, too: that can only leave more.
+            assert ours.bound >= alone.bound - 1e-6
+            seen.append(ours.bound - alone.bound)
+    assert len(seen) > 4
+    assert np.sum(np.abs(seen) < 1e-6) > 4
+
+
+def test_shares_of_a_toe_sum_to_one_and_toes_are_on_their_patches(programs, climb):
+    course = climb(0, regions=2, ice=0.4)
+    answer = lifted(programs, course)
+    np.testing.assert_allclose(answer.scaled.by_candidate(answer.shares, 0.0).sum(axis=1), 1.0, atol=1e-6)
+    choice, point = answer.rounded()
+    for p, put in enumerate(course.placements):
+        patch = put.candidates[choice[p]]
+        off = point.toes[p] * course.length_scale_m - patch.centre_m
+        assert abs(off @ patch.normal) < 1e-6
+        assert np.linalg.norm(off) < 0.08
+
+
+def test_rounding_takes_the_largest_share_and_the_net_force_on_the_robot_stays(programs, climb):
+    torn = 0
+    for seed in (0, 3, 4):
+        answer = lifted(programs, climb(seed, regions=3))
+        if answer.status is not ConicStatus.SOLVED:
+            continue
+        scaled, layout = answer.scaled, answer.scaled.layout
+        choice, point = answer.rounded()
+        shares = scaled.by_candidate(answer.shares, -1.0)
+        np.testing.assert_array_equal(choice, shares.argmax(axis=1))
+        torn += int((shares.max(axis=1) < 0.99).sum())
+        chosen = scaled.chosen(choice)
+        net = np.zeros((len(layout.stances), 3))
+        np.add.at(net, layout.contacts[0], chosen.in_world(point.forces))
+        np.testing.assert_allclose(net, np.tile([0.0, 0.0, 1.0], (len(net), 1)), atol=1e-6)
+    assert torn > 2
+
+
+def test_closing_candidates_never_lowers_the_objective_and_what_is_closed_is_gone(programs, climb):
+    scaled = Scaled.of(climb(4, regions=2, ice=0.4))
+    whole, rng, looked_at = solve_lift(programs, scaled, least_moment=False), np.random.default_rng(0), 0
+    for _ in range(6):
+        opened = scaled.opened()
+        p, r = int(rng.integers(len(opened))), int(rng.integers(2))
+        opened[p, r] = 0.0
+        part = solve_lift(programs, scaled.only(opened), least_moment=False)
+        if part.status is ConicStatus.SOLVED:
+            assert part.bound >= whole.bound - 1e-7
+            assert part.scaled.by_candidate(part.shares, -1.0)[p, r] == -1.0
+            looked_at += 1
+    assert looked_at > 2
+
+
+def test_the_multipliers_of_a_course_prove_its_bound_and_those_of_its_ray_that_it_has_no_plan(programs, climb, rough):
+    proved = positive = 0
+    courses = [climb(seed, **shape) for seed in range(4) for shape in ({}, {"regions": 2, "ice": 0.5}, {"frames": 3})]
+    for course in [*courses, *(rough(seed, regions=2, ice=0.5) for seed in range(6))]:
+        for answer in (lifted(programs, course), least(programs, Scaled.of(course))):
+            report = check_certificate(course, Certificate(tree=LEAF, multipliers=answer.multipliers[None]))
+            if answer.status is ConicStatus.INFEASIBLE:
+                assert report.lower_bound == np.inf or lifted(programs, course).status is ConicStatus.INFEASIBLE
+                assert report.accepted
+                proved += 1
+        if np.isfinite(answer.bound) and answer.bound > 1e-5:
+            assert report.lower_bound == pytest.approx(answer.bound, rel=1e-3, abs=1e-6)
+            positive += 1
+    assert proved >= 6
+    assert positive >= 3
+
+
+def test_a_stance_alone_leaves_no_more_than_the_course_does_and_has_the_numbers_of_its_own(programs, climb, rough):
+    several, courses = 0, [climb(seed, frames=3) for seed in range(4)]
+    for course in [*courses, *(rough(seed, regions=3, ice=0.3) for seed in range(6))]:
+        scaled = Scaled.of(course)
+        whole = least(programs, scaled).bound
+        for index, stance in enumerate(course.stances):
+            part, footholds, contacts = alone(scaled, index)
+            np.testing.assert_array_equal(footholds, course.holds[stance.frame])
+            assert [scaled.layout.contacts[2][b] for b in contacts] == [footholds[i] for i in stance.limbs]
+            np.testing.assert_array_equal(part.com[0], scaled.com[stance.frame])
+            for own, p in enumerate(footholds):
+                mine, theirs = part.layout.candidate_footholds == own, scaled.layout.candidate_footholds == p
+                assert part.which[own] == scaled.which[p]
+                np.testing.assert_array_equal(part.friction[mine], scaled.friction[theirs])
+                for piece, other in zip(np.flatnonzero(mine), np.flatnonzero(theirs), strict=True):
+                    np.testing.assert_array_equal(part.pieces[piece], scaled.pieces[other])
+            bound = least(programs, part).bound
+            assert bound <= whole + 1e-6
+            several += bound > 1e-4
+    assert several >= 5

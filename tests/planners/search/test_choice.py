@@ -1,0 +1,100 @@
+"""The search over patches: against every choice tried one by one, and at its limits."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.outcome import Status
+from stancekit.planners.search.choice import ChoiceSearch, Limits, _preference, nearest
+from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_certificate
+
+TORN = {"regions": 2, "ice": 0.5}
+
+
+@pytest.fixture(scope="module")
+def planner(programs):
+    return TwoStageCoursePlanner(programs=programs)
+
+
+def test_the_search_says_what_trying_every_choice_says(climb, planner):
+    best = TwoStageCoursePlanner(programs=planner.programs, gap=1e-4)
+    seen = set()
+    for seed in (5, 8):
+        course = climb(seed, **TORN)
+        singly = [
+            best.solve(course.with_choice(choice))
+            for choice in itertools.product(range(2), repeat=len(course.placements))
+        ]
+        objectives = [outcome.objective for outcome in singly if outcome.status is Status.FEASIBLE]
+        first, whole = planner.solve(course), best.solve(course)
+        seen.add(first.status)
+        if objectives:
+            assert first.status is whole.status is Status.FEASIBLE
+            assert first.objective >= min(objectives) * (1.0 - 1e-4)
+            assert whole.objective <= min(objectives) * 1.001
+            assert whole.bound <= min(objectives) * (1.0 + 1e-6)
+        else:
+            assert first.status is Status.INFEASIBLE
+            assert all(outcome.status is Status.INFEASIBLE for outcome in singly)
+            assert check_certificate(course, first.certificate).accepted
+    assert seen == {Status.FEASIBLE, Status.INFEASIBLE}
+
+
+def test_with_other_polygons_and_not_equally_many_candidates_it_says_so_too(rough, planner):
+    seen = set()
+    for seed in (0, 1, 5, 6):
+        course = rough(seed, regions=2, ice=0.3)
+        counts = [len(put.candidates) for put in course.placements]
+        assert min(counts) < max(counts)
+        singly = [planner.solve(course.with_choice(choice)) for choice in itertools.product(*map(range, counts))]
+        outcome = planner.solve(course)
+        seen.add(outcome.status)
+        assert (outcome.status is Status.FEASIBLE) == any(one.status is Status.FEASIBLE for one in singly)
+        if outcome.status is Status.INFEASIBLE:
+            assert check_certificate(course, outcome.certificate).accepted
+    assert seen == {Status.FEASIBLE, Status.INFEASIBLE}
+
+
+def test_nearest_is_the_first_candidate_with_friction(climb):
+    scaled = Scaled.of(climb(3, regions=3, ice=0.6))
+    friction = scaled.friction.reshape(-1, 3)
+    choice = nearest(scaled)
+    for row, r in zip(friction, choice, strict=True):
+        assert row[r] > 0.0 or not row.any()
+        assert not row[:r].any()
+    assert choice.max() > 0
+
+
+def test_a_dive_never_takes_a_candidate_that_there_is_not_however_many_cuts_speak_for_it(programs, rough):
+    """A foothold with one candidate has nothing to weigh; what is missing has no entry in any cut."""
+    course = rough(0, regions=3)
+    scaled = Scaled.of(course)
+    counts = np.array([len(put.candidates) for put in course.placements])
+    assert counts.min() == 1
+    assert counts.max() == 3
+    search = ChoiceSearch(programs, scaled, lambda *_: None, Limits(max_nodes=1, time_limit_s=1.0), Clock.start())
+    cuts = search._cuts
+    cuts.tables = np.tile(np.where(scaled.opened() > 0.0, 1.0, np.inf), (20, 1, 1))  # violated by every choice
+    cuts.constants = np.zeros(20)
+    for start in range(5):
+        choice = search._dive(_preference(scaled), nearest(scaled), np.random.default_rng(start))
+        assert (choice < counts).all()
+
+
+def test_at_its_limit_it_says_which_and_keeps_the_plan_that_it_has(climb, programs):
+    course = climb(8, **TORN)
+    assert not TwoStageCoursePlanner(programs=programs).solve(course).details["guessed"]
+    outcome = TwoStageCoursePlanner(programs=programs, time_limit_s=0.0).solve(course)
+    assert outcome.status is Status.UNDECIDED
+    assert outcome.certificate is None
+    assert outcome.message == "the search for patches met its limit (its time limit)"
+    outcome = TwoStageCoursePlanner(programs=programs, gap=1e-4, max_nodes=2).solve(course)
+    assert outcome.status is Status.FEASIBLE
+    assert outcome.message == "the search for patches met its limit (2 nodes)"
+    assert outcome.bound <= TwoStageCoursePlanner(programs=programs, gap=1e-4).solve(course).objective

@@ -1,0 +1,191 @@
+"""Cuts in space: postures as courses of one frame, courses of several, and every proof through the verifier."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.outcome import Status
+from stancekit.planners.relaxation.lift import solve_lift
+from stancekit.planners.search.answer import plan_of
+from stancekit.planners.search.cuts import CutSearch, alone, cut, halving_chord, largest, widest_spread
+from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_certificate, check_plan
+from stancekit.planners.verify.geometry import cut as cut_again
+
+SEEDS = st.integers(0, 2**32 - 1)
+CUT = [("wall-3", seed) for seed in (225, 234, 250, 275, 384)] + [("ground-3", 86), ("ground-3", 215)]
+"""Postures that the lift admits and cuts refute."""
+EASY = [("wall-3", seed) for seed in range(12)] + [("ground-3", seed) for seed in range(6)]
+
+
+def searched(programs, scaled, *, gap=1e-5, max_nodes=500):
+    search = CutSearch(
+        programs, scaled, gap=gap, tolerance=1e-6, max_nodes=max_nodes, deadline=time.perf_counter() + 60.0
+    )
+    search.run()
+    return search
+
+
+# ----------------------------------------------------------------------------------------- a posture is a plan of one
+
+
+@pytest.mark.parametrize("scene", [*CUT, *EASY], ids=str)
+def test_a_posture_gets_the_same_verdict_as_a_course_of_one_frame(programs, drawn, as_course, scene):
+    problem = drawn(*scene)
+    course = as_course(problem)
+    posture, plan = (
+        ExactPlanner(programs=programs).solve(problem),
+        TwoStageCoursePlanner(programs=programs).solve(course),
+    )
+    assert posture.status is plan.status is not Status.UNDECIDED
+    if plan.status is Status.FEASIBLE:
+        assert check_plan(plan.plan).accepted
+        return
+    assert check_certificate(course, plan.certificate).accepted
+    assert check_certificate(course, posture.certificate).accepted  # either proof is one of the other
+    if scene in CUT:
+        assert len(plan.certificate.multipliers) > 1
+
+
+def test_their_lifts_are_the_same_number_for_number(programs, drawn, as_course):
+    for scene in [*CUT, *EASY]:
+        ours, theirs = (Scaled.of(subject) for subject in (drawn(*scene), as_course(drawn(*scene))))
+        assert ours.layout == theirs.layout
+        ours, theirs = (solve_lift(programs, scaled, least_moment=True) for scaled in (ours, theirs))
+        assert ours.bound == pytest.approx(theirs.bound, abs=1e-12)
+
+
+# ------------------------------------------------------------------------------------------------------ of all sorts
+
+
+def test_what_cuts_find_or_refute_the_verifier_accepts_whatever_polygons_ice_and_toes_there_are(programs, rough, climb):
+    kinds, found = set(), 0
+    courses = [rough(seed) for seed in range(6)] + [rough(seed, frames=1, regions=2, ice=0.3) for seed in range(6)]
+    for course in [*courses, climb(0), climb(2), climb(3, frames=1)]:
+        scaled = Scaled.of(course)
+        search = searched(programs, scaled)
+        assert (search.found is None) != (search.certificate() is None)
+        if search.found is None:
+            kinds |= set(search.certificate().tree[:, 0])
+            assert check_certificate(course, search.certificate()).accepted
+        else:
+            found += 1
+            plan = plan_of(course, scaled, *search.found, provenance={})
+            assert check_plan(plan).accepted
+    assert kinds >= {0.0, 3.0}
+    assert found >= 3
+
+
+def test_a_certificate_has_choices_cuts_and_forces_where_patches_are_torn_and_large(programs, drawn, as_course):
+    kinds = set()
+    for scene, candidates in ((("wall-3", 234), 2), (("ground-3", 86), 2)):
+        problem = drawn(*scene)
+        course = as_course(problem, candidates)
+        search = searched(programs, Scaled.of(course))
+        report = check_certificate(course, search.certificate())
+        assert report.accepted
+        assert report.leaves == len(search.certificate().multipliers) > 5
+        kinds |= set(search.certificate().tree[:, 0])
+    course = as_course(drawn("wall-3", 234), 3, seed=0, spread_m=2e-2)
+    whole = Scaled.of(course)
+    for r in range(3):
+        opened = whole.opened()
+        opened[0] = np.eye(3)[r]
+        search = searched(programs, whole.only(opened))
+        if search.found is None:
+            kinds |= {row[0] for row in search.root.rows()[0]}
+    assert kinds >= {0.0, 1.0, 3.0}
+
+
+def test_a_stance_that_cannot_be_held_alone_refutes_the_course_and_a_plan_holds_every_stance(programs, climb, rough):
+    refuted = held = 0
+    for course in [climb(0), climb(2), climb(1), climb(3, frames=3), *(rough(seed) for seed in range(4))]:
+        scaled = Scaled.of(course)
+        stances = [
+            searched(programs, alone(scaled, index)[0]).found is not None for index in range(len(course.stances))
+        ]
+        outcome = TwoStageCoursePlanner(programs=programs).solve(course)
+        if outcome.status is Status.FEASIBLE:
+            assert all(stances)
+            held += 1
+        elif not all(stances):
+            assert outcome.status is Status.INFEASIBLE
+            refuted += 1
+    assert held >= 2
+    assert refuted >= 2
+
+
+def test_at_its_limits_it_says_so_and_proves_nothing(programs, drawn):
+    scaled = Scaled.of(drawn("wall-3", 225))
+    for limits in ({"max_nodes": 1, "deadline": np.inf}, {"max_nodes": 100, "deadline": 0.0}):
+        search = CutSearch(programs, scaled, gap=1e-4, tolerance=1e-6, **limits)
+        search.run()
+        assert search.found is search.certificate() is None
+        assert search.stopped == "stopped at the time, node or solver limit"
+
+
+def test_the_same_problem_gets_the_same_tree_whatever_was_searched_before(programs, drawn, rough):
+    scaled = Scaled.of(drawn("wall-3", 384))
+    first = searched(programs, scaled).certificate()
+    searched(programs, Scaled.of(rough(2)))
+    searched(programs, Scaled.of(drawn("ground-3", 215)))
+    again = searched(programs, scaled).certificate()
+    np.testing.assert_array_equal(first.tree, again.tree)
+    np.testing.assert_array_equal(first.multipliers, again.multipliers)
+
+
+def test_the_widest_spread_and_the_largest_share_are_what_sums_over_vertices_say(programs, climb):
+    lift = solve_lift(programs, Scaled.of(climb(4, regions=2)), least_moment=True)
+    layout = lift.scaled.layout
+    of_contact, vertex = layout.contact_vertices
+    spreads = {}
+    for b in range(len(layout.contacts[0])):
+        rows = [row for row in range(len(of_contact)) if of_contact[row] == b]
+        mean = sum(lift.by_vertex[row] for row in rows)
+        for axis in range(3):
+            total = 0.0
+            for row in rows:
+                share = lift.weights[vertex[row]]
+                total += share * (lift.by_vertex[row, axis] / max(share, 1e-9) - mean[axis]) ** 2
+            spreads[b, axis] = np.sqrt(total)
+    b, axis, spread = widest_spread(lift)
+    assert spread == pytest.approx(max(spreads.values()), rel=1e-9)
+    assert spreads[b, axis] == pytest.approx(spread, rel=1e-9)
+    for p in range(layout.footholds):
+        own = [k for k in range(len(lift.shares)) if layout.candidate_footholds[k] == p]
+        assert largest(layout, lift.shares, p) == max(own, key=lambda k: lift.shares[k])
+
+
+# ----------------------------------------------------------------------------------------------------------- pieces
+
+
+@given(SEEDS)
+def test_planner_and_verifier_cut_patches_alike(seed):
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(3, 8))
+    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, count))
+    piece = np.column_stack([np.cos(angle), np.sin(angle), 0.3 * np.sin(angle)])
+    for _ in range(4):
+        chord = halving_chord(piece)
+        for mine, theirs in zip(cut(piece, *chord), cut_again(piece, *chord), strict=True):
+            np.testing.assert_array_equal(mine, theirs)
+        first, second = np.sort(rng.uniform(0.0, len(piece), 2))
+        for mine, theirs in zip(cut(piece, first, second), cut_again(piece, first, second), strict=True):
+            np.testing.assert_allclose(mine, theirs, atol=1e-12)
+        piece = cut(piece, *chord)[int(rng.integers(2))]
+
+
+def test_a_triangle_is_halved_by_the_median_to_its_longest_edge():
+    triangle = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 4.0, 0.0]])
+    assert halving_chord(triangle) == (0.0, 1.5)
+    one, other = cut(triangle, 0.0, 1.5)
+    np.testing.assert_allclose(one, [[0, 0, 0], [1, 0, 0], [0.5, 2, 0]])
+    np.testing.assert_allclose(other, [[0.5, 2, 0], [0, 4, 0], [0, 0, 0]])
+    assert halving_chord(np.vstack([triangle, [-1.0, 1.0, 0.0]])) == (0.0, 2.0)

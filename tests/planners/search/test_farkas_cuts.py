@@ -1,0 +1,93 @@
+"""Farkas cuts: a table that refutes no more than the verifier does, and whose blame is its own entries'."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stancekit.planners.equilibrium.rows import ConicStatus
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.outcome import Certificate
+from stancekit.planners.relaxation.lift import solve_lift
+from stancekit.planners.search.farkas_cuts import MARGIN, FarkasCuts, split
+from stancekit.planners.verify import check_certificate
+
+TORN = {"regions": 2, "ice": 0.5}
+LEAF = [[0.0, 0.0, 0.0, 0.0, 0.0]]
+
+
+def test_a_cut_refutes_exactly_the_parts_for_which_the_verifier_accepts_it(climb, programs):
+    agreed = {True: 0, False: 0}
+    for seed in range(6):
+        course = climb(seed, **TORN)
+        scaled, rng = Scaled.of(course), np.random.default_rng(seed)
+        for _ in range(4):
+            choice = rng.integers(2, size=len(course.placements))
+            lifted = solve_lift(programs, scaled.chosen(choice), least_moment=False)
+            if lifted.status is not ConicStatus.INFEASIBLE:
+                continue
+            row, cuts = lifted.multipliers, FarkasCuts(scaled)
+            assert cuts.add(row) == 0
+            for other in (choice, *rng.integers(2, size=(4, len(choice)))):
+                proof = Certificate(tree=LEAF, multipliers=row[None])
+                accepted = check_certificate(course.with_choice(other), proof).accepted
+                said = cuts.refuting(np.eye(2)[other]) is not None
+                assert not said or accepted
+                if said != accepted:  # only a bound between zero and the margin
+                    assert cuts.refuting(np.eye(2)[other]) is None
+                    tables = cuts.tables[0][np.arange(len(other)), other].sum() + cuts.constants[0]
+                    assert -1e-4 < tables <= MARGIN
+                agreed[said] += 1
+    assert min(agreed.values()) > 5
+
+
+def test_relief_is_what_the_kindest_candidates_take_from_a_cut(climb, programs):
+    course = climb(5, **TORN)
+    scaled = Scaled.of(course)
+    lifted = solve_lift(programs, scaled, least_moment=False)
+    assert lifted.status is ConicStatus.INFEASIBLE
+    cuts = FarkasCuts(scaled)
+    cuts.add(lifted.multipliers)
+    table, opened = cuts.tables[0], scaled.opened()
+    choice = np.zeros(len(table), dtype=int)
+    relief = cuts.relief(0, choice, opened)
+    np.testing.assert_allclose(relief, table[:, 0] - table.min(axis=1))
+    closed = opened * [1.0, 0.0]
+    np.testing.assert_array_equal(cuts.relief(0, choice, closed), 0.0)
+
+
+def test_on_odd_polygons_with_toes_that_stand_and_several_candidates_it_is_never_bolder_than_the_verifier(
+    programs, rough, climb
+):
+    said = {True: 0, False: 0}
+    for seed in range(10):
+        course = rough(seed, regions=3, ice=0.5) if seed % 2 else climb(seed, frames=3, regions=2, ice=0.6)
+        scaled, rng = Scaled.of(course), np.random.default_rng(seed)
+        lifted = solve_lift(programs, scaled, least_moment=False)
+        if lifted.status is not ConicStatus.INFEASIBLE:
+            continue
+        cuts = FarkasCuts(scaled)
+        for strength in (1.0, 0.1, 0.01):  # what a perturbed ray still refutes
+            row = lifted.multipliers + (1.0 - strength) * 0.02 * rng.normal(size=lifted.multipliers.shape)
+            progress = split(scaled, row)["progress"]
+            np.maximum(progress, 0.0, out=progress)  # a view: multipliers of inequalities are not negative
+            number = cuts.add(row)
+            least = np.where(scaled.opened() > 0.0, cuts.tables[number], np.inf).min(axis=1).sum()
+            refutes = bool(least + cuts.constants[number] > MARGIN)
+            accepted = check_certificate(course, Certificate(tree=LEAF, multipliers=row[None])).accepted
+            assert accepted or not refutes
+            said[refutes] += 1
+    assert said[True] >= 3
+
+
+def test_the_groups_of_a_row_are_those_of_the_certificate(climb):
+    course = climb(1, frames=3)
+    scaled, layout = Scaled.of(course), Scaled.of(course).layout
+    stances, frames, limbs, moves = len(layout.stances), 3, 4, len(layout.moves)
+    count = 6 * stances + 3 * frames * limbs + 7 * (frames - 1) + 3 * moves
+    parts = split(scaled, np.arange(float(count)))
+    shapes = {name: part.shape for name, part in parts.items()}
+    assert shapes == {
+        "nu_F": (stances, 3), "nu_M": (stances, 3), "reach": (frames, limbs, 3), "com_step": (frames - 1, 3),
+        "rotation_step": (frames - 1, 3), "progress": (frames - 1,), "toe_step": (moves, 3),
+    }  # fmt: skip
+    np.testing.assert_array_equal(np.concatenate([part.ravel() for part in parts.values()]), np.arange(count))

@@ -1,0 +1,101 @@
+"""Receding horizon: the coming frames from where the robot stands, by nothing but the arguments."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stancekit.planners.caution import slippery
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.plan_window import Standing, course_window, joined
+from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.replan import replan
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_plan
+
+
+@pytest.fixture(scope="module")
+def course():
+    return read_course("walls", frames=6)
+
+
+def same(one, other):
+    assert one.status is other.status
+    assert one.solves == other.solves
+    for name in ("com_m", "rotation_rad", "toes_m", "forces_n", "choice"):
+        np.testing.assert_array_equal(getattr(one.plan, name), getattr(other.plan, name))
+
+
+def test_windows_planned_one_after_the_other_are_one_plan_of_the_course(course):
+    state, plans, frame = None, [], 0
+    while frame < course.frames - 1:
+        outcome = replan(state, course, frame=frame, horizon=2)
+        assert outcome.status is Status.FEASIBLE
+        assert outcome.plan.course.frames == 3 - (frame + 2 > course.frames - 1)
+        if state is not None:
+            np.testing.assert_array_equal(outcome.plan.toes_m[: len(state.toes_m)], state.toes_m)
+            assert np.linalg.norm(outcome.plan.com_m[0] - state.com_m) <= 1.001e-4
+        plans.append(outcome.plan)
+        state, frame = Standing.at_end(outcome.plan), frame + outcome.plan.course.frames - 1
+    walk = joined(course, plans)
+    assert walk.course.frames == course.frames
+    assert check_plan(walk).accepted
+
+
+def test_it_is_the_planner_on_the_window_and_without_a_horizon_on_all_that_is_left(course):
+    first = replan(None, course)
+    same(first, TwoStageCoursePlanner().solve(course_window(course, 0, course.frames - 1)))
+    state = Standing.at_end(replan(None, course, horizon=2).plan)
+    window = course_window(course, 2, course.frames - 1, state)
+    same(replan(state, course, frame=2), TwoStageCoursePlanner().solve(window))
+
+
+def test_the_answer_depends_on_the_arguments_alone(course, climb, rough):
+    state = Standing.at_end(replan(None, course, horizon=2).plan)
+    planner = TwoStageCoursePlanner(programs=Programs())
+    first, kept = (replan(state, course, frame=2, horizon=2, planner=some) for some in (None, planner))
+    same(first, kept)
+    for other in (climb(5, regions=2), rough(2), read_course("icy-walls", frames=3)):
+        planner.solve(other)
+        replan(None, other, planner=planner)
+    for frame in (3, 2):
+        replan(state, course, frame=frame, horizon=1, planner=planner)
+    for some in (None, planner):
+        same(first, replan(state, course, frame=2, horizon=2, planner=some))
+
+
+def test_a_policy_is_asked_for_the_window_and_its_planner_answers(course):
+    seen = []
+
+    def policy(window):
+        seen.append(window)
+        return TwoStageCoursePlanner(projection="fix-toes")
+
+    outcome = replan(None, course, horizon=1, planner=policy)
+    assert [window.frames for window in seen] == [2]
+    assert outcome.plan.provenance["projection"] == "fix-toes"
+
+
+def test_with_shares_it_keeps_a_reserve_of_friction_where_there_is_one(course):
+    outcome = replan(None, course, horizon=1, shares=(0.01, 0.9, 1.0))
+    assert outcome.plan.provenance["friction_share"] == 0.9
+    assert check_plan(outcome.plan).accepted
+    window = slippery(course_window(course, 0, 1), 0.9)
+    np.testing.assert_array_equal(outcome.plan.com_m, TwoStageCoursePlanner().solve(window).plan.com_m)
+
+
+def test_a_frame_that_cannot_be_held_has_no_plan_and_a_proof(course):
+    state = Standing.at_end(replan(None, course, horizon=2).plan)
+    outcome = replan(state, slippery(course, 0.2), frame=2, horizon=1)
+    assert (outcome.status, outcome.plan) == (Status.INFEASIBLE, None)
+
+
+def test_frames_that_there_are_not_are_refused(course):
+    with pytest.raises(InvalidInput, match="window: expected frames within 0 to 5, got 1 to 3"):
+        replan(None, course, frame=1, horizon=2)
+    state = Standing.at_end(replan(None, course, horizon=1).plan)
+    with pytest.raises(InvalidInput, match="window: expected frames within 0 to 5, got 6 to 5"):
+        replan(state, course, frame=6)
+    with pytest.raises(InvalidInput, match="window: expected frames within 0 to 5, got 2 to 1"):
+        replan(state, course, frame=2, horizon=-1)

@@ -1,0 +1,171 @@
+"""The two-stage planner of courses: plans at their bounds, answers that are checked, and the same ones every time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.projection.descent import cost
+from stancekit.planners.projection.project import PROJECTIONS
+from stancekit.planners.relaxation.lift import solve_lift
+from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search import nogoods
+from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.clock import Clock
+from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner, decide
+from stancekit.planners.verify import check_certificate, check_plan
+
+TORN = {"regions": 2, "ice": 0.5}
+
+
+@pytest.fixture(scope="module")
+def planner(programs):
+    return TwoStageCoursePlanner(programs=programs)
+
+
+@pytest.mark.parametrize("name", ["walls", "stairs"])
+def test_a_built_in_course_gets_a_verified_plan_at_its_bound(name, planner):
+    outcome = planner.solve(read_course(name, frames=2))
+    assert outcome.status is Status.FEASIBLE
+    assert check_plan(outcome.plan).accepted
+    assert outcome.objective == pytest.approx(outcome.bound, rel=1e-4)
+    assert outcome.solves == 2
+
+
+@pytest.mark.parametrize("projection", PROJECTIONS)
+def test_a_status_is_always_one_that_the_verifier_confirms_whatever_the_projection(
+    climb, rough, programs, planner, projection
+):
+    ours, seen = TwoStageCoursePlanner(projection=projection, programs=programs, time_limit_s=20.0), set()
+    for course in [*(climb(seed) for seed in (0, 1, 3, 5)), *(rough(seed, regions=2, ice=0.2) for seed in (0, 1, 3))]:
+        outcome, full = ours.solve(course), planner.solve(course)
+        seen.add(outcome.status)
+        if outcome.status is Status.FEASIBLE:
+            assert check_plan(outcome.plan).accepted
+            assert outcome.plan.provenance["projection"] == projection
+            assert full.status is not Status.INFEASIBLE
+        elif outcome.status is Status.INFEASIBLE:
+            assert check_certificate(course, outcome.certificate).accepted
+            assert full.status is not Status.FEASIBLE
+        else:
+            assert outcome.plan is outcome.certificate is None
+            assert outcome.message
+    assert {Status.FEASIBLE, Status.INFEASIBLE} <= seen
+
+
+def test_without_cuts_what_p1_admits_and_p2_does_not_find_stays_open_and_with_them_it_is_refuted(
+    drawn, as_course, programs, monkeypatch
+):
+    monkeypatch.setattr(nogoods, "NODES", 1)  # or its stance alone would tell
+    course = as_course(drawn("wall-3", 225))
+    blunt = TwoStageCoursePlanner(programs=programs, cuts=False).solve(course)
+    message = "P1 admits the course, but P2 found no plan from its points"
+    assert (blunt.status, blunt.message, blunt.certificate) == (Status.UNDECIDED, message, None)
+    sharp = TwoStageCoursePlanner(programs=programs).solve(course)
+    assert sharp.status is Status.INFEASIBLE
+    assert sharp.details["cuts"] > 1.0
+
+
+def test_decided_by_cuts_alone_courses_have_the_verdict_of_the_planner(climb, rough, programs, planner):
+    seen = set()
+    for course in [climb(0), climb(1), climb(2), rough(2), rough(4), climb(5, **TORN)]:
+        found, proof, nodes = decide(programs, Scaled.of(course), Clock.start(), 500, 30.0)
+        assert nodes > 0
+        outcome = planner.solve(course)
+        assert (found is not None) == (outcome.status is Status.FEASIBLE)
+        if proof is not None:
+            assert check_certificate(course, proof).accepted
+        if found is not None:
+            lift = solve_lift(programs, Scaled.of(course), least_moment=False)
+            assert cost(Scaled.of(course), found[1]) >= lift.bound * (1.0 - 1e-6)
+        seen.add(outcome.status)
+    assert seen == {Status.FEASIBLE, Status.INFEASIBLE}
+
+
+def test_the_first_plan_may_be_far_from_the_best_and_a_gap_closes_that(climb, programs):
+    first, best = (TwoStageCoursePlanner(programs=programs, gap=gap).solve(climb(7, **TORN)) for gap in (None, 1e-4))
+    assert first.details["guessed"]
+    assert best.objective < 0.5 * first.objective
+    assert best.bound <= best.objective * (1.0 + 1e-6)
+
+
+def test_the_same_course_gets_the_same_plan_whatever_was_solved_before(climb, programs):
+    planner = TwoStageCoursePlanner(programs=programs)
+    first = planner.solve(climb(1, **TORN))
+    planner.solve(climb(3, **TORN))
+    again = planner.solve(climb(1, **TORN))
+    np.testing.assert_array_equal(first.plan.com_m, again.plan.com_m)
+    np.testing.assert_array_equal(first.plan.toes_m, again.plan.toes_m)
+
+
+def test_neither_new_programs_nor_few_of_them_change_an_answer(climb, rough):
+    courses = [climb(1), climb(5, **TORN), rough(1, regions=2), climb(2, frames=1), rough(2)]
+    shared, few = Programs(), Programs(most=2)
+    for course in [*courses, *courses[::-1]]:
+        said = [TwoStageCoursePlanner(programs=some).solve(course) for some in (Programs(), shared, few)]
+        for other in said[1:]:
+            assert (other.status, other.solves) == (said[0].status, said[0].solves)
+            if other.plan is None:
+                np.testing.assert_array_equal(other.certificate.tree, said[0].certificate.tree)
+                np.testing.assert_array_equal(other.certificate.multipliers, said[0].certificate.multipliers)
+            else:
+                np.testing.assert_array_equal(other.plan.com_m, said[0].plan.com_m)
+                np.testing.assert_array_equal(other.plan.forces_n, said[0].plan.forces_n)
+
+
+def test_units_do_not_matter(climb, programs):
+    course = climb(2)
+    other = TwoStageCoursePlanner(programs=programs).solve(replace(course, length_scale_m=0.5))
+    same = TwoStageCoursePlanner(programs=programs).solve(course)
+    assert other.bound == pytest.approx(same.bound, rel=1e-4)
+
+
+def test_bad_settings_are_refused():
+    with pytest.raises(InvalidInput, match="projection: expected one of fix-p, fix-f, fix-toes, scp, got 'magic'"):
+        TwoStageCoursePlanner(projection="magic")
+    with pytest.raises(InvalidInput, match="gap: expected a number above 0"):
+        TwoStageCoursePlanner(gap=0.0)
+
+
+# -------------------------------------------------------------------------------------------------------- acceptance
+
+
+def test_no_claim_about_a_posture_is_believed(programs, drawn):
+    """Witness and certificate of other problems are refused, whoever brings them."""
+    planner = ExactPlanner(programs=programs)
+    truth = [(drawn("wall-3", seed), planner.solve(drawn("wall-3", seed))) for seed in range(30)]
+    (one, right), (_, wrong) = [(p, o) for p, o in truth if 1e-3 < o.lower_bound < 1.0][:2]
+    accept = Acceptance().outcome
+    refused = accept(one, method="liar", begin=0.0, certificate=wrong.certificate, claim="infeasible")
+    assert refused.status is Status.UNDECIDED
+    assert refused.certificate is None
+    assert refused.message.startswith("certificate refused: rejected: leaf 0 of 1 proves a residual of ")
+    witness = next(o.posture for _, o in truth if o.status is Status.FEASIBLE)
+    both = accept(one, method="liar", begin=0.0, posture=witness, certificate=right.certificate)
+    assert both.status is Status.INFEASIBLE
+    assert both.posture is None
+    assert both.residual > 1e-3
+
+
+def test_no_claim_about_a_course_is_believed_either(climb, planner):
+    feasible, refuted, other = (planner.solve(climb(seed)) for seed in (1, 0, 3))
+    assert (refuted.status, other.status) == (Status.INFEASIBLE, Status.INFEASIBLE)
+
+    def accept(seed, **said):
+        return Acceptance().plan_outcome(climb(seed), method="liar", clock=Clock.start(), **said)
+
+    wrong = accept(1, certificate=refuted.certificate)
+    assert (wrong.status, wrong.certificate) == (Status.UNDECIDED, None)
+    assert wrong.message.startswith("certificate refused: rejected: leaf 0 of 1 proves a residual of ")
+    moved = replace(feasible.plan, com_m=feasible.plan.com_m + np.array([0.0, 0.02, 0.0]))
+    both = accept(1, plan=moved, certificate=refuted.certificate)
+    assert (both.status, both.plan) == (Status.UNDECIDED, None)
+    assert both.message.startswith("plan refused: ")
+    assert both.residual > 1e-3
+    assert accept(0, certificate=refuted.certificate).status is Status.INFEASIBLE
