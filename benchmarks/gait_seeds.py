@@ -28,7 +28,6 @@ from stancekit.planners.gait.judge import check_trajectory
 from stancekit.planners.gait.robot import hexapod_walker
 from stancekit.planners.gait.seeds import KeyFrames, pushed_plan, seeded
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
 from stancekit.planners.plan import Plan
 from stancekit.planners.scene.course_spec import spec_from
@@ -36,6 +35,7 @@ from stancekit.planners.scene.heightfield import HeightField
 from stancekit.planners.scene.layout import lay_out
 from stancekit.planners.scene.terrains import reference_terrain
 from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.warp.conformal import flatten
 from stancekit.planners.warp.spline_map import SplineMap
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from stancekit.envs.courses import perturbed
 from stancekit.learners.modes import learn_modes
-from stancekit.planners.keyframes.methods import make_course_planner
 from stancekit.planners.relaxation.modes import Modes
+from stancekit.planners.search.methods import make_course_planner
 
 
 def main() -> None:

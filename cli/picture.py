@@ -35,8 +35,8 @@ class Picture:
     def run(self) -> int:
         """Solve, draw, write."""
         from stancekit.envs.picture import draw_posture, save
-        from stancekit.planners.contact.methods import make_planner
         from stancekit.planners.files import check_writable, read_envelopes, read_problems
+        from stancekit.planners.search.methods import make_planner
 
         check_writable(self.out)
         problems = list(read_problems(text_of(self.file), str(self.file)))

@@ -175,7 +175,7 @@ class PlanCourse:
                 raise InvalidInput(f"{option}: expected another file than {first}, got {target} for both")
 
     def _planner(self) -> CoursePlanner:
-        from stancekit.planners.keyframes.methods import make_course_planner
+        from stancekit.planners.search.methods import make_course_planner
 
         envelopes = None if self.envelope is None else _envelopes(self.envelope)
         with as_options():

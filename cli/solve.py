@@ -73,8 +73,8 @@ class Solve:
 
     def run(self) -> int:
         """Answer every problem that can be read; exit code 2 if any could not."""
-        from stancekit.planners.contact.methods import make_planner
         from stancekit.planners.files import check_writable, read_envelopes, write_text
+        from stancekit.planners.search.methods import make_planner
 
         self._check()
         if self.out is not None:

@@ -7,14 +7,13 @@ the balances are linear, so this is one small second-order cone program.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-import cvxpy as cp
 import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array
-from .conic import ConicModel, ConicStatus
-from .contact.terms import friction_cones
+from .equilibrium.rows import Rows
 from .plan import Plan
 from .scene.course import Course
 from .scene.patch import Patch
@@ -25,31 +24,35 @@ LEAST = 0.02
 """Every limb that carries presses on its patch with this share of the weight or more, so that it stays there."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Stance:
+    """arms: maps the forces to their sum and moment, (6, 3N); friction: (N,); low, high: on the forces, (N, 3)."""
+
+    arms: Array
+    friction: Array
+    low: Array
+    high: Array
+
+
 class ForceShare:
-    """Least Σ‖f‖² in balance, inside cones of a part of μ, for N contacts; compiled once."""
+    """Least Σ‖f‖² in balance, inside cones of a part of μ, for N contacts."""
 
     def __init__(self, contacts: int) -> None:
-        forces = cp.Variable((contacts, 3), name="forces")
-        arms = cp.Parameter((6, 3 * contacts), name="arms")
-        wrench = cp.Parameter(6, name="wrench")
-        friction = cp.Parameter(contacts, name="friction")
-        low, high = cp.Parameter((contacts, 3), name="low"), cp.Parameter((contacts, 3), name="high")
-        rows = [
-            arms @ cp.vec(forces, order="C") == wrench,
-            friction_cones(forces, friction),
-            forces >= low,
-            forces <= high,
-        ]
-        rng = np.random.default_rng(0)
         self._contacts = contacts
-        self._model = ConicModel(
-            cp.Problem(cp.Minimize(cp.sum_squares(forces)), rows),
-            equilibrate={
-                "arms": rng.uniform(-1.0, 1.0, (6, 3 * contacts)), "wrench": np.eye(6)[2],
-                "friction": np.full(contacts, 0.7), "low": np.tile([0.0, -1.0, -1.0], (contacts, 1)),
-                "high": np.ones((contacts, 3)),
-            },
-        )  # fmt: skip
+        self._rows = rows = Rows[_Stance](keep=True)
+        forces = rows.variable("forces", contacts, 3)
+        balance = rows.equal("balance", 6)
+        rows.put(balance[:, None], forces.reshape(1, -1), lambda d: d.arms)
+        rows.right(balance[2:3], 1.0)
+        most, least = rows.at_most("most", contacts, 3), rows.at_most("least", contacts, 3)
+        rows.put(most, forces, 1.0)
+        rows.put(least, forces, -1.0)
+        rows.right(most, lambda d: d.high)
+        rows.right(least, lambda d: -d.low)
+        cone = rows.cones("cone", contacts, 3)
+        rows.put(cone[:, 0], forces[:, 0], lambda d: -d.friction)
+        rows.put(cone[:, 1:], forces[:, 1:], -1.0)
+        rows.square(forces, None, lambda _: 1.0)
 
     def solve(self, plan: Plan, stance: int) -> Array | None:
         """Forces of a plan's stance, world frame, shape (N, 3) [N]; None where even the whole cones leave no room."""
@@ -66,17 +69,16 @@ class ForceShare:
         carries = bears[:, None]
         frames = np.array([patch.frame for patch in patches])
         arms = np.einsum("nij,njk->nik", _skew(arms_m / course.length_scale_m), frames)
-        values: dict[str, Array | float] = {
-            "arms": np.concatenate([frames.transpose(1, 0, 2).reshape(3, -1), arms.transpose(1, 0, 2).reshape(3, -1)]),
-            "wrench": np.eye(6)[2],
-            "low": np.where(carries, np.maximum(course.force_min, [LEAST, -np.inf, -np.inf]), 0.0),
-            "high": np.where(carries, course.force_max, 0.0),
-        }
-        friction = np.array([patch.friction for patch in patches])
+        stance = _Stance(
+            arms=np.concatenate([frames.transpose(1, 0, 2).reshape(3, -1), arms.transpose(1, 0, 2).reshape(3, -1)]),
+            friction=np.array([patch.friction for patch in patches]),
+            low=np.where(carries, np.maximum(course.force_min, [LEAST, -np.inf, -np.inf]), 0.0),
+            high=np.where(carries, course.force_max, 0.0),
+        )
         for reserve in RESERVES:
-            solution = self._model.solve(values | {"friction": reserve * friction})
-            if solution.status is ConicStatus.SOLVED:
-                local = self._model.value("forces", solution) * course.weight_n
+            solution = self._rows.solve(replace(stance, friction=reserve * stance.friction))
+            if solution.solved:
+                local = solution.value("forces") * course.weight_n
                 return np.asarray(np.where(carries, np.einsum("nij,nj->ni", frames, local), 0.0))
         return None
 

@@ -1,4 +1,4 @@
-"""What tests share: drawn and made-up scenes, the compiled stages, and the model of paper E written a second time."""
+"""What tests share: drawn and made-up scenes, and the model of paper E written a second time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import pytest
 from hypothesis import settings
 
 from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.planners.contact.stages import Stages
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.scene import Contact, Patch, PostureProblem, hexapod
 
@@ -24,12 +23,6 @@ settings.load_profile("the same examples in every run")
 def programs() -> Programs:
     """The programs as rows, once a process."""
     return Programs()
-
-
-@pytest.fixture(scope="session")
-def stages() -> Stages:
-    """The compiled models, once a process."""
-    return Stages()
 
 
 @pytest.fixture(scope="session")

@@ -26,11 +26,11 @@ from stancekit.envs.runner.policy import LoopSettings
 from stancekit.envs.worlds.calibration import nominal
 from stancekit.envs.worlds.ros_setup import same_names
 from stancekit.planners.files import write_envelopes
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan_file import write_plan
 from stancekit.planners.scene import hexapod
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.scene.urdf import joint_names
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan import Plan
 from stancekit.planners.plan_file import write_plan
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 pytest.importorskip("pinocchio")

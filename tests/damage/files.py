@@ -27,7 +27,6 @@ from stancekit.planners.gait.judge import check_trajectory
 from stancekit.planners.gait.record import write_trajectory
 from stancekit.planners.gait.robot import GaitRobot, hexapod_walker
 from stancekit.planners.gait.trajectory import Trajectory
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan_file import write_plan
 from stancekit.planners.proof_file import write_proof
 from stancekit.planners.scene import hexapod
@@ -36,6 +35,7 @@ from stancekit.planners.scene.course_spec import read_course, spec_from
 from stancekit.planners.scene.heightfield import HeightField
 from stancekit.planners.scene.layout import lay_out
 from stancekit.planners.scene.urdf import hexapod_urdf, joint_names
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 from .cases import command

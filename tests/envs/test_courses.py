@@ -9,10 +9,10 @@ import pytest
 import yaml
 
 from stancekit.envs.courses import grips, icy_walls, perturbed
-from stancekit.planners.contact.methods import make_planner
 from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.scene.course_json import course_to_json
 from stancekit.planners.scene.course_spec import builtin_courses, read_course, read_spec, spec_from
+from stancekit.planners.search.methods import make_planner
 
 
 def text(course):

@@ -11,9 +11,9 @@ import pytest
 from stancekit.envs.execution import Execution, Tolerance, Trace, simulate, slips
 from stancekit.envs.motion import Timing
 from stancekit.planners.caution import slippery
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan import Plan
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")

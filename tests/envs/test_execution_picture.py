@@ -9,9 +9,9 @@ from stancekit.envs.chart import to_rgb
 from stancekit.envs.execution import Execution, simulate
 from stancekit.envs.execution_picture import FPS, SPEED, ExecutionStage, draw_execution, execution_frames
 from stancekit.envs.motion import Timing
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan import Plan
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")

@@ -7,13 +7,13 @@ import pytest
 
 from stancekit.envs.motion import Motion, Timing
 from stancekit.envs.swing import clear_swing
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.plan import Plan
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.scene.solid import Solid
 from stancekit.planners.scene.urdf import FOOT_RADIUS_M
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 
 @pytest.fixture(scope="module")

@@ -20,9 +20,9 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.envs import plan_page as page_module
 from stancekit.envs.plan_page import check_page, plan_page, write_plan_page
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
 OFFLINE = (

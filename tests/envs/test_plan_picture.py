@@ -11,9 +11,9 @@ from stancekit.envs.picture import save, to_rgb
 from stancekit.envs.plan_motion import LOAD, PlanMotion
 from stancekit.envs.plan_picture import PlanStage, check_picture, draw_plan, frame_count, ghosts, plan_frames
 from stancekit.envs.plan_terrain import ICE, bounds, cells, pieces
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_posture
 
 

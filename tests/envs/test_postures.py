@@ -15,10 +15,10 @@ from stancekit.envs.postures import LEFT, TURNED, PosturePath, _cheapest
 from stancekit.envs.runner.pace import look
 from stancekit.envs.tracking import Continued
 from stancekit.planners.arrays import Array
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.kinematics import Kinematics
 from stancekit.planners.plan import Plan
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 
 @pytest.fixture(scope="module")

@@ -12,11 +12,11 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stancekit.planners.contact.methods import make_planner
 from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.scene import hexapod
 from stancekit.planners.scene.course_spec import builtin_courses, read_course, read_spec, spec_from
 from stancekit.planners.scene.layout import lay_out
+from stancekit.planners.search.methods import make_planner
 
 FIVE = ("ground-to-wall", "icy-walls", "stairs", "tube", "walls")
 TRIPODS = ({"RF", "RR", "LM"}, {"LF", "LR", "RM"})

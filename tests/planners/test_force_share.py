@@ -9,11 +9,11 @@ import pytest
 
 from stancekit.planners.caution import plan_with_reserve, slippery
 from stancekit.planners.force_share import LEAST, RESERVES, ForceShare, shared_forces
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import Status
 from stancekit.planners.plan import Plan, PlanOutcome
 from stancekit.planners.scene.course import Course
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 

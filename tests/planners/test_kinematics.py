@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.limb_posture import directions, swivels
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.plan import Plan
 from stancekit.planners.scene import hexapod
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.scene.urdf import FOOT_RADIUS_M, Servo, link_lengths, outward_rad
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 pytest.importorskip("pinocchio")
 from stancekit.planners.kinematics import Kinematics, joint_report, plan_angles, rotation_of

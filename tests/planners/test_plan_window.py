@@ -9,17 +9,17 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.plan_window import STANDING_M, Standing, course_window, joined
 from stancekit.planners.scene.course_json import course_to_json
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 
 @pytest.fixture(scope="module")
 def planner():
-    return TwoStageCoursePlanner(models=CourseModels())
+    return TwoStageCoursePlanner()
 
 
 @pytest.fixture(scope="module")

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from stancekit.planners.caution import slippery
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.proof_file import check_proof_file, read_proof, write_proof
 from stancekit.planners.scene.course_json import course_to_json
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_certificate
 
 

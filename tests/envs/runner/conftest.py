@@ -12,11 +12,11 @@ import pytest
 from stancekit.planners.gait.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.robot import hexapod_walker
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan import Plan
 from stancekit.planners.plan_file import write_plan
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.scene.heightfield import HeightField
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 

@@ -17,11 +17,11 @@ from stancekit.envs.runner.policy import ClosedLoop, LoopReport, LoopSettings, O
 from stancekit.envs.runner.runner import Runner, RunSettings
 from stancekit.envs.worlds import make_world
 from stancekit.planners.caution import slippery
-from stancekit.planners.keyframes.planner import CoursePlanner
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput, PlanningFailed
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from tests.emulators.memory_world import MemoryWorld
 from tests.emulators.slipping import SlippingWorld
 

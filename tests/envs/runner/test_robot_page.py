@@ -13,9 +13,9 @@ pytest.importorskip("dynamixel_sdk")
 from stancekit.envs.runner.acceptance import Accepted
 from stancekit.envs.runner.worlds import make_run_world
 from stancekit.envs.worlds.ros_setup import RosSetup
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan_file import write_plan
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 PAGE = (Path(__file__).parents[3] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")

@@ -12,12 +12,12 @@ from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.robot import anymal, hexapod_walker
 from stancekit.planners.gait.seeds import Seat, pushed_plan, seeded
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.scene.course_spec import spec_from
 from stancekit.planners.scene.heightfield import HeightField
 from stancekit.planners.scene.layout import lay_out
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.warp.conformal import flatten
 
 CELLS = (8, 8, 4)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.equilibrium.reference import p1
 from stancekit.planners.equilibrium.rows import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -17,6 +16,7 @@ from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import Grid, MicpPlanner, MicpProgram
 from stancekit.planners.verify import check_plan, check_posture
 

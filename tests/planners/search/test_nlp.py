@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.nlp import STARTS, NlpPlanner, starting_points
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan, check_posture

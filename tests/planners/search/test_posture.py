@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.contact.methods import METHODS, make_planner
 from stancekit.planners.equilibrium.rows import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.outcome import InvalidInput, Status
@@ -18,6 +17,7 @@ from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.search import posture
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.methods import METHODS, make_planner
 from stancekit.planners.search.posture import TwoStagePlanner
 from stancekit.planners.verify import check_certificate, check_posture
 

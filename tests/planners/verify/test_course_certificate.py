@@ -9,14 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.outcome import Certificate, Status
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_certificate
 from stancekit.planners.verify.lagrangian import multiplier_count, multiplier_shapes
 from stancekit.planners.verify.stances import Schedule
 
-MODELS = CourseModels()
+PROGRAMS = Programs()
 LEAF = (0, 0, 0, 0, 0)
 
 
@@ -31,7 +32,7 @@ def slippery():
             for put in base.placements
         )
         course = replace(base, placements=placements)
-        return course, TwoStageCoursePlanner(models=MODELS).solve(course)
+        return course, TwoStageCoursePlanner(programs=PROGRAMS).solve(course)
 
     return made
 
@@ -117,7 +118,7 @@ def test_random_infeasible_courses_are_proved_and_their_proofs_do_not_fit_feasib
             limbs=tuple(replace(limb, reach_m=limb.reach_m * rng.uniform(0.8, 1.2)) for limb in base.robot.limbs),
         )
         course = replace(base, placements=placements, robot=robot)
-        outcome = TwoStageCoursePlanner(models=MODELS).solve(course)
+        outcome = TwoStageCoursePlanner(programs=PROGRAMS).solve(course)
         if outcome.status is Status.FEASIBLE:
             feasible.append(course)
         else:

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.planners.contact.exact import ExactPlanner
 from stancekit.planners.outcome import Certificate, InvalidInput
 from stancekit.planners.proof_file import check_proof_file, read_proof, write_proof
 from stancekit.planners.scene.course import Course, Placement
 from stancekit.planners.scene.robot import Limb, Robot
+from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_certificate, check_certificates, explain
 from stancekit.planners.verify.certificate import forest_of
 from stancekit.planners.verify.geometry import cut

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.planners.contact.exact import ExactPlanner
-from stancekit.planners.contact.methods import METHODS, make_planner
 from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.methods import METHODS, make_planner
 from stancekit.planners.verify import check_certificate, check_posture
 
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stancekit.planners.keyframes.methods import METHODS, make_course_planner
-from stancekit.planners.keyframes.modes import Modes
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.modes import Modes
+from stancekit.planners.search.methods import COURSE_METHODS, make_course_planner
 
 
 def test_every_planner_is_made_by_its_name(drawn):
     box = Envelope(low=-np.ones((3, 6)), high=np.ones((3, 6)))
     learned = EnvelopeSet.for_problems("wall-3", [drawn("wall-3", 0)], [box])
     modes = Modes(names=("wall",), boxes=learned)
-    assert [make_course_planner(name).name for name in METHODS] == list(METHODS)
+    assert [make_course_planner(name).name for name in COURSE_METHODS] == list(COURSE_METHODS)
     assert make_course_planner("two-stage", envelopes=learned).envelopes is learned
     assert make_course_planner("micp", envelopes=learned).envelope is learned
     for arguments, message in (

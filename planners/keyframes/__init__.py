@@ -1,1 +1,0 @@
-"""Plans of key frames (paper E eq. 11, §IV-B): the posture problem's terms, a frame each, coupled by steps."""
