@@ -111,18 +111,37 @@ class ConicModel:
     def solve(self, values: Mapping[str, Array | float]) -> ConicSolution:
         """Solve for this data. Keys that the model does not know are passed over: models can share a dictionary."""
         self._load(values)
-        self._solver.update(q=self._q(), A=self._a_values(), b=self._b())
+        return self._solve(self._q(), self._a_values(), self._b(), float((self._offset_tensor @ self._theta)[0]))
+
+    def solve_all(self, values: Mapping[str, Array | float], count: int) -> list[ConicSolution]:
+        """Solve for each of ``count`` sets of data: bit for bit what as many calls of ``solve`` answer.
+
+        values: as for ``solve``, or with an axis more, the first one, where they differ.
+        """
+        theta = np.ones((len(self._theta), count))
+        for name, (where, shape) in self._slots.items():
+            value = np.asarray(values[name])
+            if value.ndim > len(shape):
+                theta[where] = value.T.reshape(-1, count)  # each problem's columns one after the other
+            else:
+                theta[where] = np.ravel(value, order="F")[:, None]
+        tensors = (self._q_tensor, self._a_tensor, self._b_tensor, self._offset_tensor)
+        q, a, b, offset = (np.ascontiguousarray((tensor @ theta).T) for tensor in tensors)
+        return [self._solve(q[k], a[k], b[k], float(offset[k, 0])) for k in range(count)]
+
+    def _solve(self, q: Array, a: Array, b: Array, offset: float) -> ConicSolution:
+        self._solver.update(q=q, A=a, b=b)
         begin = time.perf_counter()
         answer = self._solver.solve()
         if answer.status not in _STATUS:  # rare: ask again with a scaling of its own and refined steps
             careful = solver_settings(careful=True)
-            args = (self._hessian, self._q(), self._matrix(), self._b(), self._cones, careful)
-            answer = clarabel.DefaultSolver(*args).solve()
+            matrix = sp.csc_matrix((a, self._a_row, self._a_indptr), shape=self._shape)
+            answer = clarabel.DefaultSolver(self._hessian, q, matrix, b, self._cones, careful).solve()
         return ConicSolution(
             status=_STATUS.get(answer.status, ConicStatus.FAILED),
             x=np.array(answer.x),
             z=np.array(answer.z),
-            objective=float(answer.obj_val) + float((self._offset_tensor @ self._theta)[0]),
+            objective=float(answer.obj_val) + offset,
             iterations=int(answer.iterations),
             seconds=time.perf_counter() - begin,  # its own clock counts the set-up again in every solve
         )

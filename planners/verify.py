@@ -10,6 +10,7 @@ import hashlib
 import itertools
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -18,7 +19,7 @@ import numpy as np
 
 from .arrays import Array
 from .explain import Explanation, Relaxation, explain
-from .outcome import Posture
+from .outcome import Certificate, Posture
 from .refute import CertificateReport, check_certificate, contact_frames, cross
 from .scene import PostureProblem
 
@@ -30,7 +31,9 @@ __all__ = [
     "Relaxation",
     "Report",
     "check_certificate",
+    "check_certificates",
     "check_posture",
+    "check_postures",
     "explain",
 ]
 
@@ -142,6 +145,16 @@ def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float
     with np.errstate(all="ignore"):
         report = _measured(problem, posture, tolerance)
     return report if math.isfinite(report.worst) else _refused(problem, posture, tolerance, "the numbers overflow")
+
+
+def check_postures(problems: Sequence[PostureProblem], postures: Sequence[Posture]) -> Array:
+    """The ``worst`` of ``check_posture`` for many at once, shape (B,)."""
+    return np.array([check_posture(*pair).worst for pair in zip(problems, postures, strict=True)])
+
+
+def check_certificates(problems: Sequence[PostureProblem], certificates: Sequence[Certificate]) -> Array:
+    """The ``lower_bound`` of ``check_certificate`` for many at once, shape (B,)."""
+    return np.array([check_certificate(*pair).lower_bound for pair in zip(problems, certificates, strict=True)])
 
 
 def _measured(problem: PostureProblem, posture: Posture, tolerance: float) -> Report:

@@ -27,6 +27,9 @@ from .stages import Stages
 PATCH_UNIT_M = 0.1
 """A force interval of half this many patch sizes is as wide as the patch: the rule of when to cut the patch instead."""
 
+WORTH = 2e-3
+"""Moment residual from which, above three times a node's bound, SCP is not tried at the node's toes."""
+
 
 @dataclass(kw_only=True, eq=False)
 class _Node:
@@ -74,12 +77,12 @@ class ExactPlanner:
         self.time_limit_s = time_limit_s
         self.stages = stages or Stages()
 
-    def solve(self, problem: PostureProblem) -> Outcome:
-        """Decide the problem."""
+    def solve(self, problem: PostureProblem, *, root: LiftAnswer | None = None) -> Outcome:
+        """Decide the problem. root: its lift, where it has been solved before."""
         begin = time.perf_counter()
         scaled = ScaledProblem.of(problem)
         pieces = tuple(contact.patch.vertices_m / scaled.length_m for contact in problem.contacts)
-        search = _Search(self, scaled, pieces)
+        search = _Search(self, scaled, pieces, root)
         posture, certificate = search.run(begin + self.time_limit_s)
         return self.acceptance.outcome(
             problem,
@@ -96,12 +99,14 @@ class ExactPlanner:
 class _Search:
     """One branch and bound."""
 
-    def __init__(self, planner: ExactPlanner, scaled: ScaledProblem, pieces: tuple[Array, ...]) -> None:
+    def __init__(
+        self, planner: ExactPlanner, scaled: ScaledProblem, pieces: tuple[Array, ...], root: LiftAnswer | None
+    ) -> None:
         self._planner = planner
         self.solves = 0
         self.nodes = 0
         self.stopped = ""
-        self.root = self._node(scaled, pieces)
+        self.root = self._node(scaled, pieces, root)
 
     def run(self, deadline: float) -> tuple[Posture | None, Certificate | None]:
         """Return a witness, or a certificate, or neither with ``stopped`` telling why."""
@@ -123,15 +128,19 @@ class _Search:
         tree, multipliers = self.root.rows()
         return None, Certificate(tree=np.array(tree), multipliers=np.array(multipliers))
 
-    def _node(self, scaled: ScaledProblem, pieces: tuple[Array, ...]) -> _Node:
+    def _node(self, scaled: ScaledProblem, pieces: tuple[Array, ...], lift: LiftAnswer | None = None) -> _Node:
         self.solves += 1
         self.nodes += 1
-        return _Node(scaled=scaled, pieces=pieces, lift=self._planner.stages.lift(scaled))
+        return _Node(scaled=scaled, pieces=pieces, lift=lift or self._planner.stages.lift(scaled))
 
     def _project(self, node: _Node) -> Posture | None:
-        """A witness from the node's toes, or None. The whole problem's boxes hold, not only the node's."""
+        """A witness from the node's toes, or None. The whole problem's boxes hold, not only the node's.
+
+        Below the root, toes that leave far more than the node's bound are left alone: steps from them hardly ever pay.
+        """
         whole = self.root.scaled
-        point = self._planner.stages.project("scp", whole, node.lift.point)
+        worth = np.inf if node is self.root else 3.0 * node.lift.bound + WORTH
+        point = self._planner.stages.project("scp", whole, node.lift.point, worth=worth)
         self.solves += point.solves
         if point.residual > max(SURFACE, 0.5 * self._planner.acceptance.tolerance):
             return None

@@ -80,7 +80,14 @@ class LiftModel:
 
     def solve(self, scaled: ScaledProblem) -> LiftAnswer:
         """Least moment residual over the lift."""
-        solution = self._model.solve(lift_values(scaled))
+        return self._read(self._model.solve(lift_values(scaled)), scaled)
+
+    def solve_all(self, scaled: ScaledProblem) -> list[LiftAnswer]:
+        """The same of every problem of a batch."""
+        solutions = self._model.solve_all(lift_values(scaled), len(scaled.friction))
+        return [self._read(solution, scaled.select(k)) for k, solution in enumerate(solutions)]
+
+    def _read(self, solution: ConicSolution, scaled: ScaledProblem) -> LiftAnswer:
         multipliers = self._multipliers(solution, scaled.size[0])
         if solution.status is ConicStatus.INFEASIBLE:
             return _without_point(float("inf"), multipliers, solved=True)
@@ -120,11 +127,13 @@ class LiftModel:
 def lift_values(scaled: ScaledProblem) -> dict[str, Array | float]:
     """Data of the lift."""
     vertices = scaled.size[1]
-    arms = np.matmul(skew(scaled.vertices), scaled.frames[:, None])  # [v_u]× R_WC, shape (N, U, 3, 3)
+    arms = np.matmul(skew(scaled.vertices), scaled.frames[..., None, :, :])  # [v_u]× R_WC, shape (N, U, 3, 3)
+    frames = np.broadcast_to(scaled.frames[..., None, :, :], arms.shape)
+    flat = (*arms.shape[:-4], -1, 3, 3)
     return scaled.values() | {
-        "force_map": side_by_side(np.broadcast_to(scaled.frames[:, None], arms.shape)),
-        "moment_map": side_by_side(arms),
-        "friction": np.repeat(scaled.friction, vertices),
+        "force_map": side_by_side(frames.reshape(flat)),
+        "moment_map": side_by_side(arms.reshape(flat)),
+        "friction": np.repeat(scaled.friction, vertices, axis=-1),
         "force_min": np.repeat(scaled.force_min, vertices, axis=0),
         "force_max": np.repeat(scaled.force_max, vertices, axis=0),
     }

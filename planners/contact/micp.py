@@ -101,7 +101,7 @@ class MicpModel:
         self, scaled: ScaledProblem, domain: Envelope, *, envelope: Envelope | None = None, time_limit_s: float = 60.0
     ) -> MicpAnswer:
         """Find a point of the grid whose cells divide ``domain``; ``envelope`` is the box of the envelope rows."""
-        axes = side_by_side(np.matmul(skew(np.eye(3)), scaled.frames[:, None]))
+        axes = side_by_side(np.matmul(skew(np.eye(3)), scaled.frames[:, None]).reshape(-1, 3, 3))
         values = scaled.values() | {"moment_axes": axes} | self._cells.values(domain) | box_values(envelope or domain)
         for parameter in self.problem.parameters():
             parameter.value = values[parameter.name()]

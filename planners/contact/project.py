@@ -84,6 +84,12 @@ class FixToes:
         return point
 
 
+    def solve_all(self, scaled: ScaledProblem, toes: Array) -> list[Point]:
+        """Hold the toes of every problem of a batch, shape (B, N, 3), the body free."""
+        solutions = self._model.solve_all(_toe_values(scaled, toes), len(toes))
+        return [_point(self._model, solution, toes=held) for solution, held in zip(solutions, toes, strict=True)]
+
+
 class FixForces:
     """Least moment residual with the contact-frame forces held (fix-f): convex in toes, c and Θ."""
 
@@ -160,13 +166,20 @@ class Projector:
         self._fix_f = self._fix_f or FixForces(*self._size)
         return self._fix_f.solve(scaled, start)
 
-    def scp(self, scaled: ScaledProblem, start: Point, *, steps: int = 4) -> Point:
-        """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new toes."""
+    def fix_all_toes(self, scaled: ScaledProblem, toes: Array) -> list[Point]:
+        """``fix_toes`` of every problem of a batch; toes: shape (B, N, 3)."""
+        return self._fix_toes.solve_all(scaled, toes)
+
+    def scp(self, scaled: ScaledProblem, start: Point, *, steps: int = 4, worth: float = np.inf) -> Point:
+        """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new toes.
+
+        worth: where the start's toes leave more than this moment residual, no step is taken.
+        """
         self._step = self._step or Linearised(*self._size)
         best = self._fix_toes.solve(scaled, start.toes)
         point, solves = best, 1
         for _ in range(steps):
-            if best.residual <= SURFACE or not np.isfinite(point.residual):
+            if not SURFACE < best.residual <= worth or not np.isfinite(point.residual):
                 break
             stepped = self._step.solve(scaled, point)
             solves += 1

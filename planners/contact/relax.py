@@ -84,7 +84,14 @@ class PostureWithoutMoment:
 
     def solve(self, scaled: ScaledProblem) -> Point | None:
         """A point of P̄ in the middle of its feasible set, or None where there is none or the solver gave up."""
-        solution = self._model.solve(scaled.values())
+        return self._read(self._model.solve(scaled.values()), scaled)
+
+    def solve_all(self, scaled: ScaledProblem) -> list[Point | None]:
+        """The same of every problem of a batch."""
+        solutions = self._model.solve_all(scaled.values(), len(scaled.friction))
+        return [self._read(solution, scaled.select(k)) for k, solution in enumerate(solutions)]
+
+    def _read(self, solution: ConicSolution, scaled: ScaledProblem) -> Point | None:
         return _point(self._model, solution, scaled)[0] if solution.status is ConicStatus.SOLVED else None
 
 
@@ -269,7 +276,7 @@ def p1_values(scaled: ScaledProblem, envelope: Envelope) -> dict[str, Array | fl
 
 def moment_axes(scaled: ScaledProblem) -> Array:
     """P_j × F_k of eq. 9 in the column 9i + 3j + k, shape (3, 9N): the moment balance is  moment_axes · m = 0."""
-    return side_by_side(np.matmul(skew(np.eye(3)), scaled.frames[:, None]))
+    return side_by_side(np.matmul(skew(np.eye(3)), scaled.frames[:, None]).reshape(-1, 3, 3))
 
 
 class _Posture:

@@ -9,10 +9,11 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays import Array
 from ..outcome import Posture
-from ..scene import PostureProblem
+from ..scene import PostureBatch, PostureProblem
 
 
 def skew(vectors: Array) -> Array:
@@ -31,6 +32,7 @@ class ScaledProblem:
     vertices: v_u, shape (N, U, 3), a shorter border repeats its last vertex; frames: R_WC, shape (N, 3, 3);
     shoulders: shape (N, 3); reach, friction: shape (N,); force_min, force_max: shape (N, 3);
     weight: m·g; com: nominal centre of mass, shape (3,); com_radius, tilt: limits.
+    Of a batch, vertices, frames and friction have an axis more, their first one.
     """
 
     vertices: Array
@@ -70,6 +72,17 @@ class ScaledProblem:
         )
 
     @classmethod
+    def of_batch(cls, batch: PostureBatch) -> ScaledProblem:
+        """Scale a batch; ``one`` gives what ``of`` gives for one of its problems."""
+        vertices = batch.vertices_m / batch.like.length_scale_m
+        return replace(cls.of(batch.like), vertices=vertices, frames=batch.frames, friction=batch.friction)
+
+    def select(self, chosen: NDArray[np.intp] | int) -> ScaledProblem:
+        """Those problems of a batch, or one of them."""
+        vertices, frames, friction = (part[chosen] for part in (self.vertices, self.frames, self.friction))
+        return replace(self, vertices=vertices, frames=frames, friction=friction)
+
+    @classmethod
     def typical(cls, contacts: int, vertices: int) -> ScaledProblem:
         """A plain scene of this size, limbs on level ground around the body: the data on which solvers are scaled."""
         angle = 2.0 * np.pi * (np.arange(contacts) + 0.5) / contacts
@@ -93,19 +106,25 @@ class ScaledProblem:
     @property
     def size(self) -> tuple[int, int]:
         """(N, U)."""
-        return self.vertices.shape[0], self.vertices.shape[1]
+        return self.vertices.shape[-3], self.vertices.shape[-2]
 
     @cached_property
     def box_implied(self) -> bool:
         """Whether cone and normal-force limit imply the rest of the force box, so that its rows can be left out."""
+        return bool(np.all(self.boxes_implied))
+
+    @property
+    def boxes_implied(self) -> NDArray[np.bool_]:
+        """``box_implied`` of every problem of a batch, shape (B,)."""
         normal = self.force_max[:, 0]
         shear = self.friction * normal
-        return bool(
-            np.all(self.friction > 1e-3)  # on ice the cone says nothing of f_n
-            and np.all(self.force_min[:, 0] <= 0.0)
-            and np.all(normal > 0.0)
-            and np.all(shear <= np.minimum(self.force_max[:, 1:], -self.force_min[:, 1:]).min(axis=1))
+        implied = (
+            (self.friction > 1e-3)  # on ice the cone says nothing of f_n
+            & (self.force_min[:, 0] <= 0.0)
+            & (normal > 0.0)
+            & (shear <= np.minimum(self.force_max[:, 1:], -self.force_min[:, 1:]).min(axis=1))
         )
+        return np.asarray(implied.all(axis=-1))
 
     def narrowed(self, index: int, vertices: Array, force_min: Array, force_max: Array) -> ScaledProblem:
         """The problem with one contact confined to a piece of its patch and of its force box."""
@@ -148,8 +167,8 @@ class ScaledProblem:
 
 
 def side_by_side(blocks: Array) -> Array:
-    """Stack blocks of shape (..., 3, 3) into one map of shape (3, 3K)."""
-    return blocks.reshape(-1, 3, 3).transpose(1, 0, 2).reshape(3, -1)
+    """Put K blocks of shape (..., K, 3, 3) side by side into one map of shape (..., 3, 3K)."""
+    return blocks.swapaxes(-3, -2).reshape(*blocks.shape[:-3], 3, -1)
 
 
 def padded(vertices: Array, count: int) -> Array:

@@ -238,9 +238,9 @@ def test_where_the_projection_does_not_arrive_the_search_goes_on(drawn, monkeypa
     stages = Stages()
     project, calls = stages.project, []
 
-    def arrives_later(projection, scaled, start):
+    def arrives_later(projection, scaled, start, **options):
         calls.append(projection)
-        point = project(projection, scaled, start)
+        point = project(projection, scaled, start, **options)
         return replace(point, residual=1e-5) if len(calls) < 3 else point
 
     monkeypatch.setattr(stages, "project", arrives_later)
