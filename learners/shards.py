@@ -120,7 +120,7 @@ class _Labeller:
                 break
             kind = _kind(outcome)
             if self._wants(kind):
-                row = self._row(batch.problem(k), outcome, points.get(k))
+                row = self._row(batch.problems[k], outcome, points.get(k))
                 kind = row.kind
                 if self._wants(kind):
                     self.kept.append(row)
@@ -142,7 +142,8 @@ class _Labeller:
         if not self._wants("feasible"):
             answers = self._easy(batch, range(len(batch)))
         rest = [k for k in range(len(batch)) if k not in answers]
-        answers |= zip(rest, solve_all(self._exact, batch.select(np.array(rest, dtype=np.intp))), strict=True)
+        hard = batch.select(np.array(rest, dtype=np.intp)) if answers else batch
+        answers |= zip(rest, solve_all(self._exact, hard), strict=True)
         answers |= self._easy(batch, [k for k in rest if answers[k].status is Status.UNDECIDED])
         return [answers[k] for k in range(len(batch))]
 
@@ -185,7 +186,7 @@ class _Labeller:
                 if p is None:
                     continue
                 posture = scaled.select(k).posture(com=p.com, rotation=p.rotation, toes=p.toes, forces=p.forces)
-                report = check_posture(batch.problem(k), posture)
+                report = check_posture(batch.problems[k], posture)
                 if max(g.worst for g in report.groups if g.group != "moment_balance") <= self._plan.tolerance:
                     postures[k] = posture
         return {k: scaled.select(k).point(posture) for k, posture in postures.items()}

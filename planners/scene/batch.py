@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
@@ -84,15 +83,19 @@ class PostureBatch:
             contacts.append(_with(contact, patch=patch))
         return _with(self.like, contacts=tuple(contacts))
 
-    def __iter__(self) -> Iterator[PostureProblem]:
-        return (self.problem(index) for index in range(len(self)))
+    @cached_property
+    def problems(self) -> tuple[PostureProblem, ...]:
+        """All of them."""
+        return tuple(self.problem(index) for index in range(len(self)))
 
     def select(self, chosen: NDArray[np.intp]) -> PostureBatch:
         """These problems as a batch, not validated again. chosen: shape (K,)."""
         parts = {name: getattr(self, name)[chosen] for name in ("vertices_m", "normals", "friction", "frames")}
         for part in parts.values():
             part.setflags(write=False)
-        return _with(self, **parts)
+        some = _with(self, **parts)
+        vars(some).pop("problems", None)
+        return some
 
     def _where(self, flat: int) -> str:
         """The name of a patch."""
@@ -102,5 +105,6 @@ class PostureBatch:
 def _with(value: Value, **changes: Any) -> Value:
     """A copy of a value class with other fields, which have been validated before."""
     copy = object.__new__(type(value))
-    vars(copy).update(vars(value) | changes)
+    vars(copy).update(vars(value))
+    vars(copy).update(changes)
     return copy

@@ -35,7 +35,7 @@ def solve_all(planner: ExactPlanner, batch: PostureBatch) -> list[Outcome]:
     answers = root.refuted() | root.projected()
     for k in range(len(batch)):
         if k not in answers:
-            answer = planner.solve(root.problems[k], root=root.lifts[k])
+            answer = planner.solve(batch.problems[k], root=root.lifts[k])
             answers[k] = replace(answer, seconds=answer.seconds + root.seconds[k])
     return [answers[k] for k in range(len(batch))]
 
@@ -57,7 +57,7 @@ class _Root:
         begin = time.perf_counter()
         self._planner, self._accept = planner, planner.acceptance
         self._scaled = ScaledProblem.of_batch(batch)
-        self.problems = list(batch)
+        self._problems = batch.problems
         self.lifts = planner.stages.lifts(self._scaled)
         self.seconds = np.zeros(len(batch))
         self._took(begin, np.arange(len(batch)))
@@ -67,7 +67,7 @@ class _Root:
         begin, chosen = time.perf_counter(), _where(lift.bound > self._accept.gap for lift in self.lifts)
         leaf = np.zeros((1, 4))
         certificates = [Certificate(tree=leaf, multipliers=self.lifts[k].multipliers[None]) for k in chosen]
-        bounds = check_certificates([self.problems[k] for k in chosen], certificates)
+        bounds = check_certificates([self._problems[k] for k in chosen], certificates)
         self._took(begin, chosen)
         return {
             k: Outcome(status=Status.INFEASIBLE, certificate=certificate, lower_bound=bound, **self._told(k, solves=1))
@@ -88,7 +88,7 @@ class _Root:
             for k, p in zip(chosen.tolist(), points, strict=True)
             if p.residual <= max(SURFACE, 0.5 * self._accept.tolerance)
         }
-        worst = check_postures([self.problems[k] for k in postures], list(postures.values()))
+        worst = check_postures([self._problems[k] for k in postures], list(postures.values()))
         self._took(begin, chosen)
         return {
             k: Outcome(status=Status.FEASIBLE, posture=posture, residual=off, **self._told(k, solves=2))

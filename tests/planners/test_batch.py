@@ -22,7 +22,7 @@ def changed(batch, **parts):
 @NAMES
 def test_a_problem_of_a_batch_is_the_validated_one_bit_for_bit(name):
     batch = distribution(name).batch(np.random.default_rng(1), 20)
-    for problem in batch:
+    for problem in batch.problems:
         again = PostureProblem.from_json(json.loads(json.dumps(problem.to_json())))
         assert again.to_json() == problem.to_json()
         for mine, theirs in zip(problem.contacts, again.contacts, strict=True):
@@ -39,7 +39,7 @@ def test_batches_of_any_size_draw_the_same_problems(name, size):
     parts = [distribution(name).batch(rng, size) for _ in range(14 // size)]
     for part in ("vertices_m", "normals", "friction", "frames"):
         assert np.concatenate([getattr(batch, part) for batch in parts]).tobytes() == getattr(whole, part).tobytes()
-    assert [p.to_json() for p in whole] == [p.to_json() for batch in parts for p in batch]
+    assert [p.to_json() for p in whole.problems] == [p.to_json() for batch in parts for p in batch.problems]
 
 
 def test_the_stream_of_samples_is_the_one_it_always_was():
@@ -61,7 +61,7 @@ def test_the_stream_of_samples_is_the_one_it_always_was():
 def test_a_selection_is_those_problems():
     batch = distribution("wall-5").batch(np.random.default_rng(3), 6)
     chosen = batch.select(np.array([4, 1]))
-    assert [p.to_json() for p in chosen] == [batch.problem(k).to_json() for k in (4, 1)]
+    assert [p.to_json() for p in chosen.problems] == [batch.problem(k).to_json() for k in (4, 1)]
 
 
 def test_what_a_patch_refuses_a_batch_refuses_and_says_where():
