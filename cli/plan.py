@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from stancekit.planners.keyframes.planner import CoursePlanner
     from stancekit.planners.plan import Plan, PlanOutcome
     from stancekit.planners.scene.course import Course
-    from stancekit.planners.verify_plan import PlanReport
+    from stancekit.planners.verify import Report
 
 LONGEST_S = 1e6
 MOST_INTERVALS = 64
@@ -106,16 +106,17 @@ class PlanCourse:
             bar(1, 1)
         report = None if outcome.plan is None else self._write(outcome.plan)
         proved = outcome.certificate is not None
+        message = _message(course, outcome)
         if self.proof is not None and outcome.certificate is not None:
             write_proof(self.proof, course, outcome.certificate)
         if self.json:
-            emit(self._record(course, outcome, report))
+            emit(self._record(course, outcome, report, message))
         else:
             out.print(_table(course, outcome))
             for line in [] if outcome.plan is None or report is None else self._said(outcome.plan, report):
                 out.print(line, markup=False, highlight=False)
         if report is None:
-            complain(f"stancekit: no plan: {course.name}: {outcome.message or outcome.claim or outcome.status.value}")
+            complain(f"stancekit: no plan: {course.name}: {message or outcome.claim or outcome.status.value}")
             if self.proof is not None:
                 complain(f"wrote {self.proof}" if proved else f"{self.proof}: not written, since nothing is proved")
         return int(report is None or not report.accepted)
@@ -188,9 +189,9 @@ class PlanCourse:
                 time_limit_s=self.time_limit_s,
             )
 
-    def _write(self, plan: Plan) -> PlanReport:
+    def _write(self, plan: Plan) -> Report:
         """Verify the plan once more, and write the files that were asked for."""
-        from stancekit.planners.verify_plan import check_plan
+        from stancekit.planners.verify import check_plan
 
         report = check_plan(plan)
         if self.out is not None:
@@ -214,7 +215,7 @@ class PlanCourse:
             write_plan_page(self.html, plan)
         return report
 
-    def _said(self, plan: Plan, report: PlanReport) -> Iterator[str]:
+    def _said(self, plan: Plan, report: Report) -> Iterator[str]:
         """What people are told of a plan, below the table."""
         share = plan.provenance.get("friction_share", 1.0)
         if share != 1.0:
@@ -225,7 +226,9 @@ class PlanCourse:
             yield f"modes z: {_row(plan.modes.tolist())}{terrain}"
         yield from (f"wrote {path}" for path in self._outputs())
 
-    def _record(self, course: Course, outcome: PlanOutcome, report: PlanReport | None) -> dict[str, Any]:
+    def _record(
+        self, course: Course, outcome: PlanOutcome, report: Report | None, message: str
+    ) -> dict[str, Any]:
         """Everything as one JSON object."""
         numbers = ("objective", "bound", "residual", "compile_s", "seconds", "solver_seconds")
         record: dict[str, Any] = {
@@ -236,11 +239,11 @@ class PlanCourse:
             **{name: _or_null(getattr(outcome, name)) for name in numbers},
             "solves": outcome.solves,
             "claim": outcome.claim,
-            "message": outcome.message,
+            "message": message,
             "details": {name: _or_null(float(value)) for name, value in outcome.details.items()},
         }
         if outcome.plan is not None and report is not None:
-            from stancekit.planners.plan_report import plan_arrays
+            from stancekit.planners.verify.report import plan_arrays
 
             arrays = plan_arrays(outcome.plan).items()
             record["verdict"] = report.to_json()
@@ -280,6 +283,15 @@ def _table(course: Course, outcome: PlanOutcome) -> Table:
         _number(outcome.objective), _number(outcome.bound), f"{outcome.compile_s:.2f} s", f"{outcome.seconds:.3f} s",
     )  # fmt: skip
     return table
+
+
+def _message(course: Course, outcome: PlanOutcome) -> str:
+    """What the planner says; of a course that is refuted, the reason that the proof gives."""
+    if outcome.certificate is None:
+        return outcome.message
+    from stancekit.planners.verify import explain
+
+    return explain(course, outcome.certificate).message
 
 
 def _row(numbers: Sequence[int]) -> str:

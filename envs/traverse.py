@@ -22,7 +22,7 @@ from stancekit.planners.plan_window import Standing, course_window, joined
 from stancekit.planners.scene.course import Course
 from stancekit.planners.scene.course_keys import CourseSpec
 from stancekit.planners.scene.course_spec import read_spec
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 
 from .course_view import CourseView, View
 from .courses import perturbed

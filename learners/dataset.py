@@ -241,7 +241,8 @@ class Dataset:
         certificate = None
         if raw["tree"] is not None:
             multipliers = np.reshape(raw["multipliers"], (-1, 6 + 3 * len(self.header.legs)))
-            certificate = Certificate(tree=np.reshape(raw["tree"], (-1, 4)), multipliers=multipliers)
+            nodes = 2 * len(multipliers) - 1  # of a binary tree with so many leaves
+            certificate = Certificate.from_arrays(np.reshape(raw["tree"], (nodes, -1)), multipliers)
         witness = {name: np.reshape(raw[name], shape) for name, shape in POSTURE.items() if raw[name] is not None}
         return LabelledPosture(
             problem=self._problem(raw),

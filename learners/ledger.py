@@ -167,7 +167,7 @@ def shard_schema(contacts: int) -> pa.Schema:
     of_all = {"shard": int32, "row": int32, "sample": int64, "problem": text, "label": text, "trivial": pa.bool_()}
     of_all |= {"lower_bound": float64, "solves": int32, "nodes": int32}
     of_some = {"com_m": body, "rotation_rad": body, "toes_m": feet, "forces_n": feet, "point": point}
-    of_some |= {"tree": pa.list_(float64), "multipliers": pa.list_(pa.float32())}  # 4 a node; 6 + 3N a leaf
+    of_some |= {"tree": pa.list_(float64), "multipliers": pa.list_(pa.float32())}  # 5 a node; 6 + 3N a leaf
     columns = [pa.field(name, kind, nullable=False) for name, kind in of_all.items()]
     return pa.schema(columns + [pa.field(name, kind) for name, kind in of_some.items()])
 

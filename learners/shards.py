@@ -23,7 +23,7 @@ from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import Outcome, Posture, StancekitError, Status
 from stancekit.planners.scene import PostureBatch, PostureProblem
 from stancekit.planners.search.batch import easily_feasible, solve_all
-from stancekit.planners.verify import check_posture
+from stancekit.planners.verify import check_postures
 
 from . import ledger
 from .dataset import LabelledPosture, table_of
@@ -176,19 +176,22 @@ class _Labeller:
     def _points(self, batch: PostureBatch, outcomes: Sequence[Outcome]) -> dict[int, Array]:
         """[p, f] by index: of the witness; for what is infeasible, of an answer of P̄ that violates nothing else."""
         scaled, postures = ScaledProblem.of_batch(batch), dict[int, Posture]()
-        for k, outcome in enumerate(outcomes):
-            if outcome.posture is not None and self._wants("feasible"):
-                postures[k] = outcome.posture
-        infeasible = [k for k, outcome in enumerate(outcomes) if _kind(outcome) == "infeasible"]
-        if infeasible and self._wants("infeasible"):
-            chosen = np.array(infeasible, dtype=np.intp)
-            for k, p in zip(infeasible, self._exact.stages.without_moments(scaled.select(chosen)), strict=True):
-                if p is None:
-                    continue
-                posture = scaled.select(k).posture(com=p.com, rotation=p.rotation, toes=p.toes, forces=p.forces)
-                report = check_posture(batch.problems[k], posture)
-                if max(g.worst for g in report.groups if g.group != "moment_balance") <= self._plan.tolerance:
-                    postures[k] = posture
+        if self._wants("feasible"):
+            postures |= {k: outcome.posture for k, outcome in enumerate(outcomes) if outcome.posture is not None}
+        if self._wants("infeasible"):
+            infeasible = [k for k, outcome in enumerate(outcomes) if _kind(outcome) == "infeasible"]
+            some = scaled.select(np.array(infeasible, dtype=np.intp))
+            found = zip(infeasible, self._exact.stages.without_moments(some), strict=True)
+            answers = {
+                k: scaled.select(k).posture(com=p.com, rotation=p.rotation, toes=p.toes, forces=p.forces)
+                for k, p in found
+                if p is not None
+            }
+            worst = check_postures(
+                [batch.problems[k] for k in answers], list(answers.values()), without=("moment_balance",)
+            )
+            good = worst <= self._plan.tolerance
+            postures |= {k: posture for (k, posture), fine in zip(answers.items(), good, strict=True) if fine}
         return {k: scaled.select(k).point(posture) for k, posture in postures.items()}
 
 

@@ -122,7 +122,7 @@ class ConicModel:
         for name, (where, shape) in self._slots.items():
             value = np.asarray(values[name])
             if value.ndim > len(shape):
-                theta[where] = value.T.reshape(-1, count)  # each problem's columns one after the other
+                theta[where] = value.T.reshape(theta[where].shape)  # each problem's columns one after the other
             else:
                 theta[where] = np.ravel(value, order="F")[:, None]
         tensors = (self._q_tensor, self._a_tensor, self._b_tensor, self._offset_tensor)

@@ -66,19 +66,27 @@ class Posture:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Certificate:
-    """A proof that a posture problem has no answer: a tree that covers all toes and forces, and multipliers a leaf.
+    """A proof that a posture problem has no answer or a course no plan: a tree that covers all that there is to choose
+    (patches, toes and forces), and multipliers a leaf.
 
-    tree: shape (K, 4), the nodes in preorder, a row each, (kind, contact, first, second):
+    A posture problem is a course of one frame with one stance, in which placement i is contact i with one candidate.
+
+    tree: shape (K, 5), the nodes in preorder, a row each, (kind, i, j, first, second):
       kind 0, a leaf: the other entries are 0;
-      kind 1, a split of the contact's force box: force component ``first`` (0, 1, 2 for f_n, f_y, f_z) at the value
-        ``second``, in units of the force scale; the first child keeps the values up to it, the second those from it on;
-      kind 2, a cut of the contact's patch along the chord between two points of its border, given as border coordinates
-        ``first`` < ``second``: the coordinate e + s is the point v_e + s (v_{e+1} − v_e) of the piece's own vertices,
-        0 ≤ s < 1; the first child runs along the border from ``first`` to ``second``, the second child from ``second``
-        round to ``first``, each beginning with the point it runs from.
-    multipliers: shape (leaves, 6 + 3N), the leaves in preorder: ν_F (3) of the force balance, ν_M (3) of the moment
-      balance, r_i (N, 3) of the limbs' reach, all for the non-dimensional problem. Any multipliers give a valid bound,
-      so nothing here has to be trusted (``verify.check_certificate``).
+      kind 1, a choice: in the first child placement ``i`` stands on its candidate ``j``, in the second it does not;
+      kind 2, a cut of candidate ``j`` of placement ``i`` along the chord between two points of the border of the piece
+        that is left of it, given as border coordinates ``first`` < ``second``: the coordinate e + s is the point
+        v_e + s (v_{e+1} − v_e) of the piece's own vertices, 0 ≤ s < 1; the first child runs along the border from
+        ``first`` to ``second``, the second child from ``second`` round to ``first``, each beginning with the point it
+        runs from;
+      kind 3, a split of the force box of the ``i``-th limb that carries (the limbs of the stances, one stance after the
+        other): component ``j`` (0, 1, 2 for f_n, f_y, f_z) at the value ``first``, in units of the force scale; the
+        first child keeps the values up to it, the second those from it on.
+    multipliers: shape (leaves, count), the leaves in preorder, with S stances, M frames and N limbs: ν_F (S, 3) of the
+      balances of forces, ν_M (S, 3) of those of moments, r (M, N, 3) of reach, a (M − 1, 3) of the steps of the COM,
+      t (M − 1, 3) of those of the rotation, g (M − 1) of progress, b (moves, 3) of the steps of toes, all for the
+      non-dimensional problem; 6 + 3N for a posture. A leaf in which a placement has no candidate left needs none. Any
+      multipliers give a valid bound, so nothing here has to be trusted (``verify.check_certificate``).
     """
 
     tree: Array
@@ -95,8 +103,32 @@ class Certificate:
         return {"tree": self.tree.tolist(), "multipliers": self.multipliers.tolist()}
 
     @classmethod
+    def from_arrays(cls, tree: Array, multipliers: Array) -> Certificate:
+        """A certificate of this or an older form. Raises InvalidInput for tables of other shapes.
+
+        Older trees have four columns (of postures: (1, contact, component, value) splits a force box, (2, contact,
+        first, second) cuts a patch) or two (of courses: (−1, −1) is a leaf, (placement, candidate) a choice).
+        """
+        if tree.ndim != 2 or tree.shape[1] not in (2, 4, 5) or multipliers.ndim != 2:
+            raise InvalidInput(
+                f"certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, count), "
+                f"got {tree.shape} and {multipliers.shape}"
+            )
+        rows, nothing = np.asarray(tree, dtype=np.float64), np.zeros(len(tree))
+        if tree.shape[1] == 2:
+            leaf = (rows == -1.0).all(axis=1)
+            kept = np.where(leaf[:, None], 0.0, rows)
+            rows = np.column_stack([np.where(leaf, 0.0, 1.0), kept, nothing, nothing])
+        elif tree.shape[1] == 4:
+            kind, contact, first, second = rows.T
+            force = np.column_stack([np.full(len(rows), 3.0), contact, first, second, nothing])
+            other = np.column_stack([np.where(kind == 3.0, np.nan, kind), contact, nothing, first, second])
+            rows = np.where((kind == 1.0)[:, None], force, other)
+        return cls(tree=rows, multipliers=multipliers)
+
+    @classmethod
     def from_json(cls, data: Mapping[str, Any]) -> Certificate:
-        """Read what ``to_json`` wrote. Raises InvalidInput."""
+        """Read what ``to_json`` wrote, now or in an older form. Raises InvalidInput."""
         if not isinstance(data, Mapping) or set(data) != {"tree", "multipliers"}:
             raise InvalidInput("certificate: expected an object with the keys tree and multipliers")
         try:
@@ -104,12 +136,7 @@ class Certificate:
             multipliers = np.array(data["multipliers"], dtype=np.float64)
         except (TypeError, ValueError, OverflowError):
             raise InvalidInput("certificate: expected two tables of numbers") from None
-        if tree.ndim != 2 or tree.shape[1] != 4 or multipliers.ndim != 2:
-            raise InvalidInput(
-                f"certificate: expected a tree of shape (K, 4) and multipliers of shape (leaves, 6 + 3N), "
-                f"got {tree.shape} and {multipliers.shape}"
-            )
-        return cls(tree=tree, multipliers=multipliers)
+        return cls.from_arrays(tree, multipliers)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .arrays import Array
-from .outcome import Posture, Status
+from .outcome import Certificate, Posture, Status
 from .scene.course import Course
 
 
@@ -74,8 +74,8 @@ class PlanOutcome:
     """What one planner says of one course.
 
     plan: accepted by the verifier where ``status`` is feasible. objective: of the plan; bound: proved lower bound on
-    the objective of any plan (inf where none exists, NaN where nothing is proved). certificate: of infeasibility, see
-    ``refute_plan``. residual: largest violation of any constraint, non-dimensional.
+    the objective of any plan (inf where none exists, NaN where nothing is proved). certificate: of infeasibility.
+    residual: largest violation of any constraint, non-dimensional.
     compile_s: time to write the model down; seconds: everything else, of which solver_seconds in the conic solver
     itself and verifier_seconds in the verifier. solves: convex problems solved. claim: what a method says that cannot
     prove it.
@@ -86,7 +86,7 @@ class PlanOutcome:
     plan: Plan | None = None
     objective: float = float("nan")
     bound: float = float("nan")
-    certificate: Any = None
+    certificate: Certificate | None = None
     residual: float = float("nan")
     solves: int = 0
     compile_s: float = 0.0

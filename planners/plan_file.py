@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from .files import check_writable, parse_json, read_text, write_bytes
 from .outcome import InvalidInput
 from .plan import Plan
-from .plan_report import PlanReport, plan_arrays, plan_digest, plan_shapes
 from .scene.course import Course
 from .scene.course_json import course_from_json, course_to_json
-from .verify_plan import check_plan
+from .verify import Report, check_plan
+from .verify.report import plan_arrays, plan_digest, plan_shapes
 
 __all__ = ["FORMAT", "FileCheck", "check_file", "is_plan_file", "plan_paths", "read_plan", "write_plan"]
 
@@ -42,7 +42,7 @@ class FileCheck:
     """What a second look at a plan file says. same: the verdict and digest in the file are those of this look."""
 
     path: str
-    report: PlanReport
+    report: Report
     same: bool
 
     @property
@@ -81,14 +81,14 @@ def plan_paths(path: str | Path) -> tuple[Path, Path]:
     return path.with_suffix(".json"), path.with_suffix(".npz")
 
 
-def write_plan(path: str | Path, plan: Plan, report: PlanReport) -> None:
+def write_plan(path: str | Path, plan: Plan, report: Report) -> None:
     """Write NAME.npz and then NAME.json, each whole or not at all.
 
     report: what the verifier said of this very plan; a plan that it rejected is written with ``verified: false``.
     Raises InvalidInput for another plan's report, and where nothing can be written.
     """
     header, numbers = plan_paths(path)
-    if report.plan is not plan:
+    if report.answer is not plan:
         raise InvalidInput(f"{path}: expected the verifier's report on this plan, got the one on another")
     for target in (header, numbers):
         check_writable(target)

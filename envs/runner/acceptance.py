@@ -13,7 +13,7 @@ from stancekit.planners.plan import Plan
 from stancekit.planners.plan_file import read_plan
 from stancekit.planners.scene import Robot
 from stancekit.planners.scene.urdf import joint_names
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 
 from ..worlds.world import World
 

@@ -38,10 +38,10 @@ class _Node:
     scaled: ScaledProblem
     pieces: tuple[Array, ...]
     lift: LiftAnswer
-    split: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    split: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)
     children: list[_Node] = field(default_factory=list)
 
-    def rows(self) -> tuple[list[tuple[float, float, float, float]], list[Array]]:
+    def rows(self) -> tuple[list[tuple[float, float, float, float, float]], list[Array]]:
         """The certificate's rows below this node, in preorder."""
         tree, multipliers = [self.split], [] if self.children else [self.lift.multipliers]
         for child in self.children:
@@ -154,10 +154,10 @@ class _Search:
         size = float(np.max(np.linalg.norm(piece[:, None] - piece[None], axis=-1))) * scaled.length_m
         if spread < 1e-9 or high[axis] - low[axis] < 0.5 * size / PATCH_UNIT_M:
             first, second = halving_chord(piece)
-            node.split = (2.0, float(index), first, second)
+            node.split = (2.0, float(index), 0.0, first, second)
             return [self._child(node, index, part, low, high) for part in cut(piece, first, second)]
         value = 0.5 * (low[axis] + high[axis])
-        node.split = (1.0, float(index), float(axis), float(value))
+        node.split = (3.0, float(index), float(axis), float(value), 0.0)
         below, above = high.copy(), low.copy()
         below[axis] = above[axis] = value
         return [self._child(node, index, piece, low, below), self._child(node, index, piece, above, high)]

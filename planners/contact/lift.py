@@ -129,7 +129,7 @@ def lift_values(scaled: ScaledProblem) -> dict[str, Array | float]:
     vertices = scaled.size[1]
     arms = np.matmul(skew(scaled.vertices), scaled.frames[..., None, :, :])  # [v_u]× R_WC, shape (N, U, 3, 3)
     frames = np.broadcast_to(scaled.frames[..., None, :, :], arms.shape)
-    flat = (*arms.shape[:-4], -1, 3, 3)
+    flat = (*arms.shape[:-4], scaled.size[0] * vertices, 3, 3)
     return scaled.values() | {
         "force_map": side_by_side(frames.reshape(flat)),
         "moment_map": side_by_side(arms.reshape(flat)),

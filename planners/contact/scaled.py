@@ -168,7 +168,7 @@ class ScaledProblem:
 
 def side_by_side(blocks: Array) -> Array:
     """Put K blocks of shape (..., K, 3, 3) side by side into one map of shape (..., 3, 3K)."""
-    return blocks.swapaxes(-3, -2).reshape(*blocks.shape[:-3], 3, -1)
+    return blocks.swapaxes(-3, -2).reshape(*blocks.shape[:-3], 3, 3 * blocks.shape[-3])
 
 
 def padded(vertices: Array, count: int) -> Array:

@@ -16,7 +16,7 @@ from .relax import RelaxationAnswer
 from .scaled import ScaledProblem
 from .stages import PROJECTIONS, Projection, Stages
 
-LEAF = (0.0, 0.0, 0.0, 0.0)
+LEAF = (0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class TwoStagePlanner:

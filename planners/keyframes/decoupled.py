@@ -16,15 +16,15 @@ from ..contact.project import Point
 from ..contact.scaled import ScaledProblem
 from ..contact.stages import Stages
 from ..contact.terms import Body, Toes
+from ..outcome import Certificate
 from ..plan import PlanOutcome
-from ..refute_plan import LEAF, PlanCertificate
 from ..scene.course import Course, Weights
 from .clock import Clock
 from .layout import Index, Layout
 from .planner import PlanAcceptance, plan_of
 from .project import PlanPoint
 from .scaled import ScaledCourse
-from .search import farkas
+from .search import LEAF, farkas
 from .terms import Candidates, Steps, objective
 from .twostage import CourseModels
 
@@ -84,7 +84,7 @@ class DecoupledPlanner:
         solution, shares, point = self._place(scaled, clock)
         if solution.status is ConicStatus.INFEASIBLE:
             row = farkas(scaled.layout, self._model(scaled, clock).model, solution, balanced=False)
-            proof = PlanCertificate(tree=np.array([LEAF]), multipliers=row[None])
+            proof = Certificate(tree=np.array([LEAF]), multipliers=row[None])
             return self.acceptance.outcome(course, method=self.name, clock=clock, certificate=proof)
         choice = np.asarray(np.where(_opened(scaled) > 0.0, shares, -1.0).argmax(axis=1), dtype=np.int_)
         chosen, bound = scaled.chosen(choice), solution.objective * course.length_scale_m**2

@@ -8,11 +8,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ..outcome import Status
+from ..outcome import Certificate, Status
 from ..plan import Plan, PlanOutcome
-from ..refute_plan import PlanCertificate, check_plan_certificate
 from ..scene.course import Course
-from ..verify_plan import check_plan
+from ..verify import check_certificate, check_plan
 from .clock import Clock
 from .layout import Index
 from .project import PlanPoint
@@ -72,7 +71,7 @@ class PlanAcceptance:
         method: str,
         clock: Clock,
         plan: Plan | None = None,
-        certificate: PlanCertificate | None = None,
+        certificate: Certificate | None = None,
         bound: float = float("nan"),
         claim: str = "",
         message: str = "",
@@ -88,7 +87,7 @@ class PlanAcceptance:
             else:
                 message = message or f"plan refused: {report.message}"
         if certificate is not None and kept is None:
-            proof = check_plan_certificate(course, certificate)
+            proof = check_certificate(course, certificate)
             if proof.accepted:
                 status, bound, message = Status.INFEASIBLE, float("inf"), proof.message
             else:

@@ -1,7 +1,7 @@
 """Rays that refuted one part of the choices, tried on others: what a search for patches learns from its failures.
 
-The bound that a ray proves (``refute_plan``) is a constant plus, for each placement, the least of a number a candidate.
-So a table of these says at once which other parts it refutes, and which placement's candidates are to blame.
+The bound that a ray proves (``verify.lagrangian``) is a constant plus, for each placement, the least of a number a
+candidate. So a table of these says at once which other parts it refutes, and which placement's candidates are to blame.
 """
 
 from __future__ import annotations
@@ -9,8 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays import Array
-from ..refute import least_work
-from ..refute_plan import Multipliers, body_pulls, multiplier_shapes
+from ..verify.lagrangian import Multipliers, body_pulls
+from ..verify.tree import Forest
+from ..verify.work import least_work
 from .layout import Index
 from .scaled import ScaledCourse
 
@@ -23,6 +24,7 @@ class Rays:
 
     def __init__(self, scaled: ScaledCourse) -> None:
         self._scaled = scaled
+        self._numbers = Forest.of_course(scaled.course).numbers
         self._shape = (scaled.layout.placements, scaled.layout.regions)
         self.rows: list[Array] = []
         self._constants: list[float] = []
@@ -30,12 +32,10 @@ class Rays:
 
     def add(self, row: Array) -> int:
         """Keep a ray, as a leaf of a certificate has it; its index."""
-        shapes = multiplier_shapes(self._scaled.course)
-        parts = np.split(row, np.cumsum([int(np.prod(shape)) for shape in shapes.values()])[:-1])
-        named = {name: part.reshape(shape) for (name, shape), part in zip(shapes.items(), parts, strict=True)}
-        rays = Multipliers(**named)
+        leaf = Multipliers.of(self._numbers.schedule, row[None])
+        rays = Multipliers(**{name: group[0] for name, group in vars(leaf).items()})
         self.rows.append(row)
-        self._constants.append(self._constant(rays))
+        self._constants.append(self._constant(leaf, rays))
         self._tables.append(self._table(rays))
         return len(self.rows) - 1
 
@@ -53,11 +53,11 @@ class Rays:
         best = np.where(opened > 0.0, table, np.inf).min(axis=1)
         return np.asarray(table[np.arange(len(table)), choice] - best)
 
-    def _constant(self, rays: Multipliers) -> float:
+    def _constant(self, leaf: Multipliers, rays: Multipliers) -> float:
         """All of the bound but the toes."""
         scaled, norm = self._scaled, np.linalg.norm
         course, length = scaled.course, scaled.course.length_scale_m
-        pull, twist = body_pulls(course, rays)
+        pull, twist = (slope[0] for slope in body_pulls(self._numbers, np.zeros(1, dtype=np.intp), leaf))
         shoulders = np.array([limb.shoulder_m for limb in course.robot.limbs]) / length
         reach = np.array([limb.reach_m for limb in course.robot.limbs]) / length
         steps = course.steps

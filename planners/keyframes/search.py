@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays import Array
 from ..conic import ConicModel, ConicSolution, ConicStatus
-from ..refute_plan import LEAF, PlanCertificate
+from ..outcome import Certificate
 from .clock import Clock
 from .descent import cost
 from .layout import Index, Layout
@@ -28,6 +28,8 @@ WHOLE = 1e-4
 """A share this close to 1 is a choice already made."""
 LEAST = 3e-6
 """A gap is relative to the objective, or to this where the objective is smaller."""
+LEAF = (0, 0, 0, 0, 0)
+"""A leaf's row in the tree of a certificate."""
 Project = Callable[[ScaledCourse, PlanPoint], PlanPoint]
 """A point of the lift on one choice of patches, on to the bilinear surface."""
 
@@ -56,7 +58,7 @@ class RegionSearch:
         self.message = ""
         self._rays = Rays(scaled)
         self._choices: set[tuple[int, ...]] = set()
-        self._tree: list[tuple[int, int]] = []
+        self._tree: list[tuple[int, int, int, int, int]] = []
         self._leaves: list[int] = []
         self._open_end = False
 
@@ -87,11 +89,11 @@ class RegionSearch:
         """Whether the best plan is proved to be within the gap."""
         return self._beaten(self.bound)
 
-    def certificate(self) -> PlanCertificate | None:
+    def certificate(self) -> Certificate | None:
         """The proof that there is no plan, where the tree was searched to its end."""
         if self.found is not None or self._open_end or not self._leaves:
             return None
-        return PlanCertificate(
+        return Certificate(
             tree=np.array(self._tree), multipliers=np.array([self._rays.rows[index] for index in self._leaves])
         )
 
@@ -127,7 +129,7 @@ class RegionSearch:
             self._open_end = self._open_end or (split is None and self.found is None)
             return []
         p, r = split
-        self._tree.append(split)
+        self._tree.append((1, p, r, 0, 0))
         on, off = opened.copy(), opened.copy()
         on[p], off[p, r] = 0.0, 0.0
         on[p, r] = 1.0
@@ -197,7 +199,7 @@ def nearest(scaled: ScaledCourse) -> Array:
 
 
 def farkas(layout: Layout, model: ConicModel, solution: ConicSolution, *, balanced: bool = True) -> Array:
-    """A leaf's multipliers (``refute_plan.PlanCertificate``): the ray that refutes a relaxation, in single precision.
+    """A leaf's multipliers (``outcome.Certificate``): the ray that refutes a relaxation, in single precision.
 
     balanced: whether the model has the balances of forces and moments; without them their multipliers are zero.
     """

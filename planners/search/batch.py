@@ -65,7 +65,7 @@ class _Root:
     def refuted(self) -> dict[int, Outcome]:
         """Answers to the problems that the lift refutes, by their index."""
         begin, chosen = time.perf_counter(), _where(lift.bound > self._accept.gap for lift in self.lifts)
-        leaf = np.zeros((1, 4))
+        leaf = np.zeros((1, 5))
         certificates = [Certificate(tree=leaf, multipliers=self.lifts[k].multipliers[None]) for k in chosen]
         bounds = check_certificates([self._problems[k] for k in chosen], certificates)
         self._took(begin, chosen)
@@ -79,9 +79,7 @@ class _Root:
         """Answers to the problems that have a posture at the lift's toes, by their index."""
         begin = time.perf_counter()
         chosen = _where(lift.solved and lift.bound <= self._accept.gap for lift in self.lifts)
-        if not len(chosen):
-            return {}
-        toes = np.stack([self.lifts[k].toes for k in chosen])
+        toes = np.array([self.lifts[k].toes for k in chosen]).reshape(-1, *self._scaled.shoulders.shape)
         points = self._planner.stages.fix_toes(self._scaled.select(chosen), toes)
         postures = {
             k: self._scaled.select(k).posture(com=p.com, rotation=p.rotation, toes=p.toes, forces=p.forces)

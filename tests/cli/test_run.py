@@ -31,7 +31,7 @@ from stancekit.planners.plan_file import write_plan
 from stancekit.planners.scene import hexapod
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.scene.urdf import joint_names
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 
 
 @pytest.fixture(scope="module")

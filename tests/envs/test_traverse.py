@@ -18,7 +18,7 @@ from stancekit.planners.keyframes.twostage import CourseModels
 from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
 from stancekit.planners.plan import PlanOutcome
 from stancekit.planners.scene.course_spec import read_course
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 
 MODELS = CourseModels()
 LIFT, WALKING, CLIMBING = 0, 1, 2

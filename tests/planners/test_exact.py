@@ -15,9 +15,9 @@ from stancekit.planners.contact.nlp import NlpPlanner
 from stancekit.planners.contact.planner import Acceptance
 from stancekit.planners.contact.stages import Stages
 from stancekit.planners.outcome import Certificate, Status
-from stancekit.planners.refute import cut as cut_again
 from stancekit.planners.scene import Contact, Patch, PostureProblem
 from stancekit.planners.verify import check_certificate, check_posture
+from stancekit.planners.verify.geometry import cut as cut_again
 
 SEEDS = st.integers(0, 2**32 - 1)
 MANY_NODES = ("wall-3", 225)

@@ -309,7 +309,7 @@ WITNESS = {"com_m": [0, 0, 0], "rotation_rad": [0, 0, 0], "toes_m": [[0, 0, 0]],
         ({"certificate": {"tree": "a", "multipliers": []}}, "certificate: expected two tables of numbers"),
         (
             {"certificate": {"tree": [[0, 0, 0]], "multipliers": [1]}},
-            "certificate: expected a tree of shape (K, 4) and multipliers of shape (leaves, 6 + 3N), "
+            "certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, count), "
             "got (1, 3) and (1,)",
         ),
     ],
@@ -331,5 +331,5 @@ def test_an_answer_without_posture_or_certificate_claims_nothing():
     assert answer_from_json({"status": "undecided"}) is None
     assert answer_from_json({"certificate": None}) is None
     assert isinstance(answer_from_json(WITNESS), Posture)
-    proof = Certificate(tree=[[0, 0, 0, 0]], multipliers=np.ones((1, 9)))
+    proof = Certificate(tree=[[0, 0, 0, 0, 0]], multipliers=np.ones((1, 9)))
     assert isinstance(answer_from_json({"certificate": proof.to_json(), **WITNESS}), Certificate)

@@ -14,7 +14,7 @@ from stancekit.planners.outcome import Status
 from stancekit.planners.plan import Plan, PlanOutcome
 from stancekit.planners.scene.course import Course
 from stancekit.planners.scene.course_spec import read_course
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 
 
 @pytest.fixture(scope="module")

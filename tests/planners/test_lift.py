@@ -19,7 +19,7 @@ from stancekit.planners.scene import Contact, Patch, PostureProblem
 from stancekit.planners.verify import check_certificate, check_posture
 
 SEEDS = st.integers(0, 2**32 - 1)
-LEAF = [[0.0, 0.0, 0.0, 0.0]]
+LEAF = [[0.0, 0.0, 0.0, 0.0, 0.0]]
 SEEDS_OF = {
     "wall-3": (0, 1, 2, 3, 5, 8, 12, 17, 20, 22, 225),
     "ground-3": (0, 1, 37, 86, 115),

@@ -13,9 +13,9 @@ import pytest
 
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.plan_file import check_file, is_plan_file, read_plan, write_plan
-from stancekit.planners.plan_report import plan_arrays, plan_digest
 from stancekit.planners.scene.course_json import course_to_json
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.report import plan_arrays, plan_digest
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.plan_window import STANDING_M, Standing, course_window, joined
 from stancekit.planners.scene.course_json import course_to_json
 from stancekit.planners.scene.course_spec import read_course
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 
 
 @pytest.fixture(scope="module")

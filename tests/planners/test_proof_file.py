@@ -12,9 +12,9 @@ from stancekit.planners.caution import slippery
 from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.proof_file import check_proof_file, read_proof, write_proof
-from stancekit.planners.refute_plan import check_plan_certificate
 from stancekit.planners.scene.course_json import course_to_json
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.verify import check_certificate
 
 
 @pytest.fixture(scope="module")
@@ -41,13 +41,13 @@ def test_a_proof_is_the_same_to_the_last_bit_when_read_back(proved, written):
     assert np.array_equal(certificate.multipliers, proved[1].multipliers)
     check = check_proof_file(written)
     assert check.accepted
-    assert check.proof == check_plan_certificate(*proved)
+    assert check.proof == check_certificate(*proved)
     assert check.message.startswith("walls: infeasible: with all else as it is, friction ")
 
 
 def test_a_proof_of_another_course_is_refused(proved, written):
     grippy = slippery(proved[0], 4.0)
-    changed(written, course=course_to_json(grippy))
+    changed(written, subject=course_to_json(grippy))
     assert TwoStageCoursePlanner().solve(grippy).plan is not None
     check = check_proof_file(written)
     assert not check.accepted
@@ -58,13 +58,14 @@ def test_odd_files_are_refused_in_one_line(proved, written):
     tree, rows = proved[1].tree.tolist(), proved[1].multipliers.tolist()
     nothing = course_to_json(replace(proved[0], name="")) | {"frames": 0}
     for parts, told in (
-        ({"format": "stancekit/plan/1"}, "expected format 'stancekit/no-plan/1'"),
-        ({"more": 1}, "expected the keys format, course, tree, multipliers; missing or unknown: more"),
-        ({"tree": [[0.5, 1]]}, "tree: expected a table of whole numbers"),
-        ({"tree": tree[0]}, "tree: expected a table of whole numbers"),
+        ({"format": "stancekit/plan/1"}, "expected format 'stancekit/proof/1'"),
+        ({"more": 1}, "expected the keys format, subject, tree, multipliers; missing or unknown: more"),
+        ({"tree": [["0", 1, 0, 0, 0]]}, "tree: expected a table of numbers"),
+        ({"tree": tree[0]}, "tree: expected a table of numbers"),
+        ({"tree": [[0, 1, 0]]}, "certificate: expected a tree of shape (K, 5) and multipliers of shape"),
         ({"multipliers": [[1.0], [1.0, 2.0]]}, "multipliers: expected a table of numbers"),
         ({"multipliers": [["a"] * len(rows[0])]}, "multipliers: expected a table of numbers"),
-        ({"course": nothing}, "course: "),
+        ({"subject": nothing}, "subject: "),
     ):
         before = written.read_text()
         changed(written, **parts)

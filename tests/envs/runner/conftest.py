@@ -17,7 +17,7 @@ from stancekit.planners.plan import Plan
 from stancekit.planners.plan_file import write_plan
 from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.scene.heightfield import HeightField
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 
 
 @pytest.fixture(scope="session")

@@ -17,7 +17,7 @@ from stancekit.planners.contact.envelope import EnvelopeSet
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.scene import Patch
 from stancekit.planners.scene.course_spec import read_course
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 
 LEARNED = expert_envelopes("wall")
 WINDOW = read_course("walls", frames=3)

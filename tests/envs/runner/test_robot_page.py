@@ -16,7 +16,7 @@ from stancekit.envs.worlds.ros_setup import RosSetup
 from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.plan_file import write_plan
 from stancekit.planners.scene.course_spec import read_course
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 
 PAGE = (Path(__file__).parents[3] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", PAGE, re.DOTALL)

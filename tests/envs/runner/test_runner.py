@@ -27,7 +27,7 @@ from stancekit.planners.plan import Plan
 from stancekit.planners.plan_file import write_plan
 from stancekit.planners.scene import hexapod
 from stancekit.planners.scene.urdf import joint_names
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 from tests.emulators.memory_world import MemoryWorld, silent
 
 FAST = RunSettings(timing=Timing().at_pace(2.0))

@@ -13,10 +13,9 @@ from stancekit.planners.keyframes.decoupled import DecoupledPlanner, Positions
 from stancekit.planners.keyframes.scaled import ScaledCourse
 from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import Status
-from stancekit.planners.refute_plan import check_plan_certificate
 from stancekit.planners.scene.course import StepLimits
 from stancekit.planners.scene.course_spec import read_course
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_certificate, check_plan
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +97,7 @@ def test_steps_too_short_to_get_anywhere_are_refuted_with_a_certificate_without_
     near = replace(course, steps=StepLimits(com_m=0.2, toe_m=1e-3, progress_m=0.01))
     outcome = planner.solve(near)
     assert outcome.status is Status.INFEASIBLE
-    assert check_plan_certificate(near, outcome.certificate).accepted
+    assert check_certificate(near, outcome.certificate).accepted
     forces = outcome.certificate.multipliers[0, : 6 * len(near.stances)]
     np.testing.assert_array_equal(forces, 0.0)
-    assert not check_plan_certificate(course, outcome.certificate).accepted
+    assert not check_certificate(course, outcome.certificate).accepted

@@ -12,8 +12,7 @@ from stancekit.planners.keyframes.narrowed import NarrowedCourse, NarrowedLift
 from stancekit.planners.keyframes.scaled import ScaledCourse
 from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput, Status
-from stancekit.planners.refute_plan import check_plan_certificate
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_certificate, check_plan
 
 GAPPED = (2, 4)
 """Seeds of courses whose lift is far below the best plan."""
@@ -37,7 +36,7 @@ def test_every_answer_carries_what_it_promises_and_the_lift_alone_would_not_have
             assert outcome.objective - outcome.bound <= 1.1e-3 * outcome.objective
             assert TwoStageCoursePlanner(models=models).solve(course).objective >= outcome.bound * (1.0 - 1e-6)
         else:
-            assert check_plan_certificate(course, outcome.certificate).accepted
+            assert check_certificate(course, outcome.certificate).accepted
         cuts += outcome.details["cuts"]
     assert seen == {Status.FEASIBLE, Status.INFEASIBLE}
     assert cuts > 0

@@ -15,7 +15,7 @@ from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.scene.course import Course
 from stancekit.planners.scene.course_spec import read_course
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 
 
 @pytest.mark.parametrize("start", STARTS)

@@ -14,7 +14,7 @@ from stancekit.planners.keyframes.planner import objective_of, plan_of
 from stancekit.planners.keyframes.project import PlanPoint
 from stancekit.planners.keyframes.scaled import ScaledCourse
 from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 
 FEASIBLE = (1, 2, 4, 7)
 

@@ -20,9 +20,9 @@ from stancekit.planners.keyframes.relax import EnvelopedCourse
 from stancekit.planners.keyframes.scaled import ScaledCourse
 from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
 from stancekit.planners.outcome import InvalidInput, Status
-from stancekit.planners.refute_plan import check_plan_certificate
 from stancekit.planners.scene import hexapod
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.verify import check_certificate
 
 MIRROR = np.diag([1.0, -1.0, 1.0])
 ACROSS = {"RF": "LF", "RM": "LM", "RR": "LR", "LF": "RF", "LM": "RM", "LR": "RR"}
@@ -204,7 +204,7 @@ def test_a_course_that_is_infeasible_whatever_the_box_gets_the_lifts_proof(learn
     short = replace(course, com_radius_m=np.full(3, 1e-3), steps=replace(course.steps, com_m=0.01, progress_m=0.0))
     outcome = EnvelopeCoursePlanner(learned["wall-3"], models=models).solve(short)
     assert outcome.status is Status.INFEASIBLE
-    assert check_plan_certificate(short, outcome.certificate).accepted
+    assert check_certificate(short, outcome.certificate).accepted
 
 
 def test_stances_that_the_set_was_not_learned_for_are_named(learned):

@@ -14,10 +14,9 @@ from stancekit.planners.keyframes.rays import MARGIN, Rays
 from stancekit.planners.keyframes.scaled import ScaledCourse
 from stancekit.planners.keyframes.search import farkas, nearest
 from stancekit.planners.keyframes.twostage import TwoStageCoursePlanner
-from stancekit.planners.outcome import InvalidInput, Status
-from stancekit.planners.refute_plan import LEAF, PlanCertificate, check_plan_certificate
+from stancekit.planners.outcome import Certificate, InvalidInput, Status
 from stancekit.planners.scene.course_spec import read_course
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_certificate, check_plan
 
 TORN = {"regions": 2, "ice": 0.5}
 
@@ -56,7 +55,7 @@ def test_the_search_says_what_trying_every_choice_says(climb, planner):
         else:
             assert first.status is Status.INFEASIBLE
             assert all(outcome.status is Status.INFEASIBLE for outcome in singly)
-            assert check_plan_certificate(course, first.certificate).accepted
+            assert check_certificate(course, first.certificate).accepted
     assert seen == {Status.FEASIBLE, Status.INFEASIBLE}
 
 
@@ -85,8 +84,8 @@ def test_a_ray_refutes_exactly_the_parts_for_which_the_verifier_accepts_it(climb
             rays = Rays(scaled)
             rays.add(row)
             for other in (choice, *rng.integers(2, size=(4, len(choice)))):
-                proof = PlanCertificate(tree=np.array([LEAF]), multipliers=row[None])
-                accepted = check_plan_certificate(course.with_choice(other), proof).accepted
+                proof = Certificate(tree=[[0, 0, 0, 0, 0]], multipliers=row[None])
+                accepted = check_certificate(course.with_choice(other), proof).accepted
                 said = rays.refuting(np.eye(2)[other]) is not None
                 assert not said or accepted
                 if said != accepted:  # only a bound between zero and the margin

@@ -10,17 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stancekit.planners.keyframes.twostage import CourseModels, TwoStageCoursePlanner
-from stancekit.planners.outcome import Status
-from stancekit.planners.refute_plan import (
-    LEAF,
-    PlanCertificate,
-    check_plan_certificate,
-    moves_of,
-    multiplier_shapes,
-)
+from stancekit.planners.outcome import Certificate, Status
 from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.verify import check_certificate
+from stancekit.planners.verify.lagrangian import multiplier_count, multiplier_shapes
+from stancekit.planners.verify.stances import Schedule
 
 MODELS = CourseModels()
+LEAF = (0, 0, 0, 0, 0)
 
 
 @pytest.fixture(scope="module")
@@ -40,11 +37,11 @@ def slippery():
 
 
 def count_of(course):
-    return sum(int(np.prod(shape)) for shape in multiplier_shapes(course).values())
+    return multiplier_count(Schedule.of_course(course))
 
 
 def leaf(row):
-    return PlanCertificate(tree=np.array([LEAF]), multipliers=np.atleast_2d(row))
+    return Certificate(tree=np.array([LEAF]), multipliers=np.atleast_2d(row))
 
 
 def test_friction_decides_on_two_walls_and_every_no_is_proved(slippery):
@@ -54,7 +51,7 @@ def test_friction_decides_on_two_walls_and_every_no_is_proved(slippery):
         course, outcome = slippery(friction)
         said[friction] = outcome.status
         if outcome.status is Status.INFEASIBLE:
-            proof = check_plan_certificate(course, outcome.certificate)
+            proof = check_certificate(course, outcome.certificate)
             assert proof.accepted
             assert proof.leaves == 1
             assert proof.message == outcome.message
@@ -66,9 +63,9 @@ def test_the_same_proof_says_nothing_of_a_course_with_more_friction_or_reach(sli
     course, outcome = slippery(0.45)
     for friction in (0.6, 0.9):
         assert slippery(friction)[1].status is Status.FEASIBLE
-        assert not check_plan_certificate(slippery(friction)[0], outcome.certificate).accepted
+        assert not check_certificate(slippery(friction)[0], outcome.certificate).accepted
     stronger = replace(course, force_max=3.0 * course.force_max, force_min=3.0 * course.force_min)
-    assert not check_plan_certificate(stronger, outcome.certificate).accepted
+    assert not check_certificate(stronger, outcome.certificate).accepted
 
 
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(1e-3, 1e3), few=st.booleans())
@@ -78,9 +75,9 @@ def test_no_multipliers_refute_a_course_that_has_a_plan(walk, seed, size, few):
     row = size * rng.normal(size=count_of(course))
     if few:
         row *= rng.random(row.size) < 0.05
-    proof = check_plan_certificate(course, leaf(row))
+    proof = check_certificate(course, leaf(row))
     assert not proof.accepted
-    assert proof.message.startswith("rejected: a leaf proves nothing")
+    assert proof.message.startswith("rejected: leaf 0 of 1 proves a residual of 0, expected above 0")
 
 
 @given(scale=st.floats(1e-3, 1e3), noise=st.floats(0.0, 1e-4), seed=st.integers(0, 2**32 - 1))
@@ -89,20 +86,21 @@ def test_a_proof_is_a_ray_any_length_will_do_and_small_errors_do_no_harm(slipper
     course, outcome = slippery(0.3)
     row = outcome.certificate.multipliers[0]
     moved = scale * (row + noise * np.random.default_rng(seed).normal(size=row.size))
-    first = sum(int(np.prod(shape)) for name, shape in multiplier_shapes(course).items() if name != "toe_step")
+    shapes = multiplier_shapes(Schedule.of_course(course))
+    first = sum(int(np.prod(shape)) for name, shape in shapes.items() if name != "toe_step")
     at = slice(first - (course.frames - 1), first)
     moved[at] = np.maximum(moved[at], 0.0)  # of progress: an inequality
-    assert check_plan_certificate(course, leaf(moved)).accepted
+    assert check_certificate(course, leaf(moved)).accepted
 
 
 def test_multipliers_of_progress_have_a_sign(slippery):
     course, outcome = slippery(0.3)
-    shapes = multiplier_shapes(course)
+    shapes = multiplier_shapes(Schedule.of_course(course))
     names = list(shapes)
     before = sum(int(np.prod(shapes[name])) for name in names[: names.index("progress")])
     row = outcome.certificate.multipliers[0].copy()
     row[before] = -1e-6
-    assert not check_plan_certificate(course, leaf(row)).accepted
+    assert not check_certificate(course, leaf(row)).accepted
 
 
 def test_random_infeasible_courses_are_proved_and_their_proofs_do_not_fit_feasible_ones():
@@ -127,8 +125,8 @@ def test_random_infeasible_courses_are_proved_and_their_proofs_do_not_fit_feasib
             proofs.append((course, outcome.certificate))
     assert len(proofs) > 3
     assert len(feasible) > 3
-    assert all(check_plan_certificate(course, proof).accepted for course, proof in proofs)
-    assert not any(check_plan_certificate(course, proof).accepted for course in feasible for _, proof in proofs)
+    assert all(check_certificate(course, proof).accepted for course, proof in proofs)
+    assert not any(check_certificate(course, proof).accepted for course in feasible for _, proof in proofs)
 
 
 def test_a_tree_must_cover_every_choice(slippery):
@@ -136,21 +134,21 @@ def test_a_tree_must_cover_every_choice(slippery):
     assert outcome.status is Status.INFEASIBLE
     row = outcome.certificate.multipliers[0]
     both = np.array([row, row])
-    good = PlanCertificate(tree=np.array([(0, 1), LEAF, LEAF]), multipliers=both)
-    assert check_plan_certificate(course, good).accepted
+    good = Certificate(tree=np.array([(1, 0, 1, 0, 0), LEAF, LEAF]), multipliers=both)
+    assert check_certificate(course, good).accepted
     faults = {
-        "tree: expected 1 more nodes": ([(0, 1), LEAF], both[:1]),
+        "tree: expected 1 more nodes": ([(1, 0, 1, 0, 0), LEAF], both[:1]),
         "expected the end of the tree": ([LEAF, LEAF], both),
-        "expected a row for each leaf": ([(0, 1), LEAF, LEAF], both[:1]),
+        "expected a row for each of 2 leaves, got 1": ([(1, 0, 1, 0, 0), LEAF, LEAF], both[:1]),
         "expected a row for each of 1 leaves": ([LEAF], both),
-        "expected a placement and one of its candidates, got (0, 2)": ([(0, 2), LEAF, LEAF], both),
-        "expected a placement and one of its candidates, got (99, 0)": ([(99, 0), LEAF, LEAF], both),
-        "expected a tree of shape": ([(0, 1, 2)], both[:1]),
+        "tree[0]: candidate: expected an integer in [0, 2), got 2": ([(1, 0, 2, 0, 0), LEAF, LEAF], both),
+        "tree[0]: placement: expected an integer in [0, 9), got 99": ([(1, 99, 0, 0, 0), LEAF, LEAF], both),
+        "expected a tree of shape": ([(0, 1)], both[:1]),
         "multipliers of shape": ([LEAF], both[:1, :-1]),
         "expected finite numbers": ([LEAF], np.full_like(both[:1], np.nan)),
     }
     for message, (tree, rows) in faults.items():
-        proof = check_plan_certificate(course, PlanCertificate(tree=np.array(tree), multipliers=rows))
+        proof = check_certificate(course, Certificate(tree=np.array(tree), multipliers=rows))
         assert not proof.accepted
         assert message in proof.message
 
@@ -163,18 +161,18 @@ def test_a_leaf_must_refute_all_candidates_that_are_open_there(slippery):
         for put in course.placements
     )
     mixed = replace(course, placements=better)
-    assert not check_plan_certificate(mixed, leaf(row)).accepted
-    chain, rows = [(p, 0) for p in range(len(better))], [row] * len(better)
+    assert not check_certificate(mixed, leaf(row)).accepted
+    chain, rows = [(1, p, 0, 0, 0) for p in range(len(better))], [row] * len(better)
     # Only where every placement takes its first candidate does the row prove anything; the other leaves do not.
     tree = [*chain, *[LEAF] * (len(chain) + 1)]
-    proof = check_plan_certificate(mixed, PlanCertificate(tree=np.array(tree), multipliers=np.array([*rows, row])))
+    proof = check_certificate(mixed, Certificate(tree=np.array(tree), multipliers=np.array([*rows, row])))
     assert not proof.accepted
-    assert check_plan_certificate(mixed.with_choice([0] * len(better)), leaf(row)).accepted
+    assert check_certificate(mixed.with_choice([0] * len(better)), leaf(row)).accepted
 
 
 def test_moves_are_those_of_the_schedule(walk):
     course = walk(4, "wave").course
-    moves = moves_of(course)
+    moves = Schedule.of_course(course).moves
     assert len(moves) == 3
     for (before, after), lifted in zip(moves, course.lifts[1:], strict=True):
         assert course.placements[before].limb == course.placements[after].limb == lifted[0]

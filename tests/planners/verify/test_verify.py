@@ -15,12 +15,13 @@ from scipy.optimize import nnls
 
 from stancekit.envs.terrains import DISTRIBUTIONS
 from stancekit.planners.outcome import Certificate, Posture
-from stancekit.planners.refute import cut, least_work, sag
 from stancekit.planners.scene import Contact, Patch, PostureProblem
 from stancekit.planners.verify import GROUPS, check_certificate, check_posture, explain
+from stancekit.planners.verify.geometry import cut, sag
+from stancekit.planners.verify.work import least_work
 
 SEEDS = st.integers(0, 2**32 - 1)
-LEAF = [[0.0, 0.0, 0.0, 0.0]]
+LEAF = [[0.0, 0.0, 0.0, 0.0, 0.0]]
 WEIGHT_N = 98.1
 SQUARE = np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
 
@@ -390,7 +391,7 @@ def test_a_foot_beside_the_com_leaves_the_moment_of_its_distance():
 
 def test_a_leaf_whose_force_box_misses_the_cone_is_empty():
     problem = problem_of(ground(friction=0.5, most=1.0))
-    tree = [[1, 0, 0, 0.3], [1, 0, 1, 0.2], [0, 0, 0, 0], [0, 0, 0, 0], [0, 0, 0, 0]]
+    tree = [[3, 0, 0, 0.3, 0], [3, 0, 1, 0.2, 0], *LEAF, *LEAF, *LEAF]
     report = check_certificate(problem, certificate(tree=tree, leaves=3))
     assert report.lower_bound == 0.0
     assert report.weakest == 0  # leaf 1, f_n ≤ 0.3 and f_y ≥ 0.2, holds no force of the cone: bound inf
@@ -474,7 +475,7 @@ def random_tree(rng, problem, depth=4):
         if rng.random() < 0.5:
             k = int(rng.integers(3))
             at = rng.uniform(*boxes[i][:, k])
-            node, children = [1, i, k, at], []
+            node, children = [3, i, k, at, 0], []
             for side in (1, 0):
                 box = boxes[i].copy()
                 box[side, k] = at
@@ -484,7 +485,7 @@ def random_tree(rng, problem, depth=4):
             ends = np.unique(np.floor(ends)) if rng.random() < 0.3 else ends
             if len(ends) < 2:
                 return LEAF
-            node = [2, i, *ends]
+            node = [2, i, 0, *ends]
             children = [([*polygons[:i], part, *polygons[i + 1 :]], boxes) for part in cut(polygons[i], *ends)]
         return [node, *(row for child in children for row in grow(*child, depth - 1))]
 
@@ -623,30 +624,36 @@ def test_a_clear_miss_is_refuted_where_a_hairs_breadth_is_not():
 @pytest.mark.parametrize(
     ("tree", "rows", "message"),
     [
-        (np.zeros((0, 4)), 1, "expected 1 more nodes"),
-        (np.zeros(4), 1, "expected a tree of shape (K, 4)"),
-        (np.zeros((1, 3)), 1, "expected a tree of shape (K, 4)"),
-        ([[0, 0, 0, 0], [0, 0, 0, 0]], 1, "tree[1]: expected the end of the tree"),
-        ([[1, 0, 0, 0.5], [0, 0, 0, 0]], 1, "expected 1 more nodes or more after 2"),
-        ([[1, 0, 0, 0.5], [0, 0, 0, 0], [0, 0, 0, 0]], 1, "expected a row for each of 2 leaves, got 1"),
+        (np.zeros((0, 5)), 1, "expected 1 more nodes"),
+        (np.zeros(5), 1, "expected a tree of shape (K, 5)"),
+        (np.zeros((1, 4)), 1, "expected a tree of shape (K, 5)"),
+        ([*LEAF, *LEAF], 1, "tree[1]: expected the end of the tree"),
+        ([[3, 0, 0, 0.5, 0], *LEAF], 1, "expected 1 more nodes or more after 2"),
+        ([[3, 0, 0, 0.5, 0], *LEAF, *LEAF], 1, "expected a row for each of 2 leaves, got 1"),
         (LEAF, 2, "expected a row for each of 1 leaves, got 2"),
-        ([[0, 0, 0, 1]], 1, "tree[0]: expected zeros in a leaf"),
-        ([[3, 0, 0, 0]], 1, "tree[0]: expected kind 0, 1 or 2, got 3"),
-        ([[0.5, 0, 0, 0]], 1, "expected kind 0, 1 or 2, got 0.5"),
-        ([[-1, 0, 0, 0]], 1, "expected kind 0, 1 or 2, got -1"),
-        ([[1, 1, 0, 0.5]], 1, "contact: expected an integer in [0, 1), got 1"),
-        ([[1, -1, 0, 0.5]], 1, "contact: expected an integer in [0, 1), got -1"),
-        ([[1, 0.5, 0, 0.5]], 1, "contact: expected an integer in [0, 1), got 0.5"),
-        ([[1, 0, 3, 0.5]], 1, "force component: expected an integer in [0, 3), got 3"),
-        ([[1, 0, 0, 2.5]], 1, "expected a force in [0, 2], got 2.5"),
-        ([[1, 0, 1, -1.5]], 1, "expected a force in [-1, 1], got -1.5"),
-        ([[2, 0, 1.0, 1.0]], 1, "expected border coordinates"),
-        ([[2, 0, 2.0, 1.0]], 1, "expected border coordinates"),
-        ([[2, 0, 0.0, 4.0]], 1, "expected border coordinates"),
-        ([[2, 0, -0.5, 1.0]], 1, "expected border coordinates"),
-        ([[2, 1e300, 0.5, 1.0]], 1, "contact: expected an integer"),
-        ([[np.nan, 0, 0, 0]], 1, "expected finite numbers"),
-        ([[1, 0, 0, np.inf]], 1, "expected finite numbers"),
+        ([[0, 0, 0, 0, 1]], 1, "tree[0]: expected zeros in a leaf"),
+        ([[4, 0, 0, 0, 0]], 1, "tree[0]: expected kind 0, 1, 2 or 3, got 4"),
+        ([[0.5, 0, 0, 0, 0]], 1, "expected kind 0, 1, 2 or 3, got 0.5"),
+        ([[-1, 0, 0, 0, 0]], 1, "expected kind 0, 1, 2 or 3, got -1"),
+        ([[1, 0, 0, 0.5, 0]], 1, "tree[0]: expected zeros after a choice"),
+        ([[1, 1, 0, 0, 0]], 1, "placement: expected an integer in [0, 1), got 1"),
+        ([[1, 0, 1, 0, 0]], 1, "candidate: expected an integer in [0, 1), got 1"),
+        ([[1, 0, -1, 0, 0]], 1, "candidate: expected an integer in [0, 1), got -1"),
+        ([[3, 1, 0, 0.5, 0]], 1, "contact: expected an integer in [0, 1), got 1"),
+        ([[3, -1, 0, 0.5, 0]], 1, "contact: expected an integer in [0, 1), got -1"),
+        ([[3, 0.5, 0, 0.5, 0]], 1, "contact: expected an integer in [0, 1), got 0.5"),
+        ([[3, 0, 3, 0.5, 0]], 1, "force component: expected an integer in [0, 3), got 3"),
+        ([[3, 0, 0, 0.5, 1]], 1, "tree[0]: expected a zero after a force"),
+        ([[3, 0, 0, 2.5, 0]], 1, "expected a force in [0, 2], got 2.5"),
+        ([[3, 0, 1, -1.5, 0]], 1, "expected a force in [-1, 1], got -1.5"),
+        ([[2, 0, 0, 1.0, 1.0]], 1, "expected border coordinates"),
+        ([[2, 0, 0, 2.0, 1.0]], 1, "expected border coordinates"),
+        ([[2, 0, 0, 0.0, 4.0]], 1, "expected border coordinates"),
+        ([[2, 0, 0, -0.5, 1.0]], 1, "expected border coordinates"),
+        ([[2, 1e300, 0, 0.5, 1.0]], 1, "placement: expected an integer"),
+        ([[1, 0, 0, 0, 0], *LEAF, [2, 0, 0, 0.5, 1.0], *LEAF, *LEAF], 3, "tree[2]: expected a candidate that is open"),
+        ([[np.nan, 0, 0, 0, 0]], 1, "expected finite numbers"),
+        ([[3, 0, 0, np.inf, 0]], 1, "expected finite numbers"),
     ],
 )
 def test_a_malformed_tree_is_rejected_with_its_reason(tree, rows, message):
@@ -726,7 +733,7 @@ def test_a_bent_patch_is_not_refuted_in_the_gap_between_its_pieces(seed):
         rows.append(np.concatenate([np.zeros(6), towards / np.linalg.norm(towards)]))
     contact = replace(ground(reach=1e-6), patch=patch)
     problem = problem_of(contact, com=toe, radius=0.0, tilt_limit_rad=0.0)
-    proof = Certificate(tree=[[2, 0, 0, 2], *LEAF, *LEAF], multipliers=rows)
+    proof = Certificate(tree=[[2, 0, 0, 0, 2], *LEAF, *LEAF], multipliers=rows)
     assert not check_certificate(problem, proof).accepted
 
 

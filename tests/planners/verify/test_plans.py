@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.verify_plan import BETWEEN, GROUPS, check_plan
+from stancekit.planners.verify import BETWEEN, PLAN_GROUPS, check_plan
 
 
 def worst_of(report):
@@ -41,7 +41,7 @@ def test_a_walk_in_closed_form_is_accepted(gait, ways, walk):
     report = check_plan(plan)
     assert report.message == "accepted: no constraint is violated"
     assert report.worst < 1e-12
-    assert tuple(group.group for group in report.groups) == tuple(GROUPS)
+    assert tuple(group.group for group in report.groups) == tuple(PLAN_GROUPS)
     assert report.proved == ways
     assert report.between <= 1e-12
     assert report.goal_m == pytest.approx(0.1)

@@ -1,0 +1,214 @@
+"""Why is there no posture, or no plan? What a certificate says of the reason: the smallest change that would help."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array
+from ..outcome import Certificate
+from ..scene import PostureProblem
+from ..scene.course import Course
+from .certificate import GAP, check_certificate, forest_of
+from .geometry import length
+from .lagrangian import Leaves, Multipliers, Numbers, body_pulls, leaf_bounds, least_lagrangians
+
+FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = 10.0, 1.0, 10.0, 1.0, 0.5 * math.pi
+"""``explain`` looks no further: largest friction and tilt, largest growth of reach, force (in its scale), radius."""
+BISECTIONS = 30
+MOST_GRIP, MOST_LENGTH, COURSE_BISECTIONS = 3.0, 2.0, 12
+"""For courses it looks no further than these (friction, to one part in 4,096; m or rad)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Relaxation:
+    """The least value of one parameter, the others as they are, at which a certificate stops refuting its problem.
+
+    It is necessary, not sufficient: below ``needed`` the problem stays infeasible. needed: inf beyond the caps.
+    leg: empty for parameters of the body, and of a course, whose parameters say where themselves.
+    now, needed: in ``unit`` (SI; 1 for friction).
+    """
+
+    parameter: str
+    leg: str
+    now: float
+    needed: float
+    unit: str
+
+    @property
+    def relative(self) -> float:
+        """Growth over the value now; inf where that is 0."""
+        return (self.needed - self.now) / self.now if self.now > 0.0 else math.inf
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explanation:
+    """Why a problem is infeasible: what each single parameter would have to become, the cheapest growth first."""
+
+    relaxations: tuple[Relaxation, ...]
+    message: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON-ready values; an infinite ``needed`` becomes null."""
+        rows = [{**vars(r), "needed": r.needed if math.isfinite(r.needed) else None} for r in self.relaxations]
+        return {"relaxations": rows, "message": self.message}
+
+
+def explain(
+    subject: PostureProblem | Course, certificate: Certificate, *, tolerance: float | None = None
+) -> Explanation:
+    """Say how far each single parameter must change before the certificate stops refuting its subject.
+
+    Parameters of a posture problem: friction, reach and largest normal force of each contact, COM radius, tilt limit,
+    the cheapest growth first. Of a course, for its weakest leaf: the limits of eq. 11, reach, COM radius and friction
+    where the proof pulls most, the one that changes least relative to what it is first. A certificate that is not
+    accepted explains nothing: no relaxations and a message that says why. tolerance: as for ``check_certificate``.
+    """
+    report = check_certificate(subject, certificate, tolerance=tolerance)
+    if not report.accepted:
+        return Explanation(relaxations=(), message=f"nothing to explain: {report.message}")
+    forest = forest_of(subject)
+    leaves = forest.leaves({0: forest.replay(0, certificate)})
+    if isinstance(subject, Course):
+        return _of_course(subject, forest.numbers, leaves)
+    return _of_posture(subject, forest.numbers, leaves, max(GAP if tolerance is None else tolerance, 0.0))
+
+
+def _of_posture(problem: PostureProblem, numbers: Numbers, leaves: Leaves, least: float) -> Explanation:
+    unit_m, force = problem.length_scale_m, problem.moment_scale_nm / problem.length_scale_m
+    found = []
+
+    def search(name: str, leg: str, unit: str, now: float, cap: float, grow: Callable[[float], Array]) -> None:
+        """Bisect on the growth in (0, cap]; the bounds fall as it grows."""
+        low, high = 0.0, cap
+        if cap <= 0.0 or np.all(grow(cap) > least):
+            low = math.inf
+        else:
+            for _ in range(BISECTIONS):
+                middle = 0.5 * (low + high)
+                low, high = (middle, high) if np.all(grow(middle) > least) else (low, middle)
+        found.append(Relaxation(parameter=name, leg=leg, now=now, needed=now + low, unit=unit))
+
+    for i, contact in enumerate(problem.contacts):
+        one = np.eye(len(problem.contacts))[i]
+        outermost = np.zeros(leaves.upper.shape, dtype=bool)
+        outermost[:, i, 0] = leaves.upper[:, i, 0] == contact.force_max[0]
+
+        def friction(by: float, one: Array = one) -> Array:
+            return leaf_bounds(replace(numbers, friction=numbers.friction + by * one), leaves)
+
+        def reach(by: float, one: Array = one) -> Array:
+            return leaf_bounds(replace(numbers, reach=numbers.reach + by / unit_m * one), leaves)
+
+        def normal_force(by: float, outermost: NDArray[np.bool_] = outermost) -> Array:
+            return leaf_bounds(numbers, replace(leaves, upper=leaves.upper + by / force * outermost))
+
+        mu = contact.patch.friction
+        search("friction", contact.leg, "1", mu, FRICTION_CAP - mu, friction)
+        search("reach", contact.leg, "m", contact.reach_m, REACH_CAP_M, reach)
+        search("force_max", contact.leg, "N", float(contact.force_max[0]) * force, FORCE_CAP * force, normal_force)
+    search(
+        "com_radius", "", "m", problem.com_radius_m, RADIUS_CAP_M,
+        lambda by: leaf_bounds(replace(numbers, com_radius=numbers.com_radius + by / unit_m), leaves),
+    )  # fmt: skip
+    search(
+        "tilt_limit", "", "rad", problem.tilt_limit_rad, TILT_CAP_RAD - problem.tilt_limit_rad,
+        lambda by: leaf_bounds(replace(numbers, tilt=numbers.tilt + by), leaves),
+    )  # fmt: skip
+    found.sort(key=lambda r: (math.isinf(r.needed), r.relative, r.needed - r.now))
+    return Explanation(relaxations=tuple(found), message=_cheapest(found[0]))
+
+
+def _cheapest(first: Relaxation) -> str:
+    if math.isinf(first.needed):
+        return "infeasible for more than one reason: no single parameter, however large, lifts this proof"
+    name = first.parameter + (f" of {first.leg}" if first.leg else "")
+    unit = "" if first.unit == "1" else f" {first.unit}"
+    change = f" ({100.0 * first.relative:+.2g} %)" if math.isfinite(first.relative) else ""
+    values = f"from {first.now:.4g}{unit} to at least {first.needed:.4g}{unit}"
+    return f"infeasible: the cheapest single change is {name}, {values}{change}"
+
+
+def _of_course(course: Course, numbers: Numbers, leaves: Leaves) -> Explanation:
+    """The reason of the leaf whose Lagrangian is the least."""
+    values, empty = least_lagrangians(numbers, leaves)
+    value = np.where(empty, np.inf, values[1])
+    weakest, groups = int(value.argmin()), int(np.sum(~empty))
+    if not groups:
+        return Explanation(relaxations=(), message="infeasible: no leaf has a choice left")
+    found, where = _limits(course, numbers, leaves.part(weakest, weakest + 1), float(value[weakest]))
+    found.sort(key=lambda r: abs(r.needed - r.now) / max(r.now, 0.05))
+    if not found or math.isinf(found[0].needed):
+        reason = f"the balances at {where} cannot be held; no single limit, however large, lifts this proof"
+    else:
+        first = found[0]
+        by = abs(first.needed - first.now)
+        change = f" by at least {by:.3g}" if by >= 1e-3 else ""
+        reason = f"with all else as it is, {first.parameter} would have to change from {first.now:.3g}{change}"
+        reason = f"{reason} {first.unit}".rstrip()
+    many = f" (refuted for each of {groups} groups of choices)" if groups > 1 else ""
+    return Explanation(relaxations=tuple(found), message=f"infeasible: {reason}{many}")
+
+
+def _limits(course: Course, numbers: Numbers, leaf: Leaves, value: float) -> tuple[list[Relaxation], str]:
+    """What each limit would have to be to lift one leaf's proof, all else as it is; and where the proof pulls most."""
+    names, who, m = course.robot.limb_names, numbers.schedule, Multipliers.of(numbers.schedule, leaf.multipliers)
+    pushes = (length(m.nu_F) + length(m.nu_M))[0]
+    hardest = int(pushes.argmax())
+    stance = course.stances[hardest]
+    where = f"frame {stance.frame} on {', '.join(names[i] for i in stance.limbs)}"
+    found = _lengths(course, numbers, leaf, m, value)
+    if pushes[hardest] > 1e-6:
+        under = np.isin(numbers.slot, who.holds[stance.frame, list(stance.limbs)])
+        now = float(numbers.friction[0, under & (leaf.pieces[0] >= 0)].min())
+        by = _grip(numbers, leaf, under)
+        found.append(Relaxation(parameter=f"friction at {where}", leg="", now=now, needed=now + by, unit=""))
+        if math.isinf(by):
+            by = _grip(numbers, leaf, np.ones_like(under))
+            found.append(Relaxation(parameter="friction everywhere", leg="", now=now, needed=now + by, unit=""))
+    return found, where
+
+
+def _lengths(course: Course, numbers: Numbers, leaf: Leaves, m: Multipliers, value: float) -> list[Relaxation]:
+    """Every limit that the Lagrangian is linear in, where a change within reason lifts the proof."""
+    unit_m, steps = course.length_scale_m, course.steps
+    pull, reach = length(body_pulls(numbers, leaf.problem, m)[0])[0], length(m.reach)[0]
+    frame, limb = (int(i) for i in np.unravel_index(int(reach.argmax()), reach.shape))
+    worst, owner = int(pull.argmax()), course.robot.limbs[limb]
+    rows = (
+        (float(reach[frame, limb]), f"reach of {owner.name} at frame {frame}", owner.reach_m, unit_m, "m"),
+        (float(reach.sum()), "reach of all limbs", min(limb.reach_m for limb in course.robot.limbs), unit_m, "m"),
+        (float(length(m.com_step).sum()), "steps.com_m", steps.com_m, unit_m, "m"),
+        (float(length(m.toe_step).sum()), "steps.toe_m", steps.toe_m, unit_m, "m"),
+        (float(length(m.rotation_step).sum()), "steps.rotation_rad", steps.rotation_rad, 1.0, "rad"),
+        (float(pull[worst]), f"com_radius_m at frame {worst}", float(course.com_radius_m[worst]), unit_m, "m"),
+        (float(m.progress.sum()), "steps.progress_m", steps.progress_m, unit_m, "m"),
+    )
+    found = []
+    for size, name, now, scale, unit in rows:
+        falls = name == "steps.progress_m"
+        by = value / size * scale if size > 1e-9 else math.inf
+        if by <= (now if falls else MOST_LENGTH):
+            found.append(Relaxation(parameter=name, leg="", now=now, needed=now - by if falls else now + by, unit=unit))
+    return found
+
+
+def _grip(numbers: Numbers, leaf: Leaves, under: NDArray[np.bool_]) -> float:
+    """Least friction on top, for all candidates in these slots, that lifts a leaf's proof; inf where none does."""
+
+    def proves(grip: float) -> bool:
+        values, _ = least_lagrangians(replace(numbers, friction=numbers.friction + grip * under), leaf)
+        return bool(values[1, 0] > 0.0)
+
+    low, high = 0.0, MOST_GRIP
+    if proves(high):
+        return math.inf
+    for _ in range(COURSE_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if proves(middle) else (low, middle)
+    return low

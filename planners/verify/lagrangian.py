@@ -1,0 +1,285 @@
+"""What the leaf of a certificate proves: weak duality for posture problems and courses, matrix-vector work, no solver.
+
+All numbers here are non-dimensional: lengths over the length scale, forces over the force scale. At key frame k the
+body has its COM at c and rotation Θ; limb i with shoulder s and reach ρ stands on a toe q, which a placement put on one
+of its candidate patches (a *slot*; v_u the vertices of the piece of it that is left in this leaf, C its frame, eq. 3, μ
+its friction); in a stance some limbs carry the weight w with forces f in the box B. A posture is one frame with one
+stance. With multipliers ν_F, ν_M of the balances of every stance (eqs. 5, 6), r of every limb's reach at every frame,
+a, t, g of every step of the body and b of every step of a toe (eq. 11), every plan that meets all constraints but the
+balances of moments, whose largest component is off by ε, has
+
+    Σ_stances ν_F·(Σ C f − w e_z) + ν_M·(Σ q × C f − c × w e_z) + Σ_limbs [r·(q − c − s − Θ × s) − ρ‖r‖]
+      + Σ_steps a·(c' − c) − Δ_c‖a‖ + t·(Θ' − Θ) − Δ_Θ‖t‖ + g (progress − d·(c' − c)) + Σ_toes b·(q' − q) − Δ_p‖b‖
+      ≤  Σ_stances ‖ν_M‖₁ ε.
+
+(The moment about c is Σ q × C f − c × w e_z because Σ C f = w e_z; q and c are in the world frame; g ≥ 0.) Where the
+least value ℓ of the left side is positive, ε ≥ ℓ / Σ ‖ν_M‖₁. It separates: a ball for each c, a box for each Θ, and for
+each toe the least over its open slots and their vertices v of (Σ r + Σ b)·v + Σ_stances min {a·f : f in B and in the
+friction cone}, a = Cᵀ(ν_F + ν_M × v). A slot of a force box that misses the cone is closed, and a leaf in which a
+placement has no slot left is empty: its bound is infinite, whatever the multipliers.
+
+*Slack.* An answer may break every constraint by ``SLACK``. Then a term moves by no more than: ‖r‖ SLACK and so on for
+reach, steps and progress, each limit being widened; (‖r‖ + ‖b‖ of a toe and ‖ν_M‖ ‖f‖) times its distance from the
+pieces; ‖ν_F‖ SLACK + ‖ν_M‖ (1 + ‖c‖) SLACK for the balances, where the force that is left over acts at c. All of that
+is taken off, and nothing is proved unless ℓ stays positive.
+
+*Rounding.* ℓ is a sum of products of multipliers with numbers of the problem. Each frame adds to it some hundred
+rounded operations at most; each loses 1.1e-16 of the size of what it works on, so all of them lose less than 1e-13 M of
+the sum of these sizes over M frames. Ten times that, ``GUARD`` M of the sum, is taken off.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array
+from .geometry import cross, length
+from .stances import Index, Schedule
+from .work import SLACK, least_works, misses_cone
+
+GUARD = 1e-12
+"""Every leaf's bound is lowered by this share of its terms, times the number of frames."""
+MOST_ROWS = 16384
+"""So many forces (a vertex, a limb that carries) are looked at together: what fits in a processor's cache."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Numbers:
+    """What the bounds need of Q problems with one schedule: M frames, N limbs, T slots, B limbs that carry in a stance.
+
+    slot: the placement of each slot, ascending. steps: Δ_c, Δ_Θ, Δ_p; progress: least progress of each step along
+    ``ahead``, the direction of the nominal path (zero where that does not move). Problems of one frame have no steps.
+    """
+
+    schedule: Schedule
+    slot: Index  # (T,)
+    frames: Array  # (Q, T, 3, 3)
+    friction: Array  # (Q, T)
+    shoulders: Array  # (Q, N, 3)
+    reach: Array  # (Q, N)
+    com: Array  # (Q, M, 3)
+    com_radius: Array  # (Q, M)
+    tilt: Array  # (Q,)
+    weight: Array  # (Q,)
+    force_min: Array  # (Q, B, 3)
+    force_max: Array  # (Q, B, 3)
+    steps: Array  # (3,)
+    progress: Array  # (M − 1,)
+    ahead: Array  # (M − 1, 3)
+
+    @cached_property
+    def first_slot(self) -> Index:
+        """Of every placement, shape (P,)."""
+        return np.asarray(np.searchsorted(self.slot, np.arange(self.slot[-1] + 1)))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Leaves:
+    """L leaves of trees over these problems.
+
+    problem: whose leaf it is, ascending. lower, upper: force boxes. pieces: which piece of its patch each slot still
+    has, −1 for none. Piece j has the vertices ``first[j]`` up to ``first[j + 1]`` and a toe of its patch may be off all
+    pieces by ``sag[j]``. multipliers: the largest entry of each row ±1, or 0.
+    """
+
+    problem: Index  # (L,)
+    lower: Array  # (L, B, 3)
+    upper: Array  # (L, B, 3)
+    pieces: Index  # (L, T)
+    multipliers: Array  # (L, count)
+    vertices: Array  # (V, 3)
+    first: Index  # (J + 1,)
+    sag: Array  # (J,)
+
+    def part(self, begin: int, end: int) -> Leaves:
+        """Some of the leaves."""
+        rows = {name: getattr(self, name)[begin:end] for name in ("problem", "lower", "upper", "pieces", "multipliers")}
+        return replace(self, **rows)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Multipliers:
+    """The multipliers of L leaves by group, in the order in which a row has them."""
+
+    nu_F: Array  # (L, S, 3)
+    nu_M: Array  # (L, S, 3)
+    reach: Array  # (L, M, N, 3)
+    com_step: Array  # (L, M − 1, 3)
+    rotation_step: Array  # (L, M − 1, 3)
+    progress: Array  # (L, M − 1)
+    toe_step: Array  # (L, moves, 3)
+
+    @classmethod
+    def of(cls, who: Schedule, rows: Array) -> Multipliers:
+        """Rows of a certificate, shape (L, count), by group."""
+        parts, begin = {}, 0
+        for name, shape in multiplier_shapes(who).items():
+            end = begin + int(np.prod(shape))
+            parts[name] = rows[:, begin:end].reshape(len(rows), *shape)
+            begin = end
+        return cls(**parts)
+
+
+def multiplier_shapes(who: Schedule) -> dict[str, tuple[int, ...]]:
+    """Shape of every group of a leaf's multipliers."""
+    (frames, limbs), stances = who.holds.shape, len(who.frame)
+    return {
+        "nu_F": (stances, 3), "nu_M": (stances, 3), "reach": (frames, limbs, 3), "com_step": (frames - 1, 3),
+        "rotation_step": (frames - 1, 3), "progress": (frames - 1,), "toe_step": (len(who.moves), 3),
+    }  # fmt: skip
+
+
+def multiplier_count(who: Schedule) -> int:
+    """How many multipliers a leaf has."""
+    return sum(int(np.prod(shape)) for shape in multiplier_shapes(who).values())
+
+
+def leaf_bounds(numbers: Numbers, leaves: Leaves) -> Array:
+    """Proved lower bound on the moment residual at every leaf, shape (L,); 0 where nothing is proved, inf where empty.
+
+    Nothing is proved against answers within ``SLACK`` of the constraints, so that no problem has both an accepted
+    answer and an accepted certificate.
+    """
+    values, empty = least_lagrangians(numbers, leaves)
+    moments = Multipliers.of(numbers.schedule, leaves.multipliers).nu_M
+    with np.errstate(all="ignore"):  # absurd magnitudes end as NaN, which proves nothing; without moments: inf
+        bounds = np.where((values > 0.0).all(axis=0), values[0] / np.abs(moments).sum(axis=(1, 2)), 0.0)
+    return np.asarray(np.where(empty, np.inf, bounds))
+
+
+def least_lagrangians(numbers: Numbers, leaves: Leaves) -> tuple[Array, NDArray[np.bool_]]:
+    """Least value ℓ of the left side (see the module) over every leaf, and which leaves are empty.
+
+    Returns shapes (2, L), rounded down, as the problem is and with every constraint widened by ``SLACK``, and (L,).
+    """
+    sizes = np.append(np.diff(leaves.first), 0)[leaves.pieces]  # vertices of each slot; piece −1 has none
+    rows = (sizes * np.maximum(numbers.schedule.borne, 1)[numbers.slot]).sum(axis=1)
+    chunk = np.cumsum(rows) // MOST_ROWS
+    ends = [0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), len(rows)]
+    with np.errstate(all="ignore"):
+        found = [
+            _least(numbers, leaves.part(begin, end), sizes[begin:end])
+            for begin, end in itertools.pairwise(ends)
+        ]
+    if len(found) == 1:
+        return found[0]
+    return np.concatenate([values for values, _ in found], axis=1), np.concatenate([empty for _, empty in found])
+
+
+def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArray[np.bool_]]:
+    """``least_lagrangians`` of leaves that are few enough; sizes: vertices of each slot, shape (L, T)."""
+    who, q = numbers.schedule, leaves.problem
+    m = Multipliers.of(who, leaves.multipliers)
+    slack = np.array([0.0, SLACK])[:, None]  # (2, 1): as the problem is, and widened
+    com, weight, shoulders = numbers.com[q], numbers.weight[q], numbers.shoulders[q]
+    radius, tilt = numbers.com_radius[q] + slack[..., None], numbers.tilt[q] + slack
+    reach = numbers.reach[q] + slack[..., None]
+    toes = toe_pulls(who, m)
+    pull, twist = body_pulls(numbers, q, m)
+    pushed, torque, stretch = length(m.nu_F), length(m.nu_M), length(m.reach)  # (L, S), (L, S), (L, M, N)
+    steps = np.stack([length(group).sum(axis=1) for group in (m.com_step, m.rotation_step, m.toe_step)], axis=1)
+    most = length(np.maximum(np.abs(leaves.lower), np.abs(leaves.upper))) + 2.0 * slack[..., None]  # ‖f‖, (2, L, B)
+
+    slots, far, empty = _slots(numbers, leaves, sizes, m, toes)
+    leverage = (torque[:, who.stance] * most) @ who.on_placement  # Σ ‖ν_M‖ ‖f‖ at each placement, (2, L, P)
+    off_patch = leaves.sag[leaves.pieces] * (leaves.pieces >= 0) + slack[..., None]
+    slots -= off_patch * (length(toes) + leverage)[..., numbers.slot]                 # ‖q − Σ λ v‖ ≤ off_patch
+    patches = np.minimum.reduceat(slots, numbers.first_slot, axis=2)
+    far_com = length(com) + radius                                                    # ‖c‖, (2, L, M)
+    values = (
+        patches.sum(axis=2)
+        - weight * m.nu_F[:, :, 2].sum(axis=1)
+        + np.vecdot(pull, com).sum(axis=1) - (radius * length(pull)).sum(axis=2)      # ‖c − c_nominal‖ ≤ com_radius
+        - tilt * np.abs(twist).sum(axis=(1, 2))                                       # |Θ_k| ≤ tilt
+        - np.vecdot(m.reach, shoulders[:, None]).sum(axis=(1, 2))
+        - (stretch.sum(axis=1) * reach).sum(axis=2)                                   # ‖q − c − s − Θ × s‖ ≤ ρ
+        - ((numbers.steps + slack)[:, None] * steps).sum(axis=2)                      # ‖c' − c‖ ≤ Δ_c and so on
+        + (m.progress * (numbers.progress - slack)[:, None]).sum(axis=2)              # d·(c' − c) ≥ progress
+        - slack * (pushed + torque * (1.0 + far_com[..., who.frame])).sum(axis=2)     # both balances are off by slack
+    )  # fmt: skip
+    far_com, most, far_toes = far_com[1], most[1], far[:, who.holds]
+    arm = length(shoulders) * (1.0 + 2.0 * tilt[1][:, None]) + reach[1]
+    carried = (pushed + torque * far_com[:, who.frame]) * weight[:, None]
+    terms = (
+        carried.sum(axis=1)
+        + ((pushed[:, who.stance] + torque[:, who.stance] * far[:, who.placement]) * most).sum(axis=1)
+        + (stretch * (far_toes + far_com[:, :, None] + arm[:, None])).sum(axis=(1, 2))
+        + steps @ numbers.steps + (steps[:, 0] + m.progress.sum(axis=1)) * 2.0 * far_com.max(axis=1)
+        + steps[:, 1] * 2.0 * tilt[1] + steps[:, 2] * 2.0 * far.max(axis=1)
+    )
+    values -= GUARD * len(who.holds) * (1.0 + terms)
+    return np.where((m.progress < 0.0).any(axis=1), -np.inf, values), empty
+
+
+def _slots(
+    numbers: Numbers, leaves: Leaves, sizes: Index, m: Multipliers, toes: Array
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """The least over each slot's vertices of what its toe and the forces on it contribute, inf where it is closed.
+
+    Returns that, as the problem is and widened, shape (2, L, T); how far each placement's toes are from the origin at
+    most, (L, P); which leaves have a placement without slots, (L,).
+    """
+    who, shape, flat = numbers.schedule, sizes.shape, sizes.ravel()
+    pair = np.repeat(np.arange(len(flat)), flat)  # leaf and slot of every vertex
+    there = np.flatnonzero(flat)
+    begins = np.cumsum(flat)[there] - flat[there]
+    within = np.arange(len(pair)) - np.repeat(begins, flat[there])
+    v = leaves.vertices[leaves.first[leaves.pieces.ravel()[pair]] + within]
+    leaf, slot = np.divmod(pair, shape[1])
+    place = numbers.slot[slot]
+
+    borne = who.borne[place]  # a row for each force at each vertex
+    row = np.repeat(np.arange(len(pair)), borne)
+    nth = np.arange(len(row)) - np.repeat(np.cumsum(borne) - borne, borne)
+    bearing = who.by_placement[who.first_borne[place][row] + nth]
+    leaf_row, stance = leaf[row], who.stance[bearing]
+    problem, slot_row = leaves.problem[leaf_row], slot[row]
+    nu = m.nu_F[leaf_row, stance] + cross(m.nu_M[leaf_row, stance], v[row])  # ν·(v × F) = (ν × v)·F
+    a = (nu[:, None, :] @ numbers.frames[problem, slot_row])[:, 0]
+    lower, upper = leaves.lower[leaf_row, bearing], leaves.upper[leaf_row, bearing]
+    friction = numbers.friction[problem, slot_row]
+    works = least_works(a, lower, upper, friction)
+    missed = np.bincount(row, weights=misses_cone(lower, upper, friction), minlength=len(pair)) > 0.0
+
+    work = np.stack([np.bincount(row, weights=each, minlength=len(pair)) for each in works])
+    slots, gone, far = np.full((2, len(flat)), np.inf), np.ones(len(flat), dtype=bool), np.zeros(len(flat))
+    if len(there):
+        slots[:, there] = np.minimum.reduceat(work + np.vecdot(toes[leaf, place], v), begins, axis=1)
+        gone[there] = missed[begins]
+        far[there] = np.maximum.reduceat(length(v), begins)
+    slots[:, gone] = np.inf
+    empty = np.asarray(np.logical_and.reduceat(gone.reshape(shape), numbers.first_slot, axis=1).any(axis=1))
+    farthest = np.maximum.reduceat(far.reshape(shape), numbers.first_slot, axis=1)
+    return slots.reshape(2, *shape), farthest, empty
+
+
+def body_pulls(numbers: Numbers, problem: Index, m: Multipliers) -> tuple[Array, Array]:
+    """Slopes of the left side in every c and Θ of L leaves; problem: of each. Shapes (L, M, 3) and (L, M, 3)."""
+    who = numbers.schedule
+    pull = -m.reach.sum(axis=2)
+    twist = -cross(numbers.shoulders[problem][:, None], m.reach).sum(axis=2)
+    weight, first = numbers.weight[problem][:, None], np.searchsorted(who.frame, np.arange(len(who.holds)))
+    moments = np.add.reduceat(m.nu_M, first, axis=1)
+    pull[..., 0] += weight * moments[..., 1]  # −ν·(c × e_z) = (−e_z × ν)·c
+    pull[..., 1] -= weight * moments[..., 0]
+    step = m.com_step - m.progress[..., None] * numbers.ahead
+    pull[:, 1:] += step
+    pull[:, :-1] -= step
+    twist[:, 1:] += m.rotation_step
+    twist[:, :-1] -= m.rotation_step
+    return pull, twist
+
+
+def toe_pulls(who: Schedule, m: Multipliers) -> Array:
+    """Slopes of the left side in every toe of L leaves, moments left out, shape (L, P, 3)."""
+    leaves = len(m.reach)
+    toes = np.add.reduceat(m.reach.reshape(leaves, -1, 3)[:, who.standing], who.first_standing, axis=1)
+    before, after = who.moves.T
+    toes[:, after] += m.toe_step  # a placement is moved to once at most, and from once
+    toes[:, before] -= m.toe_step
+    return np.asarray(toes)

@@ -1,0 +1,269 @@
+"""The verifier of plans: it knows the course and the plan, not how the plan was made.
+
+Contact frames, rotation, balances, cones and reach are recomputed from the course's own numbers, for all stances and
+points between them in one sweep, which is that of postures. What couples
+the frames is judged here: who stands where, who carries, steps and progress (eq. 11), reach of limbs that do not carry,
+and the way between frames.
+
+*Why two stances prove the way between them.* The limbs that do not move between two frames keep their toes p. The
+earlier frame has a stance (c, Θ, f) of some of these limbs, the later one (c', Θ', f'). On the straight line between
+both, the forces sum up to the weight everywhere, so Σ (p − c) × f = Σ p × f + c × m g is linear in (c, f), and zero at
+both ends. Cones, bounds (which admit a zero force), reach with the linearised rotation, tilt box and the interpolated
+ball about the nominal COM are convex. So every point between is a posture, too. Five of them are recomputed anyway.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from ..arrays import LARGEST, Array
+from ..outcome import InvalidInput
+from ..plan import Plan
+from .geometry import contact_frames, cross, length, patch_distances
+from .postures import worst_groups
+from .report import PLAN_GROUPS, GroupViolation, Report, plan_shapes, refused
+from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, violations, worst_of
+
+BETWEEN = tuple(k / 6.0 for k in range(1, 6))
+"""Shares of the way from one frame to the next at which it is recomputed."""
+
+
+def check_plan(plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, between: bool = True) -> Report:
+    """Check every constraint of the course at the plan; never raises for a bad plan.
+
+    tolerance: largest violation allowed in any group, with lengths in the course's length scale, forces in the robot's
+    weight, moments in their product and angles in rad. joints: ask inverse kinematics, too. between: recompute points
+    between the frames; without them, what convexity proves of the way is taken as proved.
+    """
+    defect, frame, limb = _plan_defect(plan)
+    if defect:
+        return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
+    angles = check_joints(plan) if joints else {"verdict": "not asked for"}
+    with np.errstate(all="ignore"):
+        return _Sweep(plan).report(tolerance, angles, BETWEEN if between else ())
+
+
+def check_joints(plan: Plan) -> dict[str, Any]:
+    """Can the joints do it? verdict: checked, failed or not checked, a message, and what was measured."""
+    from ..kinematics import joint_report
+
+    try:
+        report = joint_report(plan)
+    except InvalidInput as error:
+        return {"verdict": "not checked", "message": str(error)}
+    worst = {"error": report.worst_error, "limit": report.worst_limit, "torque": report.worst_torque}
+    return {
+        "verdict": "checked" if report.accepted else "failed",
+        "message": report.message,
+        "error_m": float(report.error_m.max()),
+        "limit_rad": float(report.limit_rad.max()),
+        "torque_nm": float(report.torque_nm.max()),
+        "shift_m": float(report.shift_m.max()),
+        "worst": {name: {"frame": frame, "limb": limb} for name, (frame, limb) in worst.items()},
+    }
+
+
+class _Sweep:
+    """A plan's stances, and the points on its ways, measured at once."""
+
+    def __init__(self, plan: Plan) -> None:
+        self._plan, self._course = plan, plan.course
+        self._names = plan.course.robot.limb_names
+        self._who = Schedule.of_course(plan.course)
+        self._shoulders = np.array([limb.shoulder_m for limb in plan.course.robot.limbs])
+        self._reach = np.array([limb.reach_m for limb in plan.course.robot.limbs])
+        self._patches = [
+            put.candidates[int(chosen)] for put, chosen in zip(plan.course.placements, plan.choice, strict=True)
+        ]
+        self._off_patch = patch_distances([patch.vertices_m for patch in self._patches], plan.toes_m)
+        length_m = min(plan.course.length_scale_m, LARGEST_UNIT_M)
+        self._units = {"m": length_m, "N": plan.course.weight_n, "rad": 1.0, "": 1.0}
+        self._found = {group: GroupViolation(group, 0.0, 0.0, unit) for group, unit in PLAN_GROUPS.items()}
+
+    def report(self, tolerance: float, joints: dict[str, Any], shares: tuple[float, ...]) -> Report:
+        """The report on all groups."""
+        ways = self._ways()
+        between = self._stances(ways, shares)
+        self._idle()
+        self._steps()
+        bent, exact_m = self._linearisation()
+        groups = tuple(self._found.values())
+        worst = max(group.worst for group in groups)
+        return Report(
+            accepted=worst <= tolerance, worst=worst, groups=groups, tolerance=tolerance, subject=self._course,
+            answer=self._plan, residual_nm=self._found["moment_balance"].value,
+            between=between if shares else math.nan, proved=len(ways), linearisation_m=bent, exact_reach_m=exact_m,
+            goal_m=float(length(self._plan.com_m[-1] - self._course.goal_m)), joints=joints,
+        )  # fmt: skip
+
+    def _stances(self, ways: list[tuple[int, int, int, list[int]]], shares: tuple[float, ...]) -> float:
+        """Measure the stances and ``shares`` of the ways; returns the largest violation on the ways.
+
+        A stance is a point on the way from its frame to the next, none of the way on.
+        """
+        who, stances = self._who, len(self._who.frame)
+        points = [(k, before, after, share) for k, before, after, _ in ways for share in shares]
+        on_way = np.array(points, dtype=np.float64).reshape(-1, 4).T
+        row = np.arange(stances)
+        frame, before, after = (
+            np.concatenate([at, along.astype(np.intp)])
+            for at, along in zip((who.frame, row, row), on_way[:3], strict=True)
+        )
+        share = np.concatenate([np.zeros(stances), on_way[3]])
+        limbs = [limbs for *_, limbs in ways for _ in shares]
+        owner = np.concatenate([who.stance, np.repeat(stances + np.arange(len(limbs)), [len(own) for own in limbs])])
+        limb = np.concatenate([who.limb, np.array([i for own in limbs for i in own], dtype=np.intp)])
+        at = self._points(frame, share, owner, limb, (before, after))
+        found = violations(at)
+        self._found |= worst_groups(at, found, frame, share, limb, self._names)
+        if not len(limbs):
+            return 0.0
+        along = worst_of(at, found)[stances:]
+        return float(along.max())
+
+    def _points(
+        self, frame: Index, share: Array, owner: Index, limb: Index, rows: tuple[Index, Index]
+    ) -> Stances:
+        """Points ``share`` of the way from each frame to the next, from the forces in one row to those in another."""
+        course, plan, t = self._course, self._plan, share[:, None]
+        following = np.minimum(frame + 1, course.frames - 1)
+        placement = self._who.holds[frame[owner], limb]
+        axes = np.array([(patch.normal, patch.shear_reference) for patch in self._patches])
+        friction = np.array([patch.friction for patch in self._patches])
+        before, after = rows
+        forces = (1.0 - t[owner]) * plan.forces_n[before[owner], limb] + t[owner] * plan.forces_n[after[owner], limb]
+        each = np.ones(len(frame))
+
+        def way(values: Array) -> Array:
+            weight = share if values.ndim == 1 else t
+            return np.asarray((1.0 - weight) * values[frame] + weight * values[following])
+
+        bounds = np.array([course.force_min, course.force_max]) * course.weight_n
+        return Stances(
+            owner=owner, com_m=way(plan.com_m), rotation_rad=way(plan.rotation_rad),
+            com_nominal_m=way(course.com_nominal_m), com_radius_m=way(course.com_radius_m),
+            tilt_limit_rad=course.tilt_limit_rad * each, weight_n=course.weight_n * each,
+            length_m=self._units["m"] * each, force_n=self._units["N"] * each, toes_m=plan.toes_m[placement],
+            forces_n=forces, frames=contact_frames(axes[:, 0], axes[:, 1])[placement], friction=friction[placement],
+            shoulders_m=self._shoulders[limb], reach_m=self._reach[limb], force_min_n=bounds[0], force_max_n=bounds[1],
+            off_patch_m=self._off_patch[placement],
+        )  # fmt: skip
+
+    def _ways(self) -> list[tuple[int, int, int, list[int]]]:
+        """Somebody carries at every frame and on every way between two.
+
+        Returns (frame, row of forces there, row at the next, limbs that stay) of every way that is covered.
+        """
+        course, holds, names = self._course, self._who.holds, self._names
+        kept = [[i for i, name in enumerate(names) if name not in away] for away in (*course.lifts, course.next_lift)]
+        rows: list[list[tuple[int, frozenset[int]]]] = [[] for _ in range(course.frames)]
+        for row, stance in enumerate(course.stances):
+            rows[stance.frame].append((row, frozenset(stance.limbs)))
+
+        def carrying(frame: int, limbs: list[int]) -> int:
+            """A stance of these limbs, or of some of them, at the frame; −1 where there is none."""
+            return next((row for row, carry in rows[frame] if carry.issubset(limbs)), -1)
+
+        found, everybody = [], list(range(len(names)))
+        for k in range(course.frames):
+            for limbs in (kept[k], kept[k + 1]):
+                if carrying(k, limbs or everybody) < 0:
+                    self._note("schedule", np.array([math.inf]), np.array([k]))
+        for k, limbs in enumerate(kept[1:-1]):
+            before, after = carrying(k, limbs), carrying(k + 1, limbs)
+            if not limbs or min(before, after) < 0:
+                continue
+            for i in limbs:
+                if holds[k, i] != holds[k + 1, i]:
+                    self._note("schedule", np.array([math.inf]), np.array([k + 1]), np.array([i]))
+            found.append((k, before, after, limbs))
+        return found
+
+    def _idle(self) -> None:
+        """Toes that stood stay there; who carries nowhere at a frame is in place and in reach, and does not push."""
+        course, plan, who = self._course, self._plan, self._who
+        stood = [(p, put.toe_m) for p, put in enumerate(course.placements) if put.toe_m is not None]
+        if stood:
+            of = np.array([p for p, _ in stood])
+            limb = np.array([self._names.index(course.placements[p].limb) for p in of])
+            off = length(plan.toes_m[of] - np.array([toe for _, toe in stood]))
+            self._note("start", off, np.array([course.placements[p].frame for p in of]), limb)
+        bears = np.zeros(plan.forces_n.shape[:2], dtype=bool)
+        bears[who.stance, who.limb] = True
+        row, limb = np.nonzero(~bears)
+        self._note("idle_force", length(plan.forces_n[row, limb]), who.frame[row], limb)
+        carries = np.zeros(who.holds.shape, dtype=bool)
+        np.logical_or.at(carries, who.frame, bears)
+        frame, limb = np.nonzero(~carries)
+        toes, v = plan.toes_m[who.holds[frame, limb]], self._shoulders[limb]
+        to_toe = toes - plan.com_m[frame] - v - cross(plan.rotation_rad[frame], v)
+        self._note("patch", self._off_patch[who.holds[frame, limb]], frame, limb)
+        self._note("reach", length(to_toe) - self._reach[limb], frame, limb)
+
+    def _steps(self) -> None:
+        """Steps and progress between neighbouring frames (eq. 11)."""
+        course, plan, holds = self._course, self._plan, self._who.holds
+        step, limits, later = np.diff(plan.com_m, axis=0), course.steps, np.arange(1, course.frames)
+        if not len(later):
+            return
+        self._note("com_step", length(step) - limits.com_m, later)
+        self._note("rotation_step", length(np.diff(plan.rotation_rad, axis=0)) - limits.rotation_rad, later)
+        toes = length(plan.toes_m[holds[1:]] - plan.toes_m[holds[:-1]])
+        limbs = np.arange(len(self._names))
+        self._note("toe_step", toes.ravel() - limits.toe_m, np.repeat(later, len(limbs)), np.tile(limbs, len(later)))
+        ahead = np.diff(course.com_nominal_m, axis=0)
+        far = length(ahead)
+        moving = far > 1e-9
+        made = (step * ahead).sum(axis=1)[moving] / far[moving]
+        self._note("progress", limits.progress_m - made, later[moving])
+
+    def _note(self, group: str, values: Array, frame: Index, limb: Index | None = None) -> None:
+        """Note the worst of some violations in SI; what is 0 or less is none, what is no number is."""
+        if not len(values):
+            return
+        at, unit = int(values.argmax()), PLAN_GROUPS[group]
+        value = float(values[at])
+        worst = value / self._units[unit]
+        worst = worst if worst == worst else math.inf
+        if worst > self._found[group].worst:
+            name = "" if limb is None else self._names[int(limb[at])]
+            self._found[group] = GroupViolation(group, worst, value, unit, int(frame[at]), name)
+
+    def _linearisation(self) -> tuple[float, float]:
+        """How far I + [Θ]× misplaces a shoulder, and how far a toe is out of reach with exp([Θ]×) [m]."""
+        theta, v = self._plan.rotation_rad[:, None], self._shoulders
+        angle = length(theta)
+        flat = np.maximum(angle, 1e-12)
+        sine = np.where(angle < 1e-12, 1.0, np.sin(angle) / flat)
+        versine = np.where(angle < 1e-6, 0.5, (1.0 - np.cos(angle)) / flat**2)
+        once = cross(theta, v)
+        exact = v + sine[..., None] * once + versine[..., None] * cross(theta, once)  # Rodrigues' formula
+        to_toe = self._plan.toes_m[self._who.holds] - self._plan.com_m[:, None] - exact
+        beyond = float((length(to_toe) - self._reach).max())
+        return float(length(exact - v - once).max()), max(0.0, beyond)
+
+
+def _plan_defect(plan: Plan) -> tuple[str, int, str]:
+    """What keeps the plan from being one at all, with its frame and limb; empty when nothing does."""
+    course = plan.course
+    for name, shape in plan_shapes(course).items():
+        array = getattr(plan, name)
+        if array is None and name == "modes":
+            continue
+        if array.shape != shape:
+            return f"{name}: expected shape {shape}, got {array.shape}", -1, ""
+        if not np.isfinite(array).all():
+            return f"{name}: expected finite numbers", -1, ""
+        if np.abs(array).max(initial=0) > LARGEST:
+            return f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}", -1, ""
+    for put, chosen in zip(course.placements, plan.choice, strict=True):
+        if not 0 <= chosen < len(put.candidates):
+            most = len(put.candidates) - 1
+            return (
+                f"choice: frame {put.frame}, limb {put.limb}: expected a candidate from 0 to {most}, got {chosen}",
+                put.frame, put.limb,
+            )  # fmt: skip
+    return "", -1, ""

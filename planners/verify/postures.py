@@ -1,0 +1,106 @@
+"""The verifier of postures: it knows the problem and the posture, not how the posture was made.
+
+It recomputes contact frames, rotation, balances, cones and reach from the problem's own numbers (``stances``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+
+import numpy as np
+
+from ..arrays import Array
+from ..outcome import Posture
+from ..scene import PostureProblem
+from .geometry import length
+from .report import GROUPS, GroupViolation, Report, refused
+from .stances import BALANCES, OF_CONTACTS, Index, Stances, units_of, violations, worst_of
+
+PARTS = {
+    "force_balance": ("x", "y", "z"),
+    "moment_balance": ("x", "y", "z"),
+    "tilt": ("x", "y", "z"),
+    "force_bounds": ("n", "y", "z"),
+}
+"""What the columns of a group are called."""
+
+
+def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float = 1e-6) -> Report:
+    """Check every constraint of the problem at the posture; never raises for a bad posture.
+
+    tolerance: largest violation allowed in any group, with lengths in the length scale, forces in the force scale,
+    moments in their product and angles in rad. The two balances are judged by the Euclidean norm of what is left over.
+    """
+    defect = _posture_defect(problem, posture)
+    if defect:
+        return refused(problem, posture, tolerance, defect)
+    with np.errstate(all="ignore"):
+        at = Stances.of_postures((problem,), (posture,))
+        zeros = np.zeros(len(problem.contacts), dtype=np.intp)
+        groups = worst_groups(at, violations(at), zeros, zeros, np.arange(len(zeros)), problem.legs)
+    worst = max(group.worst for group in groups.values())
+    if not math.isfinite(worst):
+        return refused(problem, posture, tolerance, "the numbers overflow")
+    return Report(
+        accepted=worst <= tolerance, worst=worst, groups=tuple(groups.values()), tolerance=tolerance, subject=problem,
+        answer=posture, residual_nm=groups["moment_balance"].value,
+    )  # fmt: skip
+
+
+def check_postures(
+    problems: Sequence[PostureProblem], postures: Sequence[Posture], *, without: Collection[str] = ()
+) -> Array:
+    """The ``worst`` of ``check_posture`` for many at once, shape (B,); inf for what is no posture.
+
+    Problems may have any number of contacts. without: groups that are left out, e.g. the moment balance for points of
+    P̄. Who has the numbers as arrays can ask ``worst_of`` a ``Stances``.
+    """
+    worst = np.full(len(problems), np.inf)
+    whole = [not _posture_defect(*pair) for pair in zip(problems, postures, strict=True)]
+    rows = np.flatnonzero(whole).tolist()
+    if rows:
+        with np.errstate(all="ignore"):
+            at = Stances.of_postures([problems[k] for k in rows], [postures[k] for k in rows])
+            found = violations(at)
+            worst[rows] = worst_of(at, {group: values for group, values in found.items() if group not in without})
+    return worst
+
+
+def worst_groups(
+    at: Stances, found: dict[str, Array], frame: Index, share: Array | Index, limb: Index, names: Sequence[str]
+) -> dict[str, GroupViolation]:
+    """The worst violation of every group and where it is. frame, share: of each stance; limb: of each contact."""
+    worst, units = {}, units_of(at)
+    for group, unit in GROUPS.items():
+        values = found[group]
+        if group in BALANCES:
+            sizes = length(values)
+            row = int(sizes.argmax())
+            value, column = float(sizes[row]), int(np.abs(values[row]).argmax())
+        else:
+            row, column = divmod(int(values.argmax()), values.shape[1] if values.ndim == 2 else 1)
+            value = float(values[row] if values.ndim == 1 else values[row, column])
+        stance = int(at.owner[row]) if group in OF_CONTACTS else row
+        if value <= 0.0:
+            worst[group] = GroupViolation(group, 0.0, 0.0, unit)
+            continue
+        size = value / float(units[unit][stance])
+        worst[group] = GroupViolation(
+            group, size if size == size else math.inf, value, unit, int(frame[stance]),
+            names[limb[row]] if group in OF_CONTACTS else "",
+            PARTS[group][column] if group in PARTS else "", float(share[stance]),
+        )  # fmt: skip
+    return worst
+
+
+def _posture_defect(problem: PostureProblem, posture: Posture) -> str:
+    """What keeps the posture from being one at all; empty when nothing does."""
+    rows = len(problem.contacts)
+    for name, shape in (("com_m", (3,)), ("rotation_rad", (3,)), ("toes_m", (rows, 3)), ("forces_n", (rows, 3))):
+        array = getattr(posture, name)
+        if array.shape != shape:
+            return f"{name}: expected shape {shape}, got {array.shape}"
+        if not np.isfinite(array).all():
+            return f"{name}: expected finite numbers"
+    return ""

@@ -1,0 +1,197 @@
+"""What the verifier says of a posture or of a plan of key frames: groups, verdict, and the digest that goes with it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+from numpy.typing import NDArray
+
+from ..outcome import Posture
+from ..plan import Plan
+from ..scene import PostureProblem
+from ..scene.course import Course
+from ..scene.course_json import course_to_json
+
+GROUPS = {
+    "patch": "m",
+    "force_balance": "N",
+    "moment_balance": "Nm",
+    "friction": "N",
+    "force_bounds": "N",
+    "reach": "m",
+    "tilt": "rad",
+    "com": "m",
+}
+"""The groups of constraints of a posture in the order of a report, and the unit of what is violated."""
+PLAN_GROUPS = {
+    **GROUPS,
+    "idle_force": "N",
+    "start": "m",
+    "schedule": "",
+    "com_step": "m",
+    "toe_step": "m",
+    "rotation_step": "rad",
+    "progress": "m",
+}
+"""Those of a plan: those of its stances, and what couples its key frames."""
+ROUNDING = 1e-12
+"""Non-dimensional violations of a plan below this are nobody's fault."""
+
+
+@dataclass(frozen=True, slots=True)
+class GroupViolation:
+    """The worst violation in one group of constraints.
+
+    worst: non-dimensional, 0 when satisfied, inf for what is no posture or plan. value: the same in ``unit`` (SI).
+    frame: the key frame, 0 for a posture, −1 where nothing is violated. limb: empty for the whole body; part: the world
+    axis or the component of the force. share: how far from that frame to the next, 0 at the frame itself.
+    """
+
+    group: str
+    worst: float
+    value: float
+    unit: str
+    frame: int = -1
+    limb: str = ""
+    part: str = ""
+    share: float = 0.0
+
+    @property
+    def where(self) -> str:
+        """The limb, "limb component" or world axis."""
+        return f"{self.limb} {self.part}".strip()
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON-ready values; what is not finite becomes null."""
+        numbers = {"worst": or_null(self.worst), "value": or_null(self.value)}
+        place = {"where": self.where, "frame": self.frame, "limb": self.limb, "share": self.share}
+        return {"group": self.group, **numbers, "unit": self.unit, **place}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Report:
+    """What the verifier says of one posture, or of one plan.
+
+    worst: largest non-dimensional violation of all groups; accepted: it is at most ``tolerance``.
+    residual_nm: norm of the net moment about the COM, at a plan's worst stance [Nm].
+    Of plans alone: between: largest violation at the points between frames, by recomputation. proved: steps from frame
+    to frame on which limbs carry all the way; on the others every limb moves at once, and the course asks for the
+    frames only. linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does [m]; exact_reach_m:
+    how far a toe is out of reach with the exact rotation [m]. Both are reported and decide nothing: reach is what
+    eq. 11 says. goal_m: distance of the last COM from the goal [m].
+    joints: what inverse kinematics says, see ``check_joints``; no part of ``accepted``.
+    """
+
+    accepted: bool
+    worst: float
+    groups: tuple[GroupViolation, ...]
+    tolerance: float
+    subject: PostureProblem | Course = field(repr=False)
+    answer: Posture | Plan = field(repr=False)
+    residual_nm: float = math.inf
+    between: float = math.inf
+    proved: int = 0
+    linearisation_m: float = math.nan
+    exact_reach_m: float = math.nan
+    goal_m: float = math.nan
+    joints: Mapping[str, Any] = field(default_factory=lambda: {"verdict": "not asked for"})
+    defect: str = ""
+    """Why there was nothing to check; empty when there was."""
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of subject, answer, tolerance and verdict as canonical JSON: what the runner asks for."""
+        if isinstance(self.answer, Plan):
+            return plan_digest(self.answer, self.tolerance, self.accepted)
+        of = {"problem": self.subject.to_json()} if isinstance(self.subject, PostureProblem) else {}
+        return _digest({**of, "posture": self.answer.to_json()}, self.tolerance, self.accepted)
+
+    @property
+    def message(self) -> str:
+        """One line: the verdict, the worst group, where and by how much."""
+        verdict = "accepted" if self.accepted else "rejected"
+        if self.defect:
+            return f"{verdict}: {self.defect}"
+        of_plan = isinstance(self.answer, Plan)
+        group = max(self.groups, key=lambda g: g.worst)
+        if group.worst == 0.0 or (of_plan and group.worst < ROUNDING):
+            return f"{verdict}: no constraint is violated"
+        place = group.where
+        if of_plan:
+            place = f"frame {group.frame}" + (f", limb {group.limb}" if group.limb else "")
+            if group.share:
+                place += f", {group.share:.0%} of the way to frame {group.frame + 1}"
+        size = f"off by {group.value:.3g} {group.unit}" if group.unit else "nobody there carries as the schedule says"
+        return f"{verdict}: worst is {group.group}{f' ({place})' if place else ''}, {size}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON-ready values; what is not finite becomes null."""
+        of_plan = isinstance(self.answer, Plan)
+        numbers = ["worst", "tolerance", "residual_nm"]
+        numbers += ["between", "linearisation_m", "exact_reach_m", "goal_m"] if of_plan else []
+        return {
+            "accepted": self.accepted,
+            "message": self.message,
+            "digest": self.digest,
+            **{name: or_null(getattr(self, name)) for name in numbers},
+            **({"proved": self.proved, "joints": dict(self.joints)} if of_plan else {}),
+            "groups": [group.to_json() for group in self.groups],
+        }
+
+
+def refused(
+    subject: PostureProblem | Course,
+    answer: Posture | Plan,
+    tolerance: float,
+    defect: str,
+    *,
+    frame: int = -1,
+    limb: str = "",
+) -> Report:
+    """The report on what is no posture or plan of the subject at all."""
+    groups = PLAN_GROUPS if isinstance(answer, Plan) else GROUPS
+    return Report(
+        accepted=False, worst=math.inf, tolerance=tolerance, subject=subject, answer=answer, defect=defect,
+        groups=tuple(GroupViolation(name, math.inf, math.inf, unit, frame, limb) for name, unit in groups.items()),
+    )  # fmt: skip
+
+
+def plan_digest(plan: Plan, tolerance: float, accepted: bool) -> str:
+    """SHA-256 of a verdict on a plan and of all that it speaks of."""
+    numbers = {name: None if array is None else array.tolist() for name, array in plan_arrays(plan).items()}
+    return _digest({"course": course_to_json(plan.course), "plan": numbers}, tolerance, accepted)
+
+
+def _digest(content: dict[str, Any], tolerance: float, accepted: bool) -> str:
+    whole = {**content, "tolerance": tolerance, "accepted": accepted}
+    return hashlib.sha256(json.dumps(whole, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+def plan_shapes(course: Course) -> dict[str, tuple[int, ...]]:
+    """The shape that each array of a plan over a course has, by name."""
+    frames, limbs = course.frames, len(course.robot.limbs)
+    placed, stances = len(course.placements), len(course.stances)
+    return {
+        "com_m": (frames, 3),
+        "rotation_rad": (frames, 3),
+        "toes_m": (placed, 3),
+        "choice": (placed,),
+        "forces_n": (stances, limbs, 3),
+        "modes": (frames,),
+    }
+
+
+def plan_arrays(plan: Plan) -> dict[str, NDArray[Any] | None]:
+    """The numbers of a plan by name; modes may be None."""
+    return {name: getattr(plan, name) for name in plan_shapes(plan.course)}
+
+
+def or_null(number: float) -> float | None:
+    """The number, or None where it is not finite: JSON has no other."""
+    return number if math.isfinite(number) else None

@@ -1,0 +1,214 @@
+"""The numbers of any number of stances as arrays, and the sweep that measures every group of constraints over all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array
+from ..outcome import Posture
+from ..scene import PostureProblem
+from ..scene.course import Course
+from .geometry import contact_frames, cross, length, patch_distances
+from .report import GROUPS
+
+LARGEST_UNIT_M = 1.0
+"""Violations are measured in the problem's scales, but in no more than this length and the robot's weight: a file that
+claims huge scales buys no tolerance with them."""
+BALANCES = ("force_balance", "moment_balance")
+"""Groups that are judged by the Euclidean norm of what is left over."""
+OF_CONTACTS = ("patch", "friction", "force_bounds", "reach")
+"""Groups that have a row a contact; the others have one a stance."""
+Index = NDArray[np.intp]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Schedule:
+    """Who stands where and who carries: M frames, N limbs, P placements, S stances, and B limbs that carry in one.
+
+    A posture is one frame with one stance in which every limb carries, each on a placement of its own.
+    """
+
+    holds: Index  # (M, N), the placement under each limb at each frame
+    frame: Index  # (S,), of each stance, ascending; every frame has one
+    stance: Index  # (B,), ascending
+    limb: Index  # (B,)
+
+    @cached_property
+    def placement(self) -> Index:
+        """Of every limb that carries, shape (B,)."""
+        return np.asarray(self.holds[self.frame[self.stance], self.limb])
+
+    @cached_property
+    def moves(self) -> Index:
+        """(placement before, placement after) of every toe that moves, in order of frame, then limb; shape (K, 2)."""
+        changed = self.holds[1:] != self.holds[:-1]
+        return np.stack([self.holds[:-1][changed], self.holds[1:][changed]], axis=1)
+
+    @cached_property
+    def standing(self) -> Index:
+        """All (frame, limb), flat, in order of the placement there, shape (M·N,)."""
+        return np.asarray(np.argsort(self.holds.ravel(), kind="stable"))
+
+    @cached_property
+    def first_standing(self) -> Index:
+        """Where in ``standing`` each placement begins, shape (P,)."""
+        return np.asarray(np.searchsorted(np.sort(self.holds.ravel()), np.arange(self.holds.max() + 1)))
+
+    @cached_property
+    def by_placement(self) -> Index:
+        """The limbs that carry in a stance, in order of their placement, shape (B,)."""
+        return np.asarray(np.argsort(self.placement, kind="stable"))
+
+    @cached_property
+    def borne(self) -> Index:
+        """In how many stances something rests on each placement, shape (P,)."""
+        return np.bincount(self.placement, minlength=int(self.holds.max()) + 1)
+
+    @cached_property
+    def first_borne(self) -> Index:
+        """Where in ``by_placement`` each placement begins, shape (P,)."""
+        return np.asarray(np.cumsum(self.borne) - self.borne)
+
+    @cached_property
+    def on_placement(self) -> Array:
+        """Ones where a limb that carries is on a placement, shape (B, P)."""
+        table = np.zeros((len(self.stance), len(self.borne)))
+        table[np.arange(len(table)), self.placement] = 1.0
+        return table
+
+    @staticmethod
+    @lru_cache(maxsize=64)
+    def of_posture(contacts: int) -> Schedule:
+        """That of a posture."""
+        limbs, zeros = np.arange(contacts), np.zeros(contacts, dtype=np.intp)
+        return Schedule(holds=limbs[None], frame=zeros[:1], stance=zeros, limb=limbs)
+
+    @staticmethod
+    def of_course(course: Course) -> Schedule:
+        """That of a course, who stands where from the placements alone."""
+        names = course.robot.limb_names
+        holds = np.full((course.frames, len(names)), -1, dtype=np.intp)
+        for p in sorted(range(len(course.placements)), key=lambda p: course.placements[p].frame):
+            holds[course.placements[p].frame :, names.index(course.placements[p].limb)] = p
+        limbs = [stance.limbs for stance in course.stances]
+        return Schedule(
+            holds=holds,
+            frame=np.array([stance.frame for stance in course.stances]),
+            stance=np.repeat(np.arange(len(limbs)), [len(row) for row in limbs]),
+            limb=np.array([i for row in limbs for i in row]),
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Stances:
+    """S body poses with K contacts in all, those of one pose side by side, in the world frame and SI units.
+
+    owner: the pose of each contact, ascending, every pose has one or more. length_m, force_n: what violations are
+    measured in. force_min_n, force_max_n: bounds in the contact frames R_WC. off_patch_m: how far each toe is from its
+    patch, see ``geometry.patch_distances``.
+    """
+
+    owner: Index  # (K,)
+    com_m: Array  # (S, 3)
+    rotation_rad: Array  # (S, 3)
+    com_nominal_m: Array  # (S, 3)
+    com_radius_m: Array  # (S,)
+    tilt_limit_rad: Array  # (S,)
+    weight_n: Array  # (S,)
+    length_m: Array  # (S,)
+    force_n: Array  # (S,)
+    toes_m: Array  # (K, 3)
+    forces_n: Array  # (K, 3)
+    frames: Array  # (K, 3, 3)
+    friction: Array  # (K,)
+    shoulders_m: Array  # (K, 3)
+    reach_m: Array  # (K,)
+    force_min_n: Array  # (K, 3)
+    force_max_n: Array  # (K, 3)
+    off_patch_m: Array  # (K,)
+
+    @staticmethod
+    def of_postures(problems: Sequence[PostureProblem], postures: Sequence[Posture]) -> Stances:
+        """Postures, each of the shapes that its problem asks for, one a problem."""
+        contacts = [contact for problem in problems for contact in problem.contacts]
+        owner = np.repeat(np.arange(len(problems)), [len(problem.contacts) for problem in problems])
+        body = np.array(
+            [
+                (p.com_radius_m, p.tilt_limit_rad, p.weight_n, p.length_scale_m, p.moment_scale_nm / p.length_scale_m)
+                for p in problems
+            ]
+        ).T
+        radius, tilt, weight, length_m, scale = body
+        numbers = np.array([(contact.patch.friction, contact.reach_m) for contact in contacts])
+        axes = np.array([(contact.patch.normal, contact.patch.shear_reference) for contact in contacts])
+        rest = np.array([(contact.shoulder_m, contact.force_min, contact.force_max) for contact in contacts])
+        pose = np.array(
+            [
+                (a.com_m, a.rotation_rad, problem.com_nominal_m)
+                for problem, a in zip(problems, postures, strict=True)
+            ]
+        )  # fmt: skip
+        toes = np.concatenate([posture.toes_m for posture in postures])
+        bounds = rest[:, 1:] * scale[owner][:, None, None]
+        return Stances(
+            owner=owner, com_m=pose[:, 0], rotation_rad=pose[:, 1], com_nominal_m=pose[:, 2], com_radius_m=radius,
+            tilt_limit_rad=tilt, weight_n=weight, length_m=np.minimum(length_m, LARGEST_UNIT_M),
+            force_n=np.minimum(scale, weight), toes_m=toes,
+            forces_n=np.concatenate([posture.forces_n for posture in postures]),
+            frames=contact_frames(axes[:, 0], axes[:, 1]), friction=numbers[:, 0], shoulders_m=rest[:, 0],
+            reach_m=numbers[:, 1], force_min_n=bounds[:, 0], force_max_n=bounds[:, 1],
+            off_patch_m=patch_distances([contact.patch.vertices_m for contact in contacts], toes),
+        )  # fmt: skip
+
+
+def violations(at: Stances) -> dict[str, Array]:
+    """By how much every constraint is violated [SI], in the order of ``GROUPS``; 0 or less where it is not.
+
+    Shapes: patch, friction, reach (K,); force_bounds (K, 3); tilt (S, 3); com (S,); of the two balances what is left
+    over, (S, 3).
+    """
+    owner, starts = at.owner, np.searchsorted(at.owner, np.arange(len(at.com_m)))
+    arms = at.toes_m - at.com_m[owner]
+    net = np.add.reduceat(at.forces_n, starts)
+    net[:, 2] -= at.weight_n
+    f = (at.forces_n[:, None, :] @ at.frames)[:, 0]                                   # f_n, f_y, f_z            (3)
+    to_toe = arms - at.shoulders_m - cross(at.rotation_rad[owner], at.shoulders_m)    # p_w − c − (I + [Θ]×) v  (11)
+    return {
+        "patch": at.off_patch_m,                                                      # p_w = Σ λ v              (1)
+        "force_balance": net,                                                         # Σ f + m g = 0            (5)
+        "moment_balance": np.add.reduceat(cross(arms, at.forces_n), starts),          # Σ (p_w − c) × f = 0      (6)
+        "friction": length(f[:, 1:]) - at.friction * f[:, 0],                         # ‖f_t‖ ≤ μ f_n           (10)
+        "force_bounds": np.maximum(at.force_min_n - f, f - at.force_max_n),           # f_min ≤ f ≤ f_max
+        "reach": length(to_toe) - at.reach_m,                                         # ‖·‖ ≤ reach             (11)
+        "tilt": np.abs(at.rotation_rad) - at.tilt_limit_rad[:, None],                 # |Θ_i| ≤ tilt limit
+        "com": length(at.com_m - at.com_nominal_m) - at.com_radius_m,                 # ‖c − c_nominal‖ ≤ radius
+    }  # fmt: skip
+
+
+def worst_of(at: Stances, found: dict[str, Array] | None = None) -> Array:
+    """The largest violation of every stance, non-dimensional, shape (S,); inf where the numbers overflow.
+
+    found: its ``violations``, where they are known already.
+    """
+    starts = np.searchsorted(at.owner, np.arange(len(at.com_m)))
+    worst = np.zeros(len(at.com_m))
+    with np.errstate(all="ignore"):
+        units = units_of(at)
+        for group, values in (found or violations(at)).items():
+            if group in BALANCES:
+                values = length(values)
+            values = values if values.ndim == 1 else values.max(axis=1)
+            if group in OF_CONTACTS:
+                values = np.maximum.reduceat(values, starts)
+            worst = np.maximum(worst, values / units[GROUPS[group]])
+    return np.asarray(np.where(np.isfinite(worst), worst, np.inf))
+
+
+def units_of(at: Stances) -> dict[str, Array]:
+    """What a violation in each unit is measured in, shape (S,) each."""
+    return {"m": at.length_m, "N": at.force_n, "Nm": at.force_n * at.length_m, "rad": np.ones(len(at.length_m))}

@@ -1,0 +1,218 @@
+"""The leaves of a certificate's tree: grown from the problem's own patches and force boxes, so that they cover it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..arrays import Array
+from ..outcome import Certificate, InvalidInput
+from ..scene import PostureProblem
+from ..scene.course import Course
+from .geometry import contact_frames, cut, sag
+from .lagrangian import Leaves, Numbers, multiplier_count
+from .stances import Index, Schedule
+
+Node = tuple[Index, Array, Array]
+"""The piece that each slot still has, and the force boxes."""
+Replayed = tuple[list[Node], Array]
+"""The leaves in preorder and their multipliers."""
+
+
+class Forest:
+    """Problems of one schedule in non-dimensional numbers, and the pieces of their patches as trees cut them.
+
+    Piece T q + t, for problem q and slot t of T, is the whole patch; cuts add more.
+    """
+
+    def __init__(self, numbers: Numbers, patches: list[Array]) -> None:
+        self.numbers = numbers
+        self._pieces = patches  # (U, 3) each, Q·T to begin with
+        self._sags: dict[int, float] = {}
+        self._roots: list[int] = []  # the whole patch of every further piece
+
+    @staticmethod
+    def of_course(course: Course) -> Forest:
+        """A course: a slot is a candidate patch of a placement, a toe that already stands a patch of one point."""
+        length, limbs = course.length_scale_m, course.robot.limbs
+        who = Schedule.of_course(course)
+        patches = [patch for put in course.placements for patch in put.candidates]
+        stands = [put.toe_m for put in course.placements for _ in put.candidates]
+        points = [
+            patch.vertices_m if toe is None else toe[None] for patch, toe in zip(patches, stands, strict=True)
+        ]  # fmt: skip
+        axes = np.array([(patch.normal, patch.shear_reference) for patch in patches])
+        ahead = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
+        every, steps = (1, len(who.stance), 3), course.steps
+        numbers = Numbers(
+            schedule=who,
+            slot=np.repeat(np.arange(len(course.placements)), [len(put.candidates) for put in course.placements]),
+            frames=contact_frames(axes[:, 0], axes[:, 1])[None],
+            friction=np.array([[patch.friction for patch in patches]]),
+            shoulders=np.array([[limb.shoulder_m for limb in limbs]]) / length,
+            reach=np.array([[limb.reach_m for limb in limbs]]) / length,
+            com=course.com_nominal_m[None] / length,
+            com_radius=course.com_radius_m[None] / length,
+            tilt=np.array([course.tilt_limit_rad]),
+            weight=np.ones(1),
+            force_min=np.broadcast_to(course.force_min, every),
+            force_max=np.broadcast_to(course.force_max, every),
+            steps=np.array([steps.com_m / length, steps.rotation_rad, steps.toe_m / length]),
+            progress=np.where(ahead.any(axis=1), steps.progress_m / length, 0.0),
+            ahead=ahead,
+        )
+        return Forest(numbers, [vertices / length for vertices in points])
+
+    @staticmethod
+    def of_postures(problems: Sequence[PostureProblem]) -> Forest:
+        """Posture problems with equally many contacts."""
+        contacts = [contact for problem in problems for contact in problem.contacts]
+        count, many = len(problems[0].contacts), len(problems)
+        lengths = np.array([problem.length_scale_m for problem in problems])
+        body = np.array([(p.com_radius_m, p.tilt_limit_rad, p.weight_n / p.moment_scale_nm) for p in problems])
+        vectors = np.concatenate(
+            [
+                vector
+                for c in contacts
+                for vector in (c.patch.normal, c.patch.shear_reference, c.shoulder_m, c.force_min, c.force_max)
+            ]
+        ).reshape(many, count, 5, 3)
+        scalars = np.array([(c.patch.friction, c.reach_m) for c in contacts]).reshape(many, count, 2)
+        numbers = Numbers(
+            schedule=Schedule.of_posture(count),
+            slot=Schedule.of_posture(count).limb,
+            frames=contact_frames(vectors[:, :, 0], vectors[:, :, 1]),
+            friction=scalars[..., 0],
+            shoulders=vectors[:, :, 2] / lengths[:, None, None],
+            reach=scalars[..., 1] / lengths[:, None],
+            com=(np.array([problem.com_nominal_m for problem in problems]) / lengths[:, None])[:, None],
+            com_radius=(body[:, 0] / lengths)[:, None],
+            tilt=body[:, 1],
+            weight=body[:, 2] * lengths,
+            force_min=vectors[:, :, 3],
+            force_max=vectors[:, :, 4],
+            steps=np.zeros(3),
+            progress=np.zeros(0),
+            ahead=np.zeros((0, 3)),
+        )
+        whole = np.concatenate([contact.patch.vertices_m for contact in contacts])
+        sizes = [len(contact.patch.vertices_m) for contact in contacts]
+        whole /= np.repeat(np.repeat(lengths, count), sizes)[:, None]
+        ends = np.cumsum(sizes).tolist()
+        return Forest(numbers, [whole[end - size : end] for end, size in zip(ends, sizes, strict=True)])
+
+    def replay(self, problem: int, certificate: Certificate) -> Replayed:
+        """The leaves of a tree over one of the problems. Raises InvalidInput for a tree that does not cover it."""
+        tree, rows = certificate.tree, certificate.multipliers
+        count = multiplier_count(self.numbers.schedule)
+        if tree.ndim != 2 or tree.shape[1] != 5 or rows.ndim != 2 or rows.shape[1] != count:
+            raise InvalidInput(
+                f"certificate: expected a tree of shape (K, 5) and multipliers of shape (leaves, {count}), "
+                f"got {tree.shape} and {rows.shape}"
+            )
+        if not (np.isfinite(tree).all() and np.isfinite(rows).all()):
+            raise InvalidInput("certificate: expected finite numbers")
+        slots = len(self.numbers.slot)
+        root = np.arange(problem * slots, (problem + 1) * slots)
+        stack: list[Node] = [(root, self.numbers.force_min[problem], self.numbers.force_max[problem])]
+        leaves: list[Node] = []
+        for at, (kind, i, j, first, second) in enumerate(tree.tolist()):
+            where = f"tree[{at}]"
+            if not stack:
+                raise InvalidInput(f"{where}: expected the end of the tree, got another node")
+            node = stack.pop()
+            if kind == 0:
+                if i or j or first or second:
+                    raise InvalidInput(f"{where}: expected zeros in a leaf")
+                leaves.append(node)
+            elif kind == 1:
+                if first or second:
+                    raise InvalidInput(f"{where}: expected zeros after a choice")
+                stack += self._chosen(node, self._slot(i, j, where))
+            elif kind == 2:
+                stack += self._cut(node, self._slot(i, j, where), first, second, where)
+            elif kind == 3:
+                if second:
+                    raise InvalidInput(f"{where}: expected a zero after a force")
+                stack += self._split(node, i, j, first, where)
+            else:
+                raise InvalidInput(f"{where}: expected kind 0, 1, 2 or 3, got {kind:g}")
+        if stack:
+            raise InvalidInput(f"tree: expected {len(stack)} more nodes or more after {len(tree)}")
+        if len(leaves) != len(rows):
+            raise InvalidInput(f"multipliers: expected a row for each of {len(leaves)} leaves, got {len(rows)}")
+        return leaves, rows
+
+    def leaves(self, replayed: dict[int, Replayed]) -> Leaves:
+        """The leaves of several problems' trees, by problem, ascending."""
+        nodes = [node for leaves, _ in replayed.values() for node in leaves]
+        rows = np.concatenate([rows for _, rows in replayed.values()])
+        largest = np.abs(rows).max(axis=1, keepdims=True)
+        sizes, roots = [len(piece) for piece in self._pieces], len(self._pieces) - len(self._roots)
+        sags = np.zeros(len(sizes))
+        sags[roots:] = [self._sag(root) for root in self._roots]
+        return Leaves(
+            problem=np.repeat(list(replayed), [len(leaves) for leaves, _ in replayed.values()]),
+            lower=np.array([lower for _, lower, _ in nodes]),
+            upper=np.array([upper for *_, upper in nodes]),
+            pieces=np.array([pieces for pieces, *_ in nodes]),
+            multipliers=rows / np.where(largest > 0.0, largest, 1.0),
+            vertices=np.concatenate(self._pieces),
+            first=np.concatenate([[0], np.cumsum(sizes)]),
+            sag=sags,
+        )
+
+    def _chosen(self, node: Node, slot: int) -> list[Node]:
+        """The slot's placement on this slot, and not on it; the first child last."""
+        pieces, lower, upper = node
+        on, off = np.where(self.numbers.slot == self.numbers.slot[slot], -1, pieces), pieces.copy()
+        on[slot], off[slot] = pieces[slot], -1
+        return [(off, lower, upper), (on, lower, upper)]
+
+    def _cut(self, node: Node, slot: int, first: float, second: float, where: str) -> list[Node]:
+        pieces, lower, upper = node
+        own = int(pieces[slot])
+        if own < 0:
+            raise InvalidInput(f"{where}: expected a candidate that is open, got one that is not")
+        polygon, roots = self._pieces[own], len(self._pieces) - len(self._roots)
+        if not 0.0 <= first < second < len(polygon):
+            raise InvalidInput(
+                f"{where}: expected border coordinates 0 ≤ a < b < {len(polygon)}, got {first:g}, {second:g}"
+            )
+        children: list[Node] = []
+        for part in cut(polygon, first, second):
+            child = pieces.copy()
+            child[slot] = len(self._pieces)
+            self._roots.append(own if own < roots else self._roots[own - roots])
+            self._pieces.append(part)
+            children.insert(0, (child, lower, upper))
+        return children
+
+    def _split(self, node: Node, contact: float, component: float, value: float, where: str) -> list[Node]:
+        pieces, lower, upper = node
+        i = _index(contact, len(lower), f"{where}: contact")
+        k = _index(component, 3, f"{where}: force component")
+        if not lower[i, k] <= value <= upper[i, k]:
+            raise InvalidInput(f"{where}: expected a force in [{lower[i, k]:g}, {upper[i, k]:g}], got {value:g}")
+        below, above = upper.copy(), lower.copy()
+        below[i, k] = above[i, k] = value
+        return [(pieces, above, upper), (pieces, lower, below)]
+
+    def _slot(self, placement: float, candidate: float, where: str) -> int:
+        """The slot of a placement's candidate. Raises InvalidInput."""
+        begins = self.numbers.first_slot
+        p = _index(placement, len(begins), f"{where}: placement")
+        counts = np.diff(np.append(begins, len(self.numbers.slot)))
+        return int(begins[p]) + _index(candidate, int(counts[p]), f"{where}: candidate")
+
+    def _sag(self, root: int) -> float:
+        if root not in self._sags:
+            self._sags[root] = sag(self._pieces[root])
+        return self._sags[root]
+
+
+def _index(value: float, count: int, where: str) -> int:
+    if value != int(value) or not 0 <= value < count:
+        raise InvalidInput(f"{where}: expected an integer in [0, {count}), got {value:g}")
+    return int(value)
