@@ -111,7 +111,7 @@ class ConicModel:
     def solve(self, values: Mapping[str, Array | float]) -> ConicSolution:
         """Solve for this data. Keys that the model does not know are passed over: models can share a dictionary."""
         self._load(values)
-        return self._solve(self._q(), self._a_values(), self._b(), float((self._offset_tensor @ self._theta)[0]))
+        return self._solve(*np.split(self._tensor @ self._theta, self._parts))
 
     def solve_all(self, values: Mapping[str, Array | float], count: int) -> list[ConicSolution]:
         """Solve for each of ``count`` sets of data: bit for bit what as many calls of ``solve`` answer.
@@ -125,11 +125,9 @@ class ConicModel:
                 theta[where] = value.T.reshape(theta[where].shape)  # each problem's columns one after the other
             else:
                 theta[where] = np.ravel(value, order="F")[:, None]
-        tensors = (self._q_tensor, self._a_tensor, self._b_tensor, self._offset_tensor)
-        q, a, b, offset = (np.ascontiguousarray((tensor @ theta).T) for tensor in tensors)
-        return [self._solve(q[k], a[k], b[k], float(offset[k, 0])) for k in range(count)]
+        return [self._solve(*np.split(data, self._parts)) for data in np.ascontiguousarray((self._tensor @ theta).T)]
 
-    def _solve(self, q: Array, a: Array, b: Array, offset: float) -> ConicSolution:
+    def _solve(self, q: Array, a: Array, b: Array, offset: Array) -> ConicSolution:
         self._solver.update(q=q, A=a, b=b)
         begin = time.perf_counter()
         answer = self._solver.solve()
@@ -141,7 +139,7 @@ class ConicModel:
             status=_STATUS.get(answer.status, ConicStatus.FAILED),
             x=np.array(answer.x),
             z=np.array(answer.z),
-            objective=float(answer.obj_val) + offset,
+            objective=float(answer.obj_val) + float(offset[0]),
             iterations=int(answer.iterations),
             seconds=time.perf_counter() - begin,  # its own clock counts the set-up again in every solve
         )
@@ -220,6 +218,9 @@ class ConicModel:
         self._b_tensor = sp.csr_matrix(tensor[m * self._n :])
         self._q_tensor = sp.csr_matrix(q_tensor[: self._n])
         self._offset_tensor = sp.csr_matrix(q_tensor[self._n :])
+        tensors = (self._q_tensor, self._a_tensor, self._b_tensor, self._offset_tensor)
+        self._tensor = sp.csr_matrix(sp.vstack(tensors))
+        self._parts = np.cumsum([tensor.shape[0] for tensor in tensors])[:-1]
 
     def _index(self, problem: cp.Problem, chain: object, inverse: object, duals: Mapping[str, cp.Constraint]) -> None:
         """Find the columns of every variable and the rows of every named constraint by sending a ruler back through."""
