@@ -8,6 +8,7 @@ sparse tensor times the vector of parameters, put into one Clarabel solver whose
 from __future__ import annotations
 
 import enum
+import itertools
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -111,7 +112,7 @@ class ConicModel:
     def solve(self, values: Mapping[str, Array | float]) -> ConicSolution:
         """Solve for this data. Keys that the model does not know are passed over: models can share a dictionary."""
         self._load(values)
-        return self._solve(*np.split(self._tensor @ self._theta, self._parts))
+        return self._solve(self._tensor @ self._theta)
 
     def solve_all(self, values: Mapping[str, Array | float], count: int) -> list[ConicSolution]:
         """Solve for each of ``count`` sets of data: bit for bit what as many calls of ``solve`` answer.
@@ -125,9 +126,10 @@ class ConicModel:
                 theta[where] = value.T.reshape(theta[where].shape)  # each problem's columns one after the other
             else:
                 theta[where] = np.ravel(value, order="F")[:, None]
-        return [self._solve(*np.split(data, self._parts)) for data in np.ascontiguousarray((self._tensor @ theta).T)]
+        return [self._solve(data) for data in np.ascontiguousarray((self._tensor @ theta).T)]
 
-    def _solve(self, q: Array, a: Array, b: Array, offset: Array) -> ConicSolution:
+    def _solve(self, data: Array) -> ConicSolution:
+        q, a, b = (data[part] for part in self._parts)
         self._solver.update(q=q, A=a, b=b)
         begin = time.perf_counter()
         answer = self._solver.solve()
@@ -139,7 +141,7 @@ class ConicModel:
             status=_STATUS.get(answer.status, ConicStatus.FAILED),
             x=np.array(answer.x),
             z=np.array(answer.z),
-            objective=float(answer.obj_val) + float(offset[0]),
+            objective=float(answer.obj_val) + float(data[-1]),
             iterations=int(answer.iterations),
             seconds=time.perf_counter() - begin,  # its own clock counts the set-up again in every solve
         )
@@ -220,7 +222,8 @@ class ConicModel:
         self._offset_tensor = sp.csr_matrix(q_tensor[self._n :])
         tensors = (self._q_tensor, self._a_tensor, self._b_tensor, self._offset_tensor)
         self._tensor = sp.csr_matrix(sp.vstack(tensors))
-        self._parts = np.cumsum([tensor.shape[0] for tensor in tensors])[:-1]
+        ends = np.cumsum([0, *(tensor.shape[0] for tensor in tensors)]).tolist()
+        self._parts = [slice(*pair) for pair in itertools.pairwise(ends[:-1])]  # of q, A and b; the offset is the last
 
     def _index(self, problem: cp.Problem, chain: object, inverse: object, duals: Mapping[str, cp.Constraint]) -> None:
         """Find the columns of every variable and the rows of every named constraint by sending a ruler back through."""

@@ -127,12 +127,11 @@ class LiftModel:
 def lift_values(scaled: ScaledProblem) -> dict[str, Array | float]:
     """Data of the lift."""
     vertices = scaled.size[1]
-    arms = np.matmul(skew(scaled.vertices), scaled.frames[..., None, :, :])  # [v_u]× R_WC, shape (N, U, 3, 3)
-    frames = np.broadcast_to(scaled.frames[..., None, :, :], arms.shape)
-    flat = (*arms.shape[:-4], scaled.size[0] * vertices, 3, 3)
+    frames = np.repeat(scaled.frames, vertices, axis=-3)  # of every vertex, shape (NU, 3, 3)
+    arms = skew(scaled.vertices).reshape(frames.shape)  # [v_u]×
     return scaled.values() | {
-        "force_map": side_by_side(frames.reshape(flat)),
-        "moment_map": side_by_side(arms.reshape(flat)),
+        "force_map": side_by_side(frames),
+        "moment_map": side_by_side(np.matmul(arms, frames)),
         "friction": np.repeat(scaled.friction, vertices, axis=-1),
         "force_min": np.repeat(scaled.force_min, vertices, axis=0),
         "force_max": np.repeat(scaled.force_max, vertices, axis=0),
