@@ -41,7 +41,7 @@ class LabelPlan:
     are never trivial, that is, infeasible even without the moment balance. natural: keep the first
     ``feasible + infeasible`` samples as they come instead, whatever their label.
     shard_size: rows a shard, give or take one: what is drawn and written at once, and so what an interruption loses;
-    a shard compiles its models anew, which takes about as long as 80 samples.
+    every process compiles its models once.
     seed: the samples of shard k are the stream of ``SeedSequence(seed, spawn_key=(k,))``: sets for training and for
     testing need different seeds. tolerance, gap, max_nodes: as in ``Acceptance`` and ``ExactPlanner``; one sample in
     3000 wants more nodes than the default, at 1 ms a node. Raises InvalidInput.
@@ -146,7 +146,7 @@ class Tally(BaseModel):
 
 
 class Timing(BaseModel):
-    """``timing-00000.json``. cpu_s: processor time of the shard; solve_ms: of every sample drawn, wall clock [ms]."""
+    """``timing-00000.json``. cpu_s: processor time of the shard; solve_ms: of every sample, or its share of a block [ms]."""
 
     model_config = STRICT
     format: Literal["stancekit/timing/1"] = "stancekit/timing/1"
