@@ -146,7 +146,7 @@ class Tally(BaseModel):
 
 
 class Timing(BaseModel):
-    """``timing-00000.json``. cpu_s: processor time of the shard; solve_ms: of every sample, or its share of a block [ms]."""
+    """``timing-00000.json``. cpu_s: of the shard; solve_ms: of every sample, or its share of a block, wall clock."""
 
     model_config = STRICT
     format: Literal["stancekit/timing/1"] = "stancekit/timing/1"
