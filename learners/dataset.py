@@ -71,7 +71,7 @@ class Summary:
     """What a data set holds and what it cost.
 
     rows: kept; drawn: kept or not. cpu_s_per_1000: processor seconds for 1000 samples drawn. solve_ms_median,
-    solve_ms_p99: of the exact planner on all of them, wall clock [ms]. NaN without timing files.
+    solve_ms_p99: of deciding each of them, of a block its share, wall clock [ms]. NaN without timing files.
     """
 
     rows: Counts

@@ -7,14 +7,12 @@ comes, once, so a run that was killed goes on where it was, and no folder need b
 
 from __future__ import annotations
 
-import functools
 import hashlib
 import json
 import logging
 import math
 import time
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -23,32 +21,25 @@ from typing import Any
 import numpy as np
 
 from stancekit.envs.terrains import PostureDistribution, distribution
-from stancekit.planners.arrays import Array
-from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files import write_bytes
-from stancekit.planners.outcome import InvalidInput, Outcome, StancekitError, Status
-from stancekit.planners.relaxation.mccormick import WithoutMoment
-from stancekit.planners.scene import PostureProblem
-from stancekit.planners.search.answer import Acceptance
-from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.outcome import InvalidInput, Status
 from stancekit.planners.verify import check_certificate, check_posture
 
 from . import ledger
-from .dataset import Dataset, LabelledPosture, finite, table_of
+from .dataset import Dataset, finite
 from .dataset import Summary as Summary
 from .executor import processes as processes
-from .ledger import Counts, Header, Shard, Tally
+from .ledger import Header, Shard
 from .ledger import LabelPlan as LabelPlan
+from .shards import LabellingFailed as LabellingFailed
+from .shards import label_shard
+from .shards import samples as samples
 
 Task = Callable[[], Shard]
 """Draws one shard. It writes nothing, so it may run anywhere, and more than once."""
 
 log = logging.getLogger(__name__)
-
-
-class LabellingFailed(StancekitError):
-    """The distribution does not give the rows that were planned."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,105 +144,6 @@ def recheck(dataset: Dataset) -> RecheckReport:
         smallest_bound=min(bounds, default=math.nan),
         seconds=time.perf_counter() - begin,
     )
-
-
-def samples(plan: LabelPlan, shard: int, source: PostureDistribution | None = None) -> Iterator[PostureProblem]:
-    """The endless stream of samples that a shard is drawn from; a row's ``sample`` counts from 0."""
-    source = source or distribution(plan.distribution)
-    rng = np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(shard,)))
-    while True:
-        yield source.sample(rng)
-
-
-def label_shard(header: Header, source: PostureDistribution, shard: int, draws_per_row: int) -> Shard:
-    """Draw one shard until its quotas are full."""
-    begin, plan = time.process_time(), header.plan
-    quota = plan.quota(shard)
-    room = Counter({"feasible": quota[0], "infeasible": quota[1]})
-    kept: list[LabelledPosture] = []
-    drawn: list[str] = []
-    solve_ms: list[float] = []
-    labeller = _Labeller(plan, shard)
-    for sample, problem in enumerate(samples(plan, shard, source)):
-        if len(kept) == sum(quota):
-            break
-        if sample >= draws_per_row * sum(quota):
-            lacks = " and ".join(f"{count} {kind}" for kind, count in room.items() if count > 0)
-            raise LabellingFailed(f"{plan.distribution}: shard {shard} lacks {lacks} rows after {sample} draws")
-        outcome = labeller.decide(problem)
-        row, kind = None, labeller.kind(outcome)
-        if plan.natural or room[kind] > 0:
-            row = labeller.row(problem, outcome, sample=sample, row=len(kept))
-            kind = row.kind
-        if row and (plan.natural or room[kind] > 0):
-            kept.append(row)
-            room[kind] -= 1
-        drawn.append(kind)
-        solve_ms.append(round(1e3 * outcome.seconds, 3))
-    undecided = [sample for sample, kind in enumerate(drawn) if kind == "undecided"]
-    if undecided:
-        log.warning("shard %d: %d of %d samples stayed undecided: %s", shard, len(undecided), len(drawn), undecided)
-    tally = Tally(
-        dataset=header.digest,
-        shard=shard,
-        rows=Counts(**Counter(row.kind for row in kept)),
-        drawn=Counts(**Counter(drawn)),
-        undecided_samples=undecided,
-        software=ledger.software(),
-    )
-    table, cpu_s = table_of(kept, len(header.legs)), time.process_time() - begin
-    return Shard(table=table, tally=tally, timing=ledger.Timing(shard=shard, cpu_s=cpu_s, solve_ms=solve_ms))
-
-
-class _Labeller:
-    """Lines 4 to 11 of Algorithm 1. No clock takes part, so a slow machine labels as a fast one does."""
-
-    def __init__(self, plan: LabelPlan, shard: int) -> None:
-        self._shard = shard
-        self._acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
-        self._exact = ExactPlanner(
-            acceptance=self._acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, programs=_programs()
-        )
-
-    def decide(self, problem: PostureProblem) -> Outcome:
-        """P, with a witness or a certificate."""
-        return self._exact.solve(problem)
-
-    @staticmethod
-    def kind(outcome: Outcome) -> str:
-        """The label, "trivial" set apart."""
-        trivial = outcome.status is Status.INFEASIBLE and outcome.details["trivial"] > 0.0
-        return "trivial" if trivial else str(outcome.status)
-
-    def row(self, problem: PostureProblem, outcome: Outcome, *, sample: int, row: int) -> LabelledPosture:
-        """The row as it will be kept; undecided if P̄ has no answer to keep although it should have one."""
-        status, trivial, scaled = outcome.status, self.kind(outcome) == "trivial", Scaled.of(problem)
-        point = None if outcome.posture is None else scaled.point(outcome.posture)
-        certificate, bound = outcome.certificate, outcome.lower_bound
-        if status is Status.INFEASIBLE and not trivial:
-            point = self._point_without(problem, scaled)
-            if point is None:
-                status, certificate, bound = Status.UNDECIDED, None, 0.0
-        return LabelledPosture(
-            shard=self._shard, row=row, sample=sample, problem=problem, status=status, trivial=trivial,
-            posture=outcome.posture, point=point, certificate=certificate, lower_bound=bound,
-            solves=outcome.solves, nodes=int(outcome.details["nodes"]),
-        )  # fmt: skip
-
-    def _point_without(self, problem: PostureProblem, scaled: Scaled) -> Array | None:
-        """[p̄, f̄] of an answer of P̄ that violates nothing but the moment balance, or None."""
-        found = self._exact.programs.get(WithoutMoment, scaled.layout).solve(scaled)
-        if found is None:
-            return None
-        posture = scaled.posture(found)
-        worst = max(g.worst for g in check_posture(problem, posture).groups if g.group != "moment_balance")
-        return scaled.point(posture) if worst <= self._acceptance.tolerance else None
-
-
-@functools.cache
-def _programs() -> Programs:
-    """The programs of this process, for all of its shards: no answer depends on what was solved before."""
-    return Programs()
 
 
 def _begin(folder: Path, plan: LabelPlan, source: PostureDistribution) -> Header:

@@ -45,7 +45,7 @@ class LabelPlan:
     are never trivial, that is, infeasible even without the moment balance. natural: keep the first
     ``feasible + infeasible`` samples as they come instead, whatever their label.
     shard_size: rows a shard, give or take one: what is drawn and written at once, and so what an interruption loses;
-    a shard compiles its models anew, which takes about as long as 80 samples.
+    every process compiles its models once.
     seed: the samples of shard k are the stream of ``SeedSequence(seed, spawn_key=(k,))``: sets for training and for
     testing need different seeds. tolerance, gap, max_nodes: as in ``Acceptance`` and ``ExactPlanner``; one sample in
     3000 wants more nodes than the default, at 1 ms a node. Raises InvalidInput.
@@ -155,7 +155,7 @@ class Tally(BaseModel):
 
 
 class Timing(BaseModel):
-    """``timing-00000.json``. cpu_s: processor time of the shard; solve_ms: of every sample drawn, wall clock [ms]."""
+    """``timing-00000.json``. cpu_s: of the shard; solve_ms: of every sample, or its share of a block, wall clock."""
 
     model_config = STRICT
     format: Literal["stancekit/timing/1"] = "stancekit/timing/1"
@@ -176,7 +176,7 @@ def shard_schema(contacts: int) -> pa.Schema:
     of_all = {"shard": int32, "row": int32, "sample": int64, "problem": text, "label": text, "trivial": pa.bool_()}
     of_all |= {"lower_bound": float64, "solves": int32, "nodes": int32}
     of_some = {"com_m": body, "rotation_rad": body, "toes_m": feet, "forces_n": feet, "point": point}
-    of_some |= {"tree": pa.list_(float64), "multipliers": pa.list_(pa.float32())}  # 4 a node; 6 + 3N a leaf
+    of_some |= {"tree": pa.list_(float64), "multipliers": pa.list_(pa.float32())}  # 5 a node; 6 + 3N a leaf
     columns = [pa.field(name, kind, nullable=False) for name, kind in of_all.items()]
     return pa.schema(columns + [pa.field(name, kind) for name, kind in of_some.items()])
 

@@ -74,8 +74,13 @@ def gathered(*checks: Callable[[], object]) -> None:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """a × b of single vectors, shape (3,); an order of magnitude faster than ``np.cross``."""
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+    """a × b along the last axis; on a few vectors ``np.cross`` takes five times as long."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    x = ay * bz - az * by
+    out = np.empty((*np.shape(x), 3))
+    out[..., 0], out[..., 1], out[..., 2] = x, az * bx - ax * bz, ax * by - ay * bx
+    return out
 
 
 def _shape_text(shape: tuple[int | None, ...]) -> str:

@@ -48,12 +48,14 @@ class Patch:
             raise InvalidInput(
                 f"shear_reference: expected a direction not along the normal, got {self.shear_reference.tolist()}"
             )
-        _check_polygon(self.vertices_m, self.normal, self.shear_reference)
+        defect = polygon_defect(self.vertices_m[None], self.frame[None])
+        if defect:
+            raise InvalidInput(defect[1])
 
     @cached_property
     def frame(self) -> Array:
         """R_WC, columns n, y = z × n, z: the axes of f_n, f_y, f_z (eq. 3), shape (3, 3)."""
-        axes = _frame(self.normal, self.shear_reference)
+        axes = contact_frames(self.normal, self.shear_reference)
         axes.setflags(write=False)
         return axes
 
@@ -78,37 +80,49 @@ def _unit(value: Array, where: str, *, any_length: bool = False) -> Array:
     return vector if abs(length - 1.0) < 1e-12 else frozen(vector / length, (3,), where)
 
 
-def _frame(normal: Array, shear_reference: Array) -> Array:
-    z = shear_reference - (shear_reference @ normal) * normal
-    z = z / np.sqrt(z @ z)
-    return np.array([normal, cross(z, normal), z]).T
+def contact_frames(normals: Array, shear_references: Array) -> Array:
+    """R_WC, columns n, y = z × n, z, for normals and shear references of shape (..., 3); shape (..., 3, 3)."""
+    z = shear_references - np.vecdot(shear_references, normals)[..., None] * normals
+    z = z / np.sqrt(np.vecdot(z, z))[..., None]
+    frames = np.empty((*normals.shape, 3))
+    frames[..., 0], frames[..., 1], frames[..., 2] = normals, cross(z, normals), z
+    return frames
 
 
-def _check_polygon(vertices: Array, normal: Array, shear: Array) -> None:
-    """Raise InvalidInput unless the vertices are in order around a flat convex polygon with an area."""
-    local = (vertices - vertices[0]) @ _frame(normal, shear)
-    height, y, z = local[:, 0] - local[:, 0].mean(), local[:, 1], local[:, 2]
-    diameter = float(np.sqrt(np.max((y[:, None] - y) ** 2 + (z[:, None] - z) ** 2)))
-    off_plane = float(np.max(np.abs(height)))
-    if diameter < 1e-4:
-        raise InvalidInput(f"vertices_m: expected a patch with an area, got one of diameter {diameter:g} m")
-    if off_plane > FLATNESS * diameter:
-        raise InvalidInput(
-            f"vertices_m: expected a plane with the given normal, got vertices {1e3 * off_plane:.3g} mm off it"
-        )
-    y, z = _without_doubles(y, z, diameter)
-    following = [*range(1, len(y)), 0]
-    area = 0.5 * float(np.sum(y * z[following] - z * y[following]))
-    if abs(area) < 1e-4 * diameter**2:
-        raise InvalidInput(f"vertices_m: expected a patch with an area, got {abs(area):.3g} m² on {diameter:.3g} m")
-    dy, dz = y[following] - y, z[following] - z
-    turns = dy * dz[following] - dz * dy[following]  # of each corner, positive to the left
-    turned = np.arctan2(turns, dy * dy[following] + dz * dz[following]).sum()
-    if np.min(turns * np.sign(area)) < -1e-6 * diameter**2 or round(abs(float(turned)) / (2.0 * np.pi)) != 1:
-        raise InvalidInput("vertices_m: expected a convex polygon, its vertices in order around the border")
+def polygon_defect(vertices: Array, frames: Array) -> tuple[int, str] | None:
+    """The first of K polygons, shape (K, U, 3), whose vertices are not in order around a flat convex polygon with an
+    area in the plane of its frame, shape (K, 3, 3); and what is wrong with it."""
+    local = np.matmul(vertices - vertices[:, :1], frames)
+    height, y, z = local[..., 0], local[..., 1], local[..., 2]
+    squares = (y[:, :, None] - y[:, None]) ** 2 + (z[:, :, None] - z[:, None]) ** 2
+    diameter = np.sqrt(squares.max(axis=(1, 2)))
+    off_plane = np.abs(height - height.mean(axis=1, keepdims=True)).max(axis=1)
+    area, turn, rounds = _around(y, z, diameter)
+    defects = (
+        (diameter < 1e-4, "a patch with an area, got one of diameter {0:g} m"),
+        (off_plane > FLATNESS * diameter, "a plane with the given normal, got vertices {1:.3g} mm off it"),
+        (np.abs(area) < 1e-4 * diameter**2, "a patch with an area, got {2:.3g} m² on {0:.3g} m"),
+        ((turn < -1e-6 * diameter**2) | (rounds != 1.0), "a convex polygon, its vertices in order around the border"),
+    )
+    for wrong, text in defects:
+        if wrong.any():
+            k = int(wrong.argmax())
+            return k, f"vertices_m: expected {text.format(diameter[k], 1e3 * off_plane[k], abs(area[k]))}"
+    return None
 
 
-def _without_doubles(y: Array, z: Array, diameter: float) -> tuple[Array, Array]:
-    """The border without corners that are given twice in a row."""
-    new = np.hypot(y - np.roll(y, 1), z - np.roll(z, 1)) > 1e-9 * diameter
-    return (y, z) if new.all() else (y[new], z[new])
+def _around(y: Array, z: Array, diameter: Array) -> tuple[Array, Array, Array]:
+    """Of each border, shape (K, U): area, least turn of a corner towards the inside, and how often it goes round."""
+    ahead = [*range(1, y.shape[1]), 0]
+    dy, dz = y[:, ahead] - y, z[:, ahead] - z
+    double = dy * dy + dz * dz <= (1e-9 * diameter[:, None]) ** 2  # corners that are given twice in a row count once
+    double[:, 0] &= ~double[:, 1:].all(axis=1)
+    if double.any():
+        rows = [_around(y[k : k + 1, ~double[k]], z[k : k + 1, ~double[k]], diameter[k : k + 1]) for k in range(len(y))]
+        area, turn, rounds = np.concatenate(rows, axis=1)
+        return area, turn, rounds
+    area = 0.5 * (y * z[:, ahead] - z * y[:, ahead]).sum(axis=1)
+    turns = dy * dz[:, ahead] - dz * dy[:, ahead]  # of each corner, positive to the left
+    turned = np.arctan2(turns, dy * dy[:, ahead] + dz * dz[:, ahead]).sum(axis=1)
+    least = (turns * np.sign(area)[:, None]).min(axis=1, initial=np.inf)
+    return area, least, np.round(np.abs(turned) / (2.0 * np.pi))

@@ -60,11 +60,20 @@ class CutSearch:
     """One search: for a point on the bilinear surface, or a proof that there is none.
 
     gap: moment residual at which a node counts as refuted. tolerance: violation that a point may have. max_nodes,
-    deadline (``time.perf_counter()``): where to stop. found: choice, (P,), and point; stopped: why there is neither.
+    deadline (``time.perf_counter()``): where to stop. root: the lift of the problem, where it is solved already.
+    found: choice, (P,), and point; stopped: why there is neither.
     """
 
     def __init__(
-        self, programs: Programs, scaled: Scaled, *, gap: float, tolerance: float, max_nodes: int, deadline: float
+        self,
+        programs: Programs,
+        scaled: Scaled,
+        *,
+        gap: float,
+        tolerance: float,
+        max_nodes: int,
+        deadline: float,
+        root: LiftAnswer | None = None,
     ) -> None:
         self._programs, self._gap = programs, gap
         self._on_surface = max(SURFACE, 0.5 * tolerance)
@@ -74,7 +83,7 @@ class CutSearch:
         self.seconds = 0.0
         self.stopped = ""
         self.found: tuple[Index, Point] | None = None
-        self.root = self._node(self._whole)
+        self.root = self._node(self._whole, root)
 
     def run(self) -> None:
         """Search until there is a point, every node is refuted, or a limit."""
@@ -100,10 +109,10 @@ class CutSearch:
         tree, multipliers = self.root.rows()
         return Certificate(tree=np.array(tree), multipliers=np.array(multipliers))
 
-    def _node(self, scaled: Scaled) -> Node:
+    def _node(self, scaled: Scaled, lift: LiftAnswer | None = None) -> Node:
         self.solves += 1
         self.nodes += 1
-        lift = solve_lift(self._programs, scaled, least_moment=True)
+        lift = lift or solve_lift(self._programs, scaled, least_moment=True)
         self.seconds += lift.seconds
         return Node(scaled=scaled, lift=lift)
 

@@ -60,8 +60,10 @@ class ExactPlanner:
         self.time_limit_s = time_limit_s
         self.programs = programs or Programs()
 
-    def solve(self, problem: PostureProblem) -> Outcome:
+    def solve(self, problem: PostureProblem, *, root: LiftAnswer | None = None) -> Outcome:
         """Decide whether a posture problem has an answer (paper E's P, exactly).
+
+        root: the lift of the problem with the least moment, where it is solved already.
 
         Returns FEASIBLE with a posture, INFEASIBLE with a certificate whose leaves all prove a moment residual above
         ``acceptance.gap``, both checked by the verifier; or UNDECIDED with the reason. details: nodes of the tree, and
@@ -71,7 +73,7 @@ class ExactPlanner:
         scaled = Scaled.of(problem)
         search = CutSearch(
             self.programs, scaled, gap=self.acceptance.gap, tolerance=self.acceptance.tolerance,
-            max_nodes=self.max_nodes, deadline=begin + self.time_limit_s,
+            max_nodes=self.max_nodes, deadline=begin + self.time_limit_s, root=root,
         )  # fmt: skip
         search.run()
         return self.acceptance.outcome(

@@ -6,7 +6,7 @@ It recomputes contact frames, rotation, balances, cones and reach from the probl
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -50,17 +50,22 @@ def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float
     )  # fmt: skip
 
 
-def check_postures(problems: Sequence[PostureProblem], postures: Sequence[Posture]) -> Array:
+def check_postures(
+    problems: Sequence[PostureProblem], postures: Sequence[Posture], *, without: Collection[str] = ()
+) -> Array:
     """The ``worst`` of ``check_posture`` for many at once, shape (B,); inf for what is no posture.
 
-    Problems may have any number of contacts. Who has the numbers as arrays can ask ``worst_of`` a ``Stances``.
+    Problems may have any number of contacts. without: groups that are left out, e.g. the moment balance for points of
+    P̄. Who has the numbers as arrays can ask ``worst_of`` a ``Stances``.
     """
     worst = np.full(len(problems), np.inf)
     whole = [not _posture_defect(*pair) for pair in zip(problems, postures, strict=True)]
     rows = np.flatnonzero(whole).tolist()
     if rows:
         with np.errstate(all="ignore"):
-            worst[rows] = worst_of(Stances.of_postures([problems[k] for k in rows], [postures[k] for k in rows]))
+            at = Stances.of_postures([problems[k] for k in rows], [postures[k] for k in rows])
+            found = violations(at)
+            worst[rows] = worst_of(at, {group: values for group, values in found.items() if group not in without})
     return worst
 
 

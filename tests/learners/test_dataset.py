@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from stancekit.learners import dataset, labelling, ledger
+from stancekit.learners import dataset, ledger, shards
 from stancekit.learners.dataset import Dataset, LabelledPosture
 from stancekit.learners.labelling import LabelPlan, label
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -49,7 +49,7 @@ def test_what_was_labelled_is_what_is_read(tmp_path: Path, monkeypatch: pytest.M
         written.extend(rows)
         return dataset.table_of(rows, contacts)
 
-    monkeypatch.setattr(labelling, "table_of", spy)
+    monkeypatch.setattr(shards, "table_of", spy)
     label(PLAN, tmp_path)
     rows = list(Dataset.open(tmp_path))
     assert len(rows) == len(written) == 36

@@ -18,20 +18,20 @@ import pyarrow as pa
 import pytest
 
 from stancekit.envs.terrains import PostureDistribution, distribution
-from stancekit.learners import ledger
-from stancekit.learners.dataset import Dataset, table_of
+from stancekit.learners import ledger, shards
+from stancekit.learners.dataset import Dataset
 from stancekit.learners.labelling import (
     LabellingFailed,
     LabelPlan,
     Progress,
     Task,
-    _Labeller,
     label,
     processes,
     recheck,
     samples,
 )
 from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.search.exact import ExactPlanner
 
 PLAN = LabelPlan(distribution="wall-3", feasible=18, infeasible=14, shard_size=6, seed=5)
 NATURAL = LabelPlan(distribution="wall-3", feasible=0, infeasible=40, shard_size=20, seed=6, natural=True)
@@ -117,14 +117,29 @@ def test_any_executor_in_any_order_writes_the_same_bytes(balanced: Path, tmp_pat
     assert contents(tmp_path) == contents(balanced)
 
 
-def test_an_answer_does_not_depend_on_the_answers_before() -> None:
-    problems = list(itertools.islice(samples(NATURAL, 0), 60))
-    once, again = _Labeller(NATURAL, 0), _Labeller(NATURAL, 0)
-    order = np.random.default_rng(0).permutation(len(problems))
-    rows = [once.row(problem, once.decide(problem), sample=k, row=k) for k, problem in enumerate(problems)]
-    mixed = {k: again.row(problems[k], again.decide(problems[k]), sample=k, row=k) for k in map(int, order)}
-    assert {row.kind for row in rows} == {"feasible", "infeasible", "trivial"}
-    assert table_of(rows, 3).equals(table_of([mixed[k] for k in range(len(rows))], 3))
+def test_no_row_depends_on_where_a_block_begins(
+    balanced: Path, natural: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for size in (1, 7, 64):
+        monkeypatch.setattr(shards, "BLOCK", size)
+        for plan, whole in ((PLAN, balanced), (NATURAL, natural)):
+            label(plan, tmp_path / f"{plan.natural}-{size}")
+            assert contents(tmp_path / f"{plan.natural}-{size}") == contents(whole)
+
+
+def test_rows_hold_what_the_exact_planner_answers_to_each_problem_alone(natural: Path) -> None:
+    exact = ExactPlanner(max_nodes=NATURAL.max_nodes, time_limit_s=math.inf)
+    kinds = set()
+    for row in Dataset.open(natural):
+        alone = exact.solve(row.problem)
+        kinds.add(row.kind)
+        assert (row.status, row.lower_bound, row.solves) == (alone.status, alone.lower_bound, alone.solves)
+        if row.posture is not None and alone.posture is not None:
+            for name in ("com_m", "rotation_rad", "toes_m", "forces_n"):
+                assert getattr(row.posture, name).tobytes() == getattr(alone.posture, name).tobytes()
+        if row.certificate is not None and alone.certificate is not None:
+            assert row.certificate.to_json() == alone.certificate.to_json()
+    assert kinds == {"feasible", "infeasible", "trivial"}
 
 
 def start(path: Path, *, workers: int = 1, function: str = "", calls: int = 0) -> subprocess.Popen[str]:
@@ -319,7 +334,11 @@ def test_the_summary_counts_and_times_all_samples(tmp_path: Path) -> None:
     summary = label(replace(PLAN, shard_size=40), tmp_path)
     assert summary.rows == ledger.Counts(feasible=18, infeasible=14)
     assert 0.1 < summary.solve_ms_median < summary.solve_ms_p99
-    assert summary.cpu_s_per_1000 > 0.5 * summary.solve_ms_median
+    (timing,) = Dataset.open(tmp_path).ledger.timings()
+    assert len(timing.solve_ms) == summary.drawn.total
+    assert min(timing.solve_ms) > 0.0
+    assert summary.solve_ms_median == np.median(timing.solve_ms)
+    assert summary.cpu_s_per_1000 == pytest.approx(1e3 * timing.cpu_s / summary.drawn.total)
     for file in tmp_path.glob("timing-*.json"):
         file.unlink()
     untimed = Dataset.open(tmp_path).summary()

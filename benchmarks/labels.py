@@ -1,0 +1,122 @@
+"""What labels cost: CPU seconds for 1,000 natural samples, writing included, and whether they are those of before.
+
+    python benchmarks/labels.py                                  # this tree alone
+    python benchmarks/labels.py --against ../before --pairs 15   # in turns with another checkout, and row by row
+
+Every figure is one process that labels after a warm-up. A yardstick is what 1,000 cold solves of one fixed cone
+program take in the same process: divide by it to compare machines and hours.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).resolve().parents[1]
+KINDS = ("wall-3", "wall-5", "ground-3")
+
+CHILD = """
+import json, sys, time
+import clarabel, numpy as np, scipy.sparse as sp
+from pathlib import Path
+from stancekit.learners.labelling import LabelPlan, label
+
+def yardstick():
+    rng = np.random.default_rng(0)
+    cones = [clarabel.ZeroConeT(6)] + [clarabel.SecondOrderConeT(4)] * 10
+    a, x = rng.normal(size=(46, 20)), rng.normal(size=20)
+    inside = np.concatenate([np.zeros(6), np.tile([2.0, 0.1, 0.1, 0.1], 10)])
+    settings = clarabel.DefaultSettings()
+    settings.verbose, settings.max_threads = False, 1
+    q = a.T @ np.concatenate([np.ones(6), np.tile([2.0, 0.5, 0.5, 0.5], 10)])
+    args = (sp.csc_matrix((20, 20)), -q, sp.csc_matrix(a), a @ x + inside, cones, settings)
+    begin = time.process_time()
+    for _ in range(1000):
+        answer = clarabel.DefaultSolver(*args).solve()
+    return time.process_time() - begin, str(answer.status)
+
+kind, rows, balanced, folder = json.loads(sys.argv[1])
+many = dict(feasible=rows // 2, infeasible=rows - rows // 2) if balanced else dict(feasible=rows, infeasible=0)
+label(LabelPlan(distribution=kind, feasible=60, infeasible=0, natural=True, seed=12345), Path(folder) / "warm")
+first = yardstick()
+begin = time.process_time()
+plan = LabelPlan(distribution=kind, natural=not balanced, seed=0, shard_size=500, **many)
+summary = label(plan, Path(folder) / "set")
+cpu = time.process_time() - begin
+second = yardstick()
+print(json.dumps({"cpu": cpu, "yard": 0.5 * (first[0] + second[0]), "drawn": summary.drawn.total,
+                  "counts": summary.to_json()["drawn"], "status": first[1]}))
+"""
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--against", type=Path, help="another checkout, to be measured in turns")
+    parser.add_argument("--pairs", type=int, default=3)
+    parser.add_argument("--rows", type=int, default=1000)
+    parser.add_argument("--balanced", action="store_true", help="half feasible, half infeasible, as for training")
+    parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
+    given = parser.parse_args()
+    trees = {"after": HERE} if given.against is None else {"before": given.against.resolve(), "after": HERE}
+    for kind in given.kinds:
+        runs: dict[str, list[dict[str, float]]] = {name: [] for name in trees}
+        for pair in range(given.pairs):
+            with tempfile.TemporaryDirectory() as folder:
+                order = list(trees) if pair % 2 == 0 else list(trees)[::-1]
+                for name in order:
+                    runs[name].append(child(trees[name], [kind, given.rows, given.balanced, f"{folder}/{name}"]))
+                if pair == 0 and len(trees) == 2:
+                    compare(kind, Path(folder) / "before" / "set", Path(folder) / "after" / "set")
+        cpu = {name: np.array([1e3 * run["cpu"] / run["drawn"] for run in found]) for name, found in runs.items()}
+        for name, found in runs.items():
+            yard = np.array([run["yard"] for run in found])
+            print(f"{kind} {name:6}: {spread(cpu[name])} CPU-s per 1,000 samples, {spread(cpu[name] / yard)} "
+                  f"yardsticks of {np.median(yard):.3f} s; {found[0]['counts']}", flush=True)  # fmt: skip
+        if len(trees) == 2:
+            print(f"{kind} pairs : before / after {spread(cpu['before'] / cpu['after'])}", flush=True)
+
+
+def spread(values: np.ndarray) -> str:
+    """Median, least and most."""
+    return f"{np.median(values):.3f} ({values.min():.3f} to {values.max():.3f})"
+
+
+def child(tree: Path, task: list[object]) -> dict[str, float]:
+    """Label in a process of its own, with the packages of this tree."""
+    environment = {**os.environ, "PYTHONPATH": str(tree / "typings")}
+    environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, "-c", CHILD, json.dumps(task)]
+    run = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    assert run.returncode == 0, run.stderr
+    return dict(json.loads(run.stdout.splitlines()[-1]))
+
+
+def compare(kind: str, before: Path, after: Path) -> None:
+    """Row by row: problems, labels, and how far apart the numbers are that selectors learn from."""
+    from stancekit.learners.dataset import Dataset
+
+    old, new = Dataset.open(before), Dataset.open(after)
+    same = labels = points = 0
+    apart = 0.0
+    for mine, theirs in zip(new, old, strict=True):
+        same += mine.problem.to_json() == theirs.problem.to_json() and mine.sample == theirs.sample
+        labels += mine.kind == theirs.kind
+        if mine.point is not None and theirs.point is not None:
+            off = float(np.abs(mine.point - theirs.point).max())
+            points += off < 1e-6
+            apart = max(apart, off)
+    of = sum(row.point is not None for row in new)
+    print(f"{kind} rows  : {len(new)}, equal problems {same}, equal labels {labels}; points [p, f]: {points} of {of} "
+          f"within 1e-6, the farthest {apart:.2g} apart", flush=True)  # fmt: skip
+
+
+if __name__ == "__main__":
+    main()
