@@ -31,6 +31,8 @@ WHOLE = 1e-4
 """A share this close to 1 is a choice already made."""
 PATCH_UNIT_M = 0.1
 """A force interval of half this many patch sizes is as wide as the patch: the rule of when to cut the patch instead."""
+FLAT = 0.1
+"""Pieces of a patch may leave out so large a share of the gap; of a patch that is bent more, only forces are split."""
 WORTH, WORTH_LEAST = 3.0, 2e-3
 """Below the root, SCP steps on only where the first toes leave less than this many bounds, and this, of moment."""
 STEPS = 4
@@ -132,19 +134,28 @@ class CutSearch:
         contact, axis, spread = widest_spread(lift)
         foothold = int(scaled.layout.contacts[2][contact])
         candidate = largest(scaled.layout, lift.shares, foothold)
-        piece = scaled.pieces[candidate]
+        piece, number = scaled.pieces[candidate], int(np.concatenate(scaled.which)[candidate])
         low, high = scaled.force_min.copy(), scaled.force_max.copy()
         width = float(high[contact, axis] - low[contact, axis])
         size = float(np.max(np.linalg.norm(piece[:, None] - piece[None], axis=-1))) * scaled.length_m
-        if len(piece) > 2 and (spread < 1e-9 or width < 0.5 * size / PATCH_UNIT_M):
+        small = spread < 1e-9 or width < 0.5 * size / PATCH_UNIT_M
+        if small and len(piece) > 2 and self._flat(foothold, number):
             first, second = halving_chord(piece)
-            node.row = (2.0, float(foothold), float(np.concatenate(scaled.which)[candidate]), first, second)
+            node.row = (2.0, float(foothold), float(number), first, second)
             return [self._node(scaled.with_piece(candidate, part)) for part in cut(piece, first, second)]
         value = 0.5 * float(low[contact, axis] + high[contact, axis])
         node.row = (3.0, float(contact), float(axis), value, 0.0)
         below, above = high.copy(), low.copy()
         below[contact, axis] = above[contact, axis] = value
         return [self._node(scaled.with_force_box(low, below)), self._node(scaled.with_force_box(above, high))]
+
+    def _flat(self, foothold: int, number: int) -> bool:
+        """Whether pieces cover a whole patch: what they leave out of a bent one is taken off what they prove."""
+        whole = self._whole
+        own = (whole.layout.candidate_footholds == foothold) & (np.concatenate(whole.which) == number)
+        border = whole.pieces[int(np.flatnonzero(own)[0])]
+        away = border - border.mean(axis=0)
+        return len(border) <= 3 or float(np.ptp(away @ np.linalg.svd(away)[2][2])) <= FLAT * self._gap
 
     @staticmethod
     def _torn(scaled: Scaled, lift: LiftAnswer) -> tuple[int, int] | None:

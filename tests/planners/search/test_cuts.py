@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_certificate, check_plan
 from stancekit.planners.verify.geometry import cut as cut_again
+from stancekit.planners.verify.geometry import sag
 
 SEEDS = st.integers(0, 2**32 - 1)
 CUT = [("wall-3", seed) for seed in (225, 234, 250, 275, 384)] + [("ground-3", 86), ("ground-3", 215)]
@@ -81,6 +83,23 @@ def test_what_cuts_find_or_refute_the_verifier_accepts_whatever_polygons_ice_and
             assert check_plan(plan).accepted
     assert kinds >= {0.0, 3.0}
     assert found >= 3
+
+
+def test_what_pieces_of_a_bent_patch_leave_out_costs_no_proof(programs, rough):
+    """The verifier takes it off every bound: where the least moment is as small, the patch is not to be cut."""
+    course = rough(775284, regions=2)
+    share = 0.85
+    placements = tuple(
+        replace(put, candidates=tuple(patch.with_friction(share * patch.friction) for patch in put.candidates))
+        for put in course.placements
+    )
+    course = replace(course, placements=placements)
+    outcome = TwoStageCoursePlanner(programs=programs).solve(course)
+    assert outcome.status is Status.INFEASIBLE
+    assert set(outcome.certificate.tree[:, 0]) == {0.0, 1.0, 3.0}
+    assert check_certificate(course, outcome.certificate).lower_bound < 2e-5
+    bent = [sag(patch.vertices_m / course.length_scale_m) for put in placements for patch in put.candidates]
+    assert max(bent) > 5e-5
 
 
 def test_a_certificate_has_choices_cuts_and_forces_where_patches_are_torn_and_large(programs, drawn, as_course):
