@@ -15,6 +15,7 @@ import heapq
 import itertools
 import time
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -31,6 +32,8 @@ WHOLE = 1e-4
 """A share this close to 1 is a choice already made."""
 PATCH_UNIT_M = 0.1
 """A force interval of half this many patch sizes is as wide as the patch: the rule of when to cut the patch instead."""
+FLAT = 0.1
+"""Pieces of a patch may leave out so large a share of the gap; of a patch that is bent more, only forces are split."""
 WORTH, WORTH_LEAST = 3.0, 2e-3
 """Below the root, SCP steps on only where the first toes leave less than this many bounds, and this, of moment."""
 STEPS = 4
@@ -129,15 +132,28 @@ class CutSearch:
 
     def _branch(self, node: Node) -> list[Node]:
         """Two children that cover the node."""
-        node.row, parts = branch(node.scaled, node.lift)
+        node.row, parts = branch(node.scaled, node.lift, bent=self._bent)
         return [self._node(part) for part in parts]
 
 
-def branch(scaled: Scaled, lift: LiftAnswer, contact: int | None = None) -> tuple[tuple[float, ...], list[Scaled]]:
+    @cached_property
+    def _bent(self) -> Array:
+        """1 where the pieces of a patch would not cover it: what they leave out is taken off what they prove.
+
+        Shape (P, options).
+        """
+        bends = np.array([_bend(piece) for piece in self._whole.pieces])
+        return np.asarray(self._whole.by_candidate(bends, 0.0) > FLAT * self._gap, dtype=np.float64)
+
+
+def branch(
+    scaled: Scaled, lift: LiftAnswer, contact: int | None = None, bent: Array | None = None
+) -> tuple[tuple[float, ...], list[Scaled]]:
     """A row of a certificate's tree that splits a problem where its lift is loose, and the two parts, which cover it.
 
     First a foothold torn between candidates; then the force box of the stance contact and component whose f_u / λ_u
-    differ most, or, where that is narrower than its patch, the patch. contact: where another one is wanted.
+    differ most, or, where that is narrower than its patch, the patch. contact: where another one is wanted. bent: of
+    which patches only the forces may be split, (P, options).
     """
     torn = _torn(scaled, lift)
     if torn is not None:
@@ -151,18 +167,28 @@ def branch(scaled: Scaled, lift: LiftAnswer, contact: int | None = None) -> tupl
     axis = int(spread[contact].argmax())
     foothold = int(scaled.layout.contacts[2][contact])
     candidate = _largest(scaled.layout, lift.shares, foothold)
-    piece, low, high = scaled.pieces[candidate], scaled.force_min.copy(), scaled.force_max.copy()
+    piece, number = scaled.pieces[candidate], int(np.concatenate(scaled.which)[candidate])
+    low, high = scaled.force_min.copy(), scaled.force_max.copy()
     width = float(high[contact, axis] - low[contact, axis])
     size = float(np.max(np.linalg.norm(piece[:, None] - piece[None], axis=-1))) * scaled.length_m
-    if len(piece) > 2 and (spread[contact, axis] < 1e-9 or width < 0.5 * size / PATCH_UNIT_M):
+    small = spread[contact, axis] < 1e-9 or width < 0.5 * size / PATCH_UNIT_M
+    if small and len(piece) > 2 and not (bent is not None and bent[foothold, number]):
         first, second = halving_chord(piece)
-        row = (2.0, float(foothold), float(np.concatenate(scaled.which)[candidate]), first, second)
+        row = (2.0, float(foothold), float(number), first, second)
         return row, [scaled.with_piece(candidate, part) for part in cut(piece, first, second)]
     value = 0.5 * float(low[contact, axis] + high[contact, axis])
     below, above = high.copy(), low.copy()
     below[contact, axis] = above[contact, axis] = value
     parts = [scaled.with_force_box(low, below), scaled.with_force_box(above, high)]
     return (3.0, float(contact), float(axis), value, 0.0), parts
+
+
+def _bend(border: Array) -> float:
+    """How far the corners of a patch lie apart along its normal; 0 for a triangle."""
+    if len(border) <= 3:
+        return 0.0
+    away = border - border.mean(axis=0)
+    return float(np.ptp(away @ np.linalg.svd(away)[2][2]))
 
 
 def _torn(scaled: Scaled, lift: LiftAnswer) -> tuple[int, int] | None:
