@@ -13,7 +13,7 @@ import pytest
 
 from stancekit.planners.outcome import InvalidInput
 from stancekit.planners.plan_file import check_file, write_plan
-from stancekit.planners.verify_plan import check_plan
+from stancekit.planners.verify import check_plan
 from stancekit.planners.writing import TEMPORARY, check_writable, remove_leftovers, replaced, write_bytes, write_text
 from tests.emulators.faulty_disk import Ended, ended
 

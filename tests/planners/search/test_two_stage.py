@@ -127,7 +127,7 @@ def test_units_do_not_matter(climb, programs):
 
 
 def test_bad_settings_are_refused():
-    with pytest.raises(InvalidInput, match="projection: expected one of fix-p, fix-f, fix-toes, scp, got 'magic'"):
+    with pytest.raises(InvalidInput, match="projection: expected one of fix-p, fix-f, fix-toes, scp, nlp, got 'magic'"):
         TwoStageCoursePlanner(projection="magic")
     with pytest.raises(InvalidInput, match="gap: expected a number above 0"):
         TwoStageCoursePlanner(gap=0.0)

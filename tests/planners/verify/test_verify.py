@@ -772,7 +772,7 @@ def _by_all_tetrahedra(vertices: np.ndarray, point: np.ndarray) -> float:
     if np.any((shares.min(axis=1, initial=0.0) >= 0.0) & (shares.sum(axis=1) <= 1.0)):
         return 0.0
     triangles = vertices[list(itertools.combinations(range(len(vertices)), 3))]
-    return float(triangle_distances(triangles, point).min())
+    return float(triangle_distances(triangles, np.broadcast_to(point, (len(triangles), 3))).min())
 
 
 def test_the_distance_from_a_hull_is_that_by_all_its_tetrahedra():
