@@ -41,7 +41,8 @@ OF_PLANNERS = {
 class PlanCourse:
     """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries.
 
-    COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall) or a YAML or JSON file of your own.
+    COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall) or a YAML or JSON file of your own; a file
+    of one posture problem is a course of one frame.
 
       stancekit plan walls --frames 8 --out climb.json --picture climb.png
       stancekit plan icy-walls --html climb.html
@@ -77,6 +78,9 @@ class PlanCourse:
     has something in hand. Two-stage only; bound is told where all of it was needed, or with --no-reserve."""
     frames: int | None = None
     """Number of key frames M, where not the course's own."""
+    engine: Literal["rows", "cvxpy"] = "rows"
+    """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as the paper has them
+    (much slower)."""
     time_limit_s: float = 60.0
     """Limit for the planner; what is not decided by then is undecided [s]."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None
@@ -175,6 +179,7 @@ class PlanCourse:
                 raise InvalidInput(f"{option}: expected another file than {first}, got {target} for both")
 
     def _planner(self) -> CoursePlanner:
+        from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.search.methods import make_course_planner
 
         envelopes = None if self.envelope is None else _envelopes(self.envelope)
@@ -187,6 +192,7 @@ class PlanCourse:
                 solver=self.solver,
                 intervals=self.intervals,
                 time_limit_s=self.time_limit_s,
+                programs=Programs(engine=self.engine),
             )
 
     def _write(self, plan: Plan) -> Report:

@@ -64,6 +64,8 @@ class Solve:
     """Pieces of each axis in micp's grid, a power of two."""
     time_limit_s: float = 30.0
     """Limit a problem for exact, nlp and micp; what is not decided by then is undecided [s]."""
+    engine: Literal["rows", "cvxpy"] = "rows"
+    """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as the paper has them."""
     certificate: bool = False
     """Add the certificate to infeasible answers, for `stancekit verify`."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -73,6 +75,7 @@ class Solve:
 
     def run(self) -> int:
         """Answer every problem that can be read; exit code 2 if any could not."""
+        from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.files import check_writable, read_envelopes, write_text
         from stancekit.planners.search.methods import make_planner
 
@@ -88,6 +91,7 @@ class Solve:
                 solver=self.solver,
                 intervals=self.intervals,
                 time_limit_s=self.time_limit_s,
+                programs=Programs(engine=self.engine),
             )
         problems = list(_problems(self.files))
         lines: list[dict[str, Any]] = []

@@ -12,7 +12,7 @@ import numpy as np
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.multipliers import multipliers
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import ConicSolution, ConicStatus, Rows
+from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, FreeToes, Given, objective
 from ..outcome import Certificate
@@ -35,6 +35,12 @@ class Positions:
         body.reach(toes)
         body.limits()
         body.steps(toes)
+
+    def reference(self, given: Given) -> Reference:
+        """The same in cvxpy."""
+        from ..equilibrium.reference import positions
+
+        return positions(given.scaled)
 
     def solve(self, scaled: Scaled) -> tuple[ConicSolution, Index, Point]:
         """The solution, the candidates of the largest shares by number, (P,), and the point without forces."""
