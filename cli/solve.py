@@ -65,7 +65,7 @@ class Solve:
     time_limit_s: float = 30.0
     """Limit a problem for exact, nlp and micp; what is not decided by then is undecided [s]."""
     engine: Literal["rows", "cvxpy"] = "rows"
-    """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as the paper has them."""
+    """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as paper E has them."""
     certificate: bool = False
     """Add the certificate to infeasible answers, for `stancekit verify`."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
