@@ -13,7 +13,7 @@ from stancekit.planners.outcome import InvalidInput, PlanningFailed
 
 from .console import as_options, emit, err, out
 from .terrain import TerrainFile
-from .watch import interruptible, shown
+from .watch import interruptible, watching
 
 if TYPE_CHECKING:
     from stancekit.planners.arrays import Array
@@ -219,7 +219,7 @@ class Gait:
 
         if partial.begun:
             err.print(f"{partial.path}: goes on from what an interrupted run of this command kept")
-        with interruptible() as interrupted, shown(self.terrain) as show:
+        with interruptible() as interrupted, watching(self.terrain) as show:
 
             def progress(*at: Any) -> bool:
                 show(*at)

@@ -40,7 +40,7 @@ def interruptible() -> Iterator[Callable[[], bool]]:
 
 
 @contextmanager
-def shown(title: str) -> Iterator[Callable[[Named, int, float, float, str], None]]:
+def watching(title: str) -> Iterator[Callable[[Named, int, float, float, str], None]]:
     """Yields what shows an iteration (attempt, number, violation, cost, phase) on standard error.
 
     One line with the time that has passed; silent where standard error is no terminal.

@@ -43,7 +43,8 @@ class ScaledBatch:
     @cached_property
     def problems(self) -> list[Scaled]:
         """Each of them; they share one layout."""
-        flat = self.vertices.reshape(len(self), -1, 3)
+        count, contacts, corners, _ = self.vertices.shape
+        flat = self.vertices.reshape(count, contacts * corners, 3)
         return [
             replace(self.like, vertices=flat[k], frames=self.frames[k], friction=self.friction[k])
             for k in range(len(self))

@@ -113,7 +113,7 @@ def is_trajectory(data: Any) -> bool:
 
 def copied(trajectory: Trajectory) -> Trajectory:
     """The same, made anew of what would be written to a file. Raises InvalidInput where that is none."""
-    header = trajectory.header() | {"verified": False, "verdict": {}, "trajectory": "", "digest": "", "format": FORMAT}
+    header = trajectory.header() | {"verified": False, "verdict": {}, "trajectory": "", "digest": "", "format": PAIRED}
     arrays = {name: np.array(array) for name, array in trajectory.arrays().items()}
     return _assemble(_Header.model_validate(header), arrays)
 

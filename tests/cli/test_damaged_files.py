@@ -23,6 +23,7 @@ pytest.importorskip("mcap")
 pytest.importorskip("trimesh")
 pytest.importorskip("stable_baselines3")
 
+from stancekit.cli import console
 from stancekit.cli.main import INTERNAL, parse, run
 from stancekit.cli.verify import Verify
 from stancekit.envs.terrains import distribution
@@ -142,7 +143,7 @@ NAME = '[red]<b a="1">&\'$x$ :smile:'
 def test_a_name_is_printed_as_it_is_and_orders_to_the_terminal_are_not(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(console.out, "width", 200)
     spec = yaml.safe_load((folder / "course.yaml").read_text())
     (folder / "odd.yaml").write_text(yaml.safe_dump({**spec, "name": f"{NAME}\x1b[31m\x07"}))
     arguments = ("plan", "odd.yaml", "--picture", "odd.svg", "--html", "odd.html", "--out", "odd.json")

@@ -258,7 +258,7 @@ def test_a_failed_write_leaves_the_old_picture_and_nothing_else(
         raise OSError(28, "the disc is full")
 
     monkeypatch.setattr(os, "replace", fail)
-    with pytest.raises(InvalidInput, match="cannot be written: the disc is full"):
+    with pytest.raises(InvalidInput, match="cannot be written: No space left on device"):
         save(draw_comparison(ROWS, size_px=SMALL), path)
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]

@@ -240,11 +240,11 @@ def test_another_checkpoint_is_refused(
         evolve(feasible, infeasible[::-1], dataset.points, short, judge=judge, checkpoint=path)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
-    assert refused().startswith(f"{path}: expected a checkpoint (stancekit/evolution/1), got BadZipFile")
+    assert refused().startswith(f"{path}: expected arrays without pickle: File is not a zip file")
     path.write_bytes(b"")
-    assert refused().startswith(f"{path}: expected a checkpoint (stancekit/evolution/1), got EOFError")
+    assert refused().startswith(f"{path}: expected arrays without pickle: File is not a zip file")
     np.savez(path, other=np.zeros(3))
-    assert refused().startswith(f"{path}: expected a checkpoint (stancekit/evolution/1), got KeyError")
+    assert refused().startswith(f"{path}: expected a checkpoint (stancekit/evolution/1), got the arrays ['other']")
     names = dict.fromkeys(("digest", "state", "population", "history", "counts"), np.zeros(1))
     np.savez(path, format=np.array("stancekit/evolution/2"), **names)
     assert refused() == f"{path}: format: expected 'stancekit/evolution/1', got 'stancekit/evolution/2'"
@@ -259,7 +259,7 @@ def test_nothing_in_a_checkpoint_is_unpickled(
 
     path = tmp_path / "ga.npz"
     np.savez(path, format=np.array([Trap()], dtype=object), allow_pickle=True)
-    with pytest.raises(InvalidInput, match="expected a checkpoint"):
+    with pytest.raises(InvalidInput, match="expected arrays without pickle: expected numbers or texts, got object"):
         evolve(feasible, infeasible, dataset.points, SMALL, checkpoint=path)
     assert not hasattr(builtins, "sprung")
 
