@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from stancekit.planners.outcome import InvalidInput, PlanningFailed
+from stancekit.planners.refusals import shown
 
 from .console import as_options, emit, err, out
 from .terrain import TerrainFile

@@ -150,7 +150,7 @@ def watched(monkeypatch):
 
     def call(then=lambda *at: None):
         @contextmanager
-        def shown(title):
+        def watching(title):
             seen.clear()
 
             def show(attempt, iteration, violation, cost, phase):
@@ -159,7 +159,7 @@ def watched(monkeypatch):
 
             yield show
 
-        monkeypatch.setattr(gait_command, "shown", shown)
+        monkeypatch.setattr(gait_command, "watching", watching)
         return seen
 
     return call
