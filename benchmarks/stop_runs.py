@@ -177,6 +177,7 @@ def stopped(kind: str, path: Path, start: Array, index: int, rng: np.random.Gene
         if isinstance(device, BridgeProcess):
             setup = same_names(joints, port=device.port, estop="/e_stop", controller_manager="/controller_manager")
             setup.write(folder / "setup.yaml")
+            device.inject("controller off")  # as it is found, so that an interrupted arming must leave it
         else:
             calibration = nominal(joints, port=device.path)
             rest = {
@@ -272,8 +273,6 @@ def judged(
     spare = int(what == "servo unplugged")  # nobody reaches that one: its own watchdog stops it
     if helpless:  # what its torque was, and its own watchdog
         right = on in (0, len(torque))
-    elif arming and "log" in state and ending == "hold":  # found on; off again if the arming had switched it
-        right = True
     elif arming or ending == "torque-off":
         right = on <= spare
     else:

@@ -138,12 +138,16 @@ class CutSearch:
 
     @cached_property
     def _bent(self) -> Array:
-        """1 where the pieces of a patch would not cover it: what they leave out is taken off what they prove.
+        return bent_patches(self._whole, FLAT * self._gap)
 
-        Shape (P, options).
-        """
-        bends = np.array([_bend(piece) for piece in self._whole.pieces])
-        return np.asarray(self._whole.by_candidate(bends, 0.0) > FLAT * self._gap, dtype=np.float64)
+
+def bent_patches(scaled: Scaled, most: float) -> Array:
+    """1 where the pieces of a whole patch do not cover it to ``most``: what they leave out is taken off every bound.
+
+    Shape (P, options).
+    """
+    bends = np.array([_bend(piece) for piece in scaled.pieces])
+    return np.asarray(scaled.by_candidate(bends, 0.0) > most, dtype=np.float64)
 
 
 def branch(

@@ -30,7 +30,7 @@ from ..scene.course import Course
 from .answer import Acceptance, plan_of
 from .choice import LEAST, ChoiceSearch
 from .clock import Clock
-from .cuts import CutSearch, branch
+from .cuts import CutSearch, bent_patches, branch
 from .two_stage import TwoStageCoursePlanner, decide
 
 
@@ -128,8 +128,11 @@ class ExactCoursePlanner:
             found, upper, lower, stopped = tail.best, tail.upper, tail.lower, tail.stopped
             details = {"nodes": float(head.nodes + tail.nodes), "cuts": float(tail.cuts)}
         if found is None and proof is None and not stopped:
-            _, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes, self.time_limit_s)
+            found, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes, self.time_limit_s)
             details["nodes"] += nodes
+            if found is not None:  # the solver refuted, by its tolerance, a part that has a plan
+                upper, lower = cost(scaled.chosen(found[0]), found[1]), head.bound
+                stopped = "the search for the best plan lost this one"
         plan, claim = None, "" if stopped or proof is not None else "infeasible"
         if found is not None:
             plan = plan_of(course, scaled, *found, provenance={"planner": self.name, "gap": self.gap})
@@ -166,6 +169,7 @@ class _BestPlan:
         self._lost = float("inf")  # least bound of a node that the solver gave up on
         self._queue: list[tuple[float, int, int, _Node]] = []
         self._order = itertools.count()
+        self._bent = bent_patches(scaled, 1e-9)
         self._quantum = 0.1 * planner.gap * max(self._known, LEAST)
 
     def run(self) -> None:
@@ -230,7 +234,7 @@ class _BestPlan:
 
     def _branch(self, node: _Node) -> list[Scaled]:
         """Two parts that cover the node: a candidate's, where shares are torn, or halves in space."""
-        row, parts = branch(node.lift.scaled, node.lift, _most_gained(node.lift))
+        row, parts = branch(node.lift.scaled, node.lift, _most_gained(node.lift), self._bent)
         self.cuts += row[0] != 1.0
         return parts
 

@@ -341,6 +341,8 @@ class RosBridge:
             self._drop()
         elif kind == "stuck joint":
             self.robot.stuck[0] = True
+        elif kind == "controller off":
+            self.robot.on = False
         else:
             self._faults.add(kind)
 
