@@ -23,7 +23,9 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.gait.seeds import Seat
 from stancekit.planners.outcome import Status
+from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.scene.terrains import reference_terrain
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.warp.conformal import flatten
@@ -56,7 +58,7 @@ def transfer(
     name: str, warp: SplineMap, envelope: Envelope, planner: ExactPlanner, count: int, rng: np.random.Generator
 ) -> list[dict[str, Any]]:
     """P1 and P2 of the envelope, pushed and as it is, on problems that the exact planner has decided."""
-    source, stages = distribution("ground-3"), Programs()
+    source, programs = distribution("ground-3"), Programs()
     hits: dict[str, list[tuple[bool, bool, bool]]] = {"chart": [], "direct": []}
     for _ in range(count):
         place = np.array([*rng.uniform(-2.0, 2.0, 2), HEIGHT_M])
@@ -68,16 +70,16 @@ def transfer(
         scaled = Scaled.of(problem)
         boxes = {"chart": seat.envelope(envelope, problem.length_scale_m), "direct": envelope}
         for way, box in boxes.items():
-            admitted, projected = _stages(stages, scaled, box)
+            admitted, projected = _both(programs, scaled, box)
             hits[way].append((status is Status.FEASIBLE, admitted, projected))
     return [{"terrain": name, "envelope": way, **_shares(found)} for way, found in hits.items()]
 
 
-def _stages(stages: Programs, scaled: Scaled, box: Envelope) -> tuple[bool, bool]:
-    answer = stages.box(scaled).solve(scaled, box)
+def _both(programs: Programs, scaled: Scaled, box: Envelope) -> tuple[bool, bool]:
+    answer = programs.get(McCormick, scaled.layout).solve(scaled, box)
     if not answer.feasible or answer.point is None:
         return False, False
-    return True, bool(stages.project("scp", scaled, answer.point).residual <= ON_SURFACE)
+    return True, bool(project(programs, "scp", scaled, answer.point).residual <= ON_SURFACE)
 
 
 def _shares(found: list[tuple[bool, bool, bool]]) -> dict[str, Any]:

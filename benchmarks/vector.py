@@ -26,7 +26,9 @@ from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.selectors.heuristic import heuristic_envelope
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.scene import PostureProblem
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.exact import ExactPlanner
@@ -121,8 +123,8 @@ class BareLoop:
     """Exact label, P1, fix-p and the verifier, with no environment around them."""
 
     def __init__(self) -> None:
-        self._stages = Programs()
-        self._expert = ExactPlanner(stages=self._stages)
+        self._programs = Programs()
+        self._expert = ExactPlanner(programs=self._programs)
         self._acceptance = Acceptance(tolerance=ADMITTED)
 
     def run(self, problems: list[PostureProblem], scenes: list[Scene], action: np.ndarray) -> None:
@@ -132,11 +134,11 @@ class BareLoop:
             self._expert.solve(problem)
         for scene in scenes:
             scaled = Scaled.of(scene.problem)
-            answer = self._stages.box(scaled).solve_any(scaled, (envelope,))
+            answer = self._programs.get(McCormick, scaled.layout).solve_any(scaled, (envelope,))
             if answer.feasible and answer.point is not None:
-                point = self._stages.project("fix-p", scaled, answer.point)
+                point = project(self._programs, "fix-p", scaled, answer.point)
                 if np.isfinite(point.residual):
-                    found = scaled.posture(com=point.com, rotation=point.rotation, toes=point.toes, forces=point.forces)
+                    found = scaled.posture(point)
                     self._acceptance.outcome(scene.problem, method="fix-p", begin=0.0, posture=found)
 
 
