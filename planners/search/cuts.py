@@ -36,6 +36,10 @@ FLAT = 0.1
 """Pieces of a patch may leave out so large a share of the gap; of a patch that is bent more, only forces are split."""
 WORTH, WORTH_LEAST = 3.0, 2e-3
 """Below the root, SCP steps on only where the first toes leave less than this many bounds, and this, of moment."""
+PROVABLE = None
+"""As a gap: a node counts as refuted where the verifier can be expected to accept what its multipliers prove."""
+WIDENED = 5e-6
+"""What a proof loses, a unit of its multipliers, since the verifier widens every constraint before it counts."""
 STEPS = 4
 """Most linearised steps of SCP at a node."""
 
@@ -62,8 +66,8 @@ class Node:
 class CutSearch:
     """One search: for a point on the bilinear surface, or a proof that there is none.
 
-    gap: moment residual at which a node counts as refuted. tolerance: violation that a point may have. max_nodes,
-    deadline (``time.perf_counter()``): where to stop. root: the lift of the problem, where it is solved already.
+    gap: moment residual at which a node counts as refuted, or ``PROVABLE``. tolerance: violation that a point may have.
+    max_nodes, deadline (``time.perf_counter()``): where to stop. root: the lift of the problem, where it is solved already.
     found: choice, (P,), and point; stopped: why there is neither.
     """
 
@@ -72,7 +76,7 @@ class CutSearch:
         programs: Programs,
         scaled: Scaled,
         *,
-        gap: float,
+        gap: float | None,
         tolerance: float,
         max_nodes: int,
         deadline: float,
@@ -91,10 +95,10 @@ class CutSearch:
     def run(self) -> None:
         """Search until there is a point, every node is refuted, or a limit."""
         order = itertools.count()
-        queue = [(self.root.lift.bound, next(order), self.root)]
+        queue = [(self._proved(self.root.lift), next(order), self.root)]
         while queue:
             bound, _, node = heapq.heappop(queue)
-            if bound > self._gap:
+            if bound > (self._gap or 0.0):
                 return  # best first: every open node is closed, too
             if self.nodes > self._max_nodes or time.perf_counter() > self._deadline or not node.lift.solved:
                 self.stopped = "stopped at the time, node or solver limit"
@@ -103,7 +107,7 @@ class CutSearch:
                 return
             for child in self._branch(node):
                 node.children.append(child)
-                heapq.heappush(queue, (child.lift.bound, next(order), child))
+                heapq.heappush(queue, (self._proved(child.lift), next(order), child))
 
     def certificate(self) -> Certificate | None:
         """The proof that there is no point, where every node was refuted."""
@@ -111,6 +115,14 @@ class CutSearch:
             return None
         tree, multipliers = self.root.rows()
         return Certificate(tree=np.array(tree), multipliers=np.array(multipliers))
+
+    def _proved(self, lift: LiftAnswer) -> float:
+        """The moment residual that counts: what the lift bounds, less what the verifier will take off."""
+        if self._gap is not None or not np.isfinite(lift.bound):
+            return lift.bound
+        stances = len(lift.scaled.layout.stances)
+        sizes = np.abs(lift.multipliers)
+        return lift.bound - WIDENED * float(sizes.sum() / max(sizes[3 * stances : 6 * stances].sum(), 1e-12))
 
     def _node(self, scaled: Scaled, lift: LiftAnswer | None = None) -> Node:
         self.solves += 1
@@ -138,7 +150,7 @@ class CutSearch:
 
     @cached_property
     def _bent(self) -> Array:
-        return bent_patches(self._whole, FLAT * self._gap)
+        return bent_patches(self._whole, FLAT * (self._gap or WIDENED))
 
 
 def bent_patches(scaled: Scaled, most: float) -> Array:

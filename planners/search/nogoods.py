@@ -17,11 +17,9 @@ from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Scaled
 from .clock import Clock
-from .cuts import CutSearch, Node, alone
+from .cuts import PROVABLE, CutSearch, Node, alone
 from .farkas_cuts import split
 
-GAP = 1e-5
-"""Moment residual, non-dimensional, at which a part of a course counts as refuted: ten times what a plan may have."""
 NODES = 120
 """Most nodes of the search whether a stance can be held."""
 WIDER_LEAST = 8
@@ -142,7 +140,7 @@ class Nogoods:
     def _refuted(self, scaled: Scaled, stance: int, nodes: int) -> Node | None:
         """The root of a search that refutes the stance alone; None where it does not."""
         search = CutSearch(
-            self._programs, alone(scaled, stance)[0], gap=GAP, tolerance=0.0, max_nodes=nodes,
+            self._programs, alone(scaled, stance)[0], gap=PROVABLE, tolerance=0.0, max_nodes=nodes,
             deadline=float("inf"),
         )  # fmt: skip
         search.run()

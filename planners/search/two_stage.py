@@ -25,8 +25,7 @@ from ..scene.course import Course
 from .answer import Acceptance, plan_of
 from .choice import ChoiceSearch, Limits
 from .clock import Clock
-from .cuts import CutSearch
-from .nogoods import GAP
+from .cuts import PROVABLE, CutSearch
 
 QUICK = 2
 """Linearised steps of SCP before anybody asks whether the stances can be held at all."""
@@ -108,7 +107,7 @@ def decide(
 ) -> tuple[tuple[Index, Point] | None, Certificate | None, int]:
     """Decide a course by cuts in space: choice and point, or certificate, or neither at a limit; and how many nodes."""
     deadline = time.perf_counter() + max(time_limit_s - clock.working(), 0.0)
-    search = CutSearch(programs, scaled, gap=GAP, tolerance=1e-6, max_nodes=max_nodes, deadline=deadline)
+    search = CutSearch(programs, scaled, gap=PROVABLE, tolerance=1e-6, max_nodes=max_nodes, deadline=deadline)
     search.run()
     clock.count(search.solves, search.seconds)
     if search.found is None:
