@@ -67,8 +67,8 @@ class CutSearch:
     """One search: for a point on the bilinear surface, or a proof that there is none.
 
     gap: moment residual at which a node counts as refuted, or ``PROVABLE``. tolerance: violation that a point may have.
-    max_nodes, deadline (``time.perf_counter()``): where to stop. root: the lift of the problem, where it is solved already.
-    found: choice, (P,), and point; stopped: why there is neither.
+    max_nodes, deadline (``time.perf_counter()``): where to stop. root: the lift of the problem, where it is solved
+    already. found: choice, (P,), and point; stopped: why there is neither.
     """
 
     def __init__(

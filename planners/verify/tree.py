@@ -20,6 +20,8 @@ Replayed = tuple[list[Node], Array]
 """The leaves in preorder and their multipliers."""
 MOST_CORNERS = 1_000_000
 """Of all pieces that a tree cuts, each of which takes about a kilobyte to bound."""
+DEEPEST = 200
+"""Cuts that a piece may come from: each moves its border by a rounding, and so many of them stay far below the guard."""
 
 
 class Forest:
@@ -34,6 +36,7 @@ class Forest:
         self._pieces = patches  # (U, 3) each, Q·T to begin with
         self._sags: dict[int, float] = {}
         self._roots: list[int] = []  # the whole patch of every further piece
+        self._depths: list[int] = []  # how many cuts every further piece comes from
         self._corners = 0  # of all further pieces
 
     @staticmethod
@@ -184,6 +187,9 @@ class Forest:
             raise InvalidInput(
                 f"{where}: expected border coordinates 0 ≤ a < b < {len(polygon)}, got {first:g}, {second:g}"
             )
+        depth = 1 + (0 if own < roots else self._depths[own - roots])
+        if depth > DEEPEST:
+            raise InvalidInput(f"{where}: expected a piece of {DEEPEST} cuts or fewer, got one more")
         children: list[Node] = []
         for part in cut(polygon, first, second):
             self._corners += len(part)
@@ -193,6 +199,7 @@ class Forest:
             child[slot] = len(self._pieces)
             self._roots.append(own if own < roots else self._roots[own - roots])
             self._pieces.append(part)
+            self._depths.append(depth)
             children.insert(0, (child, lower, upper))
         return children
 

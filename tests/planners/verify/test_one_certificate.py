@@ -199,3 +199,14 @@ def test_the_proof_of_a_posture_is_a_file_like_that_of_a_course(refuted, tmp_pat
     loose["contacts"] = [contact | {"reach_m": 9.0, "friction": 2.0} for contact in loose["contacts"]]
     (tmp_path / "proof.json").write_text(json.dumps(data | {"subject": loose}))
     assert check_proof_file(tmp_path / "proof.json").to_json()["verdict"] == "refused"
+
+
+def test_a_piece_of_hundreds_of_cuts_is_refused_since_their_roundings_add_up(refuted):
+    """Each cut may move a border by a rounding: 160,000 of them, far from the origin, left out where a toe stood."""
+    problem, _ = refuted[0]
+    depth = 201
+    tree = [(2, 0, 0, 0.5, 1.0)] * depth + [LEAF] * (depth + 1)  # the first child is cut again
+    rows = np.zeros((depth + 1, 6 + 3 * len(problem.contacts)))
+    report = check_certificate(problem, Certificate(tree=np.array(tree, dtype=float), multipliers=rows))
+    assert not report.accepted
+    assert report.message == "rejected: tree[200]: expected a piece of 200 cuts or fewer, got one more"
