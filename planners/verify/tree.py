@@ -21,7 +21,7 @@ Replayed = tuple[list[Node], Array]
 MOST_CORNERS = 1_000_000
 """Of all pieces that a tree cuts, each of which takes about a kilobyte to bound."""
 DEEPEST = 200
-"""Cuts that a piece may come from: each moves its border by a rounding, and so many of them stay far below the guard."""
+"""Cuts that a piece may come from: each moves its border by a rounding, and so many stay far below the guard."""
 
 
 class Forest:
