@@ -71,9 +71,11 @@ class Verify:
         name = str(self.problems)
         try:
             data = read_json(self.problems)
-        except InvalidInput:
+        except InvalidInput as error:
+            if self.problems.suffix == ".json" and "broken at" in str(error):
+                raise
             data = None  # problems come as JSON lines, too
-        if self.explain:
+        if self.explain and not proof_file.is_proof(data):
             raise InvalidInput(f"--explain: expected a file of answers with it, got {name} alone")
         if plan_file.is_plan_file(self.problems):
             checked = plan_file.check_file(self.problems, tolerance=self.tolerance)

@@ -18,6 +18,8 @@ TEMPORARY = re.compile(r"\.(?P<name>.+)\.\d+(-[0-9a-f]{8})?\.tmp", re.DOTALL)
 """Names of what is being written: those of its target and of the process, and a number of its own."""
 LONGEST_NAME = 255 - len("..4194304-01234567.tmp")
 """Of a target, in bytes, on Linux."""
+TRIES = 100
+"""Of names for what is being written: another one is needed where somebody took it away before it was locked."""
 
 
 def write_text(path: str | Path, text: str) -> None:
@@ -125,7 +127,7 @@ def failure_of(name: str, said: str) -> OSError:
 
 def _locked(target: Path, folder: bool) -> tuple[Path, int]:
     """A new file or folder beside the target, and the descriptor that holds its lock."""
-    while True:
+    for _ in range(TRIES):
         temporary = target.with_name(f".{target.name}.{os.getpid()}-{secrets.token_hex(4)}.tmp")
         if folder:
             temporary.mkdir()
@@ -140,6 +142,7 @@ def _locked(target: Path, folder: bool) -> tuple[Path, int]:
         if os.fstat(lock).st_nlink:
             return temporary, lock
         os.close(lock)  # another process took it for a leftover before it was locked
+    raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))  # a folder that takes no files, as /proc
 
 
 def _remove_unlocked(path: Path) -> None:

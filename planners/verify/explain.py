@@ -129,7 +129,8 @@ def _cheapest(first: Relaxation) -> str:
         return "infeasible for more than one reason: no single parameter, however large, lifts this proof"
     name = first.parameter + (f" of {first.leg}" if first.leg else "")
     unit = "" if first.unit == "1" else f" {first.unit}"
-    change = f" ({100.0 * first.relative:+.2g} %)" if math.isfinite(first.relative) else ""
+    percent = 100.0 * first.relative
+    change = f" ({percent:{'+.2g' if percent < 99.5 else '+.0f'}} %)" if math.isfinite(percent) else ""
     values = f"from {first.now:.4g}{unit} to at least {first.needed:.4g}{unit}"
     return f"infeasible: the cheapest single change is {name}, {values}{change}"
 

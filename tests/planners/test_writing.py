@@ -204,3 +204,11 @@ def test_a_full_device_is_told_in_one_line():
 
 def test_a_folder_that_is_gone_has_no_leftovers(tmp_path):
     remove_leftovers(tmp_path / "none", lambda name: True)
+
+
+def test_a_folder_that_takes_no_files_is_one_line_and_no_endless_search():
+    if not Path("/proc/self").is_dir():
+        return
+    with pytest.raises(InvalidInput) as refused:
+        write_text("/proc/stancekit.json", "x")
+    assert str(refused.value) == "/proc/stancekit.json: cannot be written: No such file or directory"
