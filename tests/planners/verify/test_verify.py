@@ -359,7 +359,7 @@ def test_a_frictionless_wall_holds_no_weight_and_friction_is_what_is_missing():
     assert needs.relaxations[1].needed == pytest.approx(2 * WEIGHT_N, rel=1e-4)
     assert all(r.needed == np.inf for r in needs.relaxations[2:])
     assert needs.message == (
-        "infeasible: the cheapest single change is friction of LM, from 0.5 to at least 1 (+1e+02 %)"
+        "infeasible: the cheapest single change is friction of LM, from 0.5 to at least 1 (+100 %)"
     )
     json.dumps(needs.to_json(), allow_nan=False)
 
