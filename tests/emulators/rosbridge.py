@@ -27,7 +27,7 @@ from .trajectory_controller import INVALID_JOINTS, Controller, Task
 
 FAULTS = (
     "rosbridge gone", "connection lost", "silent", "not json", "no operation", "null angle", "half a message", "delay",
-    "rejects goals", "stuck joint", "e-stop", "status error",
+    "rejects goals", "stuck joint", "e-stop", "status error", "controller off",
 )  # fmt: skip
 ENDS2 = {"succeeded": 4, "cancelled": 5, "aborted": 6}
 ENDS1 = {"succeeded": 3, "cancelled": 2, "aborted": 4, "rejected": 5}
