@@ -204,6 +204,7 @@ def test_a_full_device_is_told_in_one_line():
 
 def test_a_folder_that_is_gone_has_no_leftovers(tmp_path):
     remove_leftovers(tmp_path / "none", lambda name: True)
+    assert os.listdir(tmp_path) == []
 
 
 def test_a_folder_that_takes_no_files_is_one_line_and_no_endless_search():
