@@ -12,7 +12,7 @@ PINS ?= constraints.txt
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.stancekit-installed
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check --no-input
-FLOORS := $(addprefix typings/stancekit/,planners envs learners cli)
+FLOORS := $(addprefix typings/stancekit/,planners runner views envs learners cli)
 BENCHMARKS := $(filter-out benchmarks/_%,$(wildcard benchmarks/*.py))
 
 # One thread a process: the problems are small, and the work is spread over processes.

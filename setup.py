@@ -4,7 +4,7 @@ from pathlib import Path
 
 from setuptools import setup
 
-FOLDERS = ("planners", "envs", "learners", "cli", "configs")
+FOLDERS = ("planners", "runner", "views", "envs", "learners", "cli", "configs")
 
 package_dir = {f"stancekit.{folder}": folder for folder in FOLDERS}
 packages = sorted(

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stancekit.planners.gait.robot import GaitRobot
+from stancekit.planners.robot.single_body import GaitRobot
 
 POSTURE = [-0.1, 0.7, -1.0, -0.1, -0.7, 1.0, 0.1, 0.7, -1.0, 0.1, -0.7, 1.0]  # "standing" of the SRDF beside it
 FEET = ("LF_FOOT", "RF_FOOT", "LH_FOOT", "RH_FOOT")

@@ -14,8 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stancekit.planners.arrays import Array
 from stancekit.planners.equilibrium.scaled import Point, Scaled
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.domain import domain_of
 
 MODULES = {"gurobi": "gurobipy", "scip": "pyscipopt"}

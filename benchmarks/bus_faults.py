@@ -27,11 +27,11 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
-from stancekit.envs.worlds.calibration import Calibration, nominal
-from stancekit.envs.worlds.dynamixel import DynamixelWorld
-from stancekit.planners.outcome import StancekitError
-from stancekit.planners.scene import hexapod
-from stancekit.planners.scene.urdf import joint_names
+from stancekit.planners.errors import StancekitError
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
+from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.bus_faults import KINDS, WRONG_CALIBRATION, BusFaults, spoiled
 from tests.emulators.servo_bus import BusProcess
 

@@ -28,16 +28,16 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
-from stancekit.envs.motion import Timing
-from stancekit.envs.runner.pace import paced
-from stancekit.envs.tracking import Feel, Tracker
-from stancekit.envs.worlds.calibration import nominal
-from stancekit.envs.worlds.dynamixel import DynamixelWorld
-from stancekit.planners.kinematics import Kinematics, rotation_of
-from stancekit.planners.plan import Plan
-from stancekit.planners.plan_file import read_plan
-from stancekit.planners.scene.course_spec import builtin_courses, read_course
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_file import read_plan
+from stancekit.planners.problem.course_file import builtin_courses, read_course
+from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.runner.control.tracker import Feel, Tracker
+from stancekit.runner.motion.time_parametrization import paced
+from stancekit.runner.motion.timeline import Timing
+from stancekit.runner.worlds.dynamixel.calibration import nominal
+from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.servo_bus import BusProcess
 
 

@@ -32,17 +32,17 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
-from stancekit.envs.courses import perturbed
-from stancekit.envs.runner.policy import ClosedLoop, LoopReport, LoopSettings
-from stancekit.envs.runner.runner import Runner
-from stancekit.envs.worlds import WORLDS, make_world
-from stancekit.envs.worlds.world import World
-from stancekit.planners.caution import SHARES, slippery
-from stancekit.planners.outcome import InvalidInput, PlanningFailed
-from stancekit.planners.scene import Patch
-from stancekit.planners.scene.course import Course
-from stancekit.planners.scene.course_spec import builtin_courses, read_course
+from stancekit.envs.distributions.courses import perturbed
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.problem.course import Course
+from stancekit.planners.problem.course_file import builtin_courses, read_course
+from stancekit.planners.search.friction_margin import SHARES, slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.terrain import Patch
+from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport, LoopSettings
+from stancekit.runner.run import Runner
+from stancekit.runner.worlds import WORLDS, make_world
+from stancekit.runner.worlds.world import World
 from tests.emulators.slipping import SlippingWorld
 
 MODES = ("once", "anew", "anew-unlearned")

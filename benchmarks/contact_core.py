@@ -32,15 +32,15 @@ import scipy.sparse as sp
 import tyro
 from threadpoolctl import threadpool_limits
 
-from stancekit.envs.courses import icy_walls
-from stancekit.envs.terrains import DISTRIBUTIONS, distribution
-from stancekit.planners.outcome import Certificate, Status
-from stancekit.planners.plan_window import Standing
-from stancekit.planners.scene import PostureProblem
-from stancekit.planners.scene.course import Course
-from stancekit.planners.scene.course_spec import read_spec
-from stancekit.planners.scene.layout import lay_out
+from stancekit.envs.distributions.courses import icy_walls
+from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
+from stancekit.planners.answer.outcome import Certificate, Status
+from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem.course import Course
+from stancekit.planners.problem.course_file import read_spec
+from stancekit.planners.problem.course_layout import lay_out
 from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_certificate

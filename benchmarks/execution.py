@@ -22,14 +22,14 @@ from typing import Any
 import numpy as np
 from joblib import Parallel, delayed
 
-from stancekit.envs.courses import perturbed
-from stancekit.envs.execution import Execution, simulate
-from stancekit.envs.motion import Timing
-from stancekit.envs.worlds import WORLDS
-from stancekit.planners.caution import SHARES, plan_with_reserve
-from stancekit.planners.plan import Plan
-from stancekit.planners.scene.course_spec import builtin_courses
+from stancekit.envs.distributions.courses import perturbed
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.problem.course_file import builtin_courses
+from stancekit.planners.search.friction_margin import SHARES, plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.runner.execution import Execution, simulate
+from stancekit.runner.motion.timeline import Timing
+from stancekit.runner.worlds import WORLDS
 
 
 def main() -> None:

@@ -18,15 +18,15 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
-from stancekit.envs.runner.acceptance import Accepted
-from stancekit.envs.runner.runner import Runner, RunSettings
-from stancekit.envs.worlds.calibration import nominal
-from stancekit.envs.worlds.dynamixel import DynamixelWorld
-from stancekit.envs.worlds.latch import Stopped
-from stancekit.envs.worlds.world import State
-from stancekit.planners.arrays import Array
-from stancekit.planners.outcome import StancekitError
-from stancekit.planners.scene.urdf import joint_names
+from stancekit.planners.errors import StancekitError
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.acceptance import Accepted
+from stancekit.runner.run import Runner, RunSettings
+from stancekit.runner.safety.latch import Stopped
+from stancekit.runner.worlds.dynamixel.calibration import nominal
+from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
+from stancekit.runner.worlds.world import State
 from tests.emulators.bus_faults import BusFaults, spoiled
 from tests.emulators.memory_world import MemoryWorld
 from tests.emulators.servo_bus import BusProcess
@@ -180,8 +180,8 @@ def slipped(path: Path, rng: np.random.Generator) -> dict[str, Any]:
 
 def bridgeless(path: Path, ending: Any, rng: np.random.Generator) -> dict[str, Any]:
     """The rosbridge goes away."""
-    from stancekit.envs.worlds.ros import RosWorld
-    from stancekit.envs.worlds.ros_setup import same_names
+    from stancekit.runner.worlds.ros.driver import RosWorld
+    from stancekit.runner.worlds.ros.setup import same_names
     from tests.emulators.rosbridge import RosBridge
 
     accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))

@@ -37,12 +37,12 @@ import numpy as np
 from fault_runs import FAULTS, bridgeless, edited, first_pose, on_bus, slipped
 from stop_runs import STOPS, stopped
 
-from stancekit.envs.runner.acceptance import Accepted
-from stancekit.planners.arrays import Array
-from stancekit.planners.plan_file import write_plan
-from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
+from stancekit.runner.acceptance import Accepted
 
 KINDS = (*FAULTS, *STOPS)
 

@@ -18,15 +18,15 @@ from typing import Any, get_args
 
 import numpy as np
 
-from stancekit.planners.gait.apart import solve_apart
+from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.gait.formulation import GaitProgram, formulate
-from stancekit.planners.gait.judge import GaitReport, check_trajectory
-from stancekit.planners.gait.robot import anymal
 from stancekit.planners.gait.solution import GaitSolution
 from stancekit.planners.gait.solve import Costs
+from stancekit.planners.gait.subprocess import solve_apart
 from stancekit.planners.gait.task import ChartName, GaitSettings, GaitTask
-from stancekit.planners.outcome import PlanningFailed
-from stancekit.planners.scene.terrains import REFERENCES, reference_tasks, reference_terrain
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.terrain.reference import REFERENCES, reference_tasks, reference_terrain
+from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
 from stancekit.planners.warp.conformal import flatten
 
 PATIENCE = 10.0

@@ -22,20 +22,21 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.arrays import Array
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.judge import check_trajectory
-from stancekit.planners.gait.robot import hexapod_walker
 from stancekit.planners.gait.seeds import KeyFrames, pushed_plan, seeded
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
-from stancekit.planners.plan import Plan
-from stancekit.planners.scene.course_spec import spec_from
-from stancekit.planners.scene.heightfield import HeightField
-from stancekit.planners.scene.layout import lay_out
-from stancekit.planners.scene.terrains import reference_terrain
+from stancekit.planners.problem.course_file import spec_from
+from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.reference import reference_terrain
+from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.conformal import flatten
 from stancekit.planners.warp.spline_map import SplineMap
 

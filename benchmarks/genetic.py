@@ -22,16 +22,17 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.envs.terrains import DISTRIBUTIONS
+from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.learners.dataset import Dataset
-from stancekit.learners.labelling import LabelPlan, label
+from stancekit.learners.labelling import label
+from stancekit.learners.ledger import LabelPlan
 from stancekit.learners.selectors.convergence import Generation, draw_convergence
 from stancekit.learners.selectors.evolution import evolve_cma, evolve_nsga2, extra
 from stancekit.learners.selectors.genetic import GeneticResult, GeneticSettings, evolve
 from stancekit.learners.selectors.verdicts import CachingJudge, Counts, Judge, SolvingJudge
-from stancekit.planners.arrays import Array
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.files.arrays import Array
 
 Problems = tuple[list[Scaled], list[Scaled], Array]
 PLAIN, CACHED = "GA, plain loop", "GA, cached"

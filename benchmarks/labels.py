@@ -26,7 +26,8 @@ CHILD = """
 import json, sys, time
 import clarabel, numpy as np, scipy.sparse as sp
 from pathlib import Path
-from stancekit.learners.labelling import LabelPlan, label
+from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.labelling import label
 
 def yardstick():
     rng = np.random.default_rng(0)

@@ -13,7 +13,7 @@ import json
 
 import numpy as np
 
-from stancekit.envs.courses import perturbed
+from stancekit.envs.distributions.courses import perturbed
 from stancekit.learners.modes import learn_modes
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.methods import make_course_planner

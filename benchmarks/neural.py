@@ -27,7 +27,8 @@ from stancekit.envs.scenes import Scene
 from stancekit.learners.dataset import Dataset
 from stancekit.learners.evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift, scenes_of
 from stancekit.learners.fitting import fit
-from stancekit.learners.labelling import LabelPlan, label
+from stancekit.learners.labelling import label
+from stancekit.learners.ledger import LabelPlan
 from stancekit.learners.selectors.chooser import fit_chooser
 from stancekit.learners.selectors.gradient import fit_gradient
 from stancekit.learners.selectors.neural import fit_neural

@@ -21,17 +21,18 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from stancekit.envs.courses import SMALL, perturbed
-from stancekit.planners.arrays import Array
-from stancekit.planners.documents import read_text
+from stancekit.envs.distributions.courses import SMALL, perturbed
+from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.files import write_text
-from stancekit.planners.plan import PlanOutcome
-from stancekit.planners.scene import Patch, hexapod
-from stancekit.planners.scene.course import Course, Placement, StepLimits
-from stancekit.planners.scene.robot import Limb, Robot
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.documents import read_text
+from stancekit.planners.files.writing import write_text
+from stancekit.planners.problem.course import Course, Placement, StepLimits
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.search.exact import ExactCoursePlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.terrain import Patch
 
 
 @dataclass(frozen=True, kw_only=True)

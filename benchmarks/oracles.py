@@ -26,12 +26,13 @@ from rich.progress import track
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from stancekit.envs.terrains import distribution
+from stancekit.envs.distributions.postures import distribution
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem import PostureProblem
 from stancekit.planners.projection.project import project
-from stancekit.planners.scene import PostureProblem
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import Grid, MicpPlanner

@@ -18,10 +18,10 @@ from dataclasses import replace
 import clarabel
 import numpy as np
 
-from stancekit.envs.terrains import DISTRIBUTIONS, distribution
-from stancekit.planners.arrays import Array
+from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.planners.equilibrium.rows import solver_settings
 from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import Boxed, McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer

@@ -16,10 +16,10 @@ from typing import Any, Literal
 import numpy as np
 import scipy.sparse as sp
 
-from stancekit.planners.arrays import Array
 from stancekit.planners.equilibrium.layout import Index
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.equilibrium.terms import Given
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.lift import LiftProgram
 
 Label = Literal["feasible", "infeasible", "unknown"]

@@ -23,18 +23,18 @@ from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
 
-from stancekit.envs.courses import icy_walls
-from stancekit.planners.arrays import Array
-from stancekit.planners.documents import read_text
+from stancekit.envs.distributions.courses import icy_walls
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.equilibrium.layout import Index
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
-from stancekit.planners.files import write_text
-from stancekit.planners.outcome import Status
-from stancekit.planners.plan import PlanOutcome
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.documents import read_text
+from stancekit.planners.files.writing import write_text
+from stancekit.planners.problem.course import Course
 from stancekit.planners.projection.project import SURFACE, project
 from stancekit.planners.relaxation.lift import LiftProgram
-from stancekit.planners.scene.course import Course
 from stancekit.planners.search.answer import Acceptance, plan_of
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.decoupled import DecoupledPlanner

@@ -28,15 +28,15 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
-from stancekit.envs.runner.ending import ENDINGS, Ending, end
-from stancekit.envs.runner.safety import SafeWorld
-from stancekit.envs.worlds.latch import StopLatch, Stopped
-from stancekit.envs.worlds.ros import RosWorld
-from stancekit.envs.worlds.ros_setup import same_names
-from stancekit.planners.arrays import Array
-from stancekit.planners.outcome import HardwareFault
-from stancekit.planners.scene import hexapod
-from stancekit.planners.scene.urdf import joint_names
+from stancekit.planners.errors import HardwareFault
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.safety.ending import ENDINGS, Ending, end
+from stancekit.runner.safety.guard import SafeWorld
+from stancekit.runner.safety.latch import StopLatch, Stopped
+from stancekit.runner.worlds.ros.driver import RosWorld
+from stancekit.runner.worlds.ros.setup import same_names
 from tests.emulators.rosbridge import FAULTS, RosBridge
 
 ROBOT = hexapod()

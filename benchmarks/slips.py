@@ -20,12 +20,12 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 import numpy as np
 
-from stancekit.envs.runner.acceptance import Accepted
-from stancekit.envs.runner.ending import ENDINGS
-from stancekit.envs.runner.runner import Runner, RunSettings
-from stancekit.planners.caution import plan_with_reserve
-from stancekit.planners.scene.course_spec import builtin_courses, read_course
+from stancekit.planners.problem.course_file import builtin_courses, read_course
+from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.runner.acceptance import Accepted
+from stancekit.runner.run import Runner, RunSettings
+from stancekit.runner.safety.ending import ENDINGS
 from tests.emulators.slipping import FAULTS, SlippingWorld
 
 

@@ -26,14 +26,14 @@ from typing import Any
 import numpy as np
 
 from stancekit.cli.main import main as command
-from stancekit.envs.worlds.calibration import nominal
-from stancekit.envs.worlds.dynamixel import DynamixelWorld
-from stancekit.envs.worlds.latch import StopLatch
-from stancekit.envs.worlds.ros import RosWorld
-from stancekit.envs.worlds.ros_setup import same_names
-from stancekit.planners.arrays import Array
-from stancekit.planners.scene import hexapod
-from stancekit.planners.scene.urdf import joint_names
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.safety.latch import StopLatch
+from stancekit.runner.worlds.dynamixel.calibration import nominal
+from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
+from stancekit.runner.worlds.ros.driver import RosWorld
+from stancekit.runner.worlds.ros.setup import same_names
 from tests.emulators.rosbridge import BridgeProcess
 from tests.emulators.servo_bus import BusProcess
 

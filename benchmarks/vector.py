@@ -19,17 +19,17 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv
 
+from stancekit.envs.distributions.postures import DISTRIBUTIONS, PostureDistribution, distribution
 from stancekit.envs.scenes import SampledScenes, Scene
 from stancekit.envs.selection import ADMITTED
-from stancekit.envs.terrains import DISTRIBUTIONS, PostureDistribution, distribution
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.selectors.heuristic import heuristic_envelope
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.problem import PostureProblem
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.scene import PostureProblem
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.exact import ExactPlanner
 

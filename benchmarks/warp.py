@@ -15,11 +15,11 @@ import json
 from pathlib import Path
 from typing import Any, get_args
 
-from stancekit.envs.chart import save
-from stancekit.envs.map_picture import draw_map_convergence
-from stancekit.planners.scene.terrains import REFERENCES, reference_terrain
+from stancekit.planners.terrain.reference import REFERENCES, reference_terrain
 from stancekit.planners.warp.conformal import CELLS, Method, fit_map
 from stancekit.planners.warp.report import MapReport
+from stancekit.views.map_picture import draw_map_convergence
+from stancekit.views.plot import save
 
 
 def main() -> None:

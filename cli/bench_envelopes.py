@@ -44,11 +44,11 @@ class BenchEnvelopes:
     def run(self) -> int:
         """Run the bench, and write the table and a picture a class."""
         from stancekit.configs import config_path
-        from stancekit.envs.picture import save
         from stancekit.learners import bench
         from stancekit.learners.executor import executor
         from stancekit.learners.experiment import Experiment
-        from stancekit.planners.files import write_text
+        from stancekit.planners.files.writing import write_text
+        from stancekit.views.posture_picture import save
 
         experiment = Experiment.from_yaml(self.config or config_path("bench-envelopes.yaml"), quick=self.quick)
         where = executor(self.executor, workers=self.workers, address=self.address)
@@ -91,8 +91,8 @@ def report(result: ClassResult, *, as_json: bool) -> None:
 
 def comparison_figure(result: ClassResult) -> Figure:
     """The comparison as a picture, the paper's figures as markers."""
-    from stancekit.envs.picture import ComparisonBar, draw_comparison
     from stancekit.learners.evaluate import paper_row
+    from stancekit.views.posture_picture import ComparisonBar, draw_comparison
 
     names = {"p1_feasible": "P1 feasible", "p1_infeasible": "P1 infeasible", "project_fix_p": "→ fix-p"}
     names |= {"project_nlp": "→ nlp"}

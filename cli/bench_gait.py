@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 from .console import emit, make_folder, out, stages
 
@@ -61,7 +61,7 @@ class BenchGait:
         from rich.console import Console
 
         from stancekit.learners import gait_bench, gait_drawings, gait_figures
-        from stancekit.planners.files import write_text
+        from stancekit.planners.files.writing import write_text
 
         settings = self._settings()
         if self.workers < 1:

@@ -43,8 +43,8 @@ class BenchPlanner:
         from dataclasses import replace
 
         from stancekit.learners import planner_bench
-        from stancekit.planners.arrays import checked
-        from stancekit.planners.files import write_text
+        from stancekit.planners.files.arrays import checked
+        from stancekit.planners.files.writing import write_text
 
         settings = planner_bench.PlannerBenchSettings.quick() if self.quick else planner_bench.PlannerBenchSettings()
         settings = replace(settings, solver=self.solver)

@@ -13,7 +13,7 @@ from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderableT
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 
 class _Plain:
@@ -64,7 +64,7 @@ def complain(message: str) -> None:
 
 def text_of(name: str | Path) -> str:
     """The text of a file, or of standard input where the name is -. Raises InvalidInput."""
-    from stancekit.planners.documents import MOST_BYTES, decoded, read_text
+    from stancekit.planners.files.documents import MOST_BYTES, decoded, read_text
 
     if str(name) != "-":
         return read_text(name)

@@ -50,10 +50,10 @@ class Demo:
 
     def _picture(self, result: ClassResult) -> int:
         """Solve a held-out posture in two stages with the best envelope, verify it, and draw it and the comparison."""
-        from stancekit.envs.picture import draw_posture, save
-        from stancekit.planners.outcome import Status
+        from stancekit.planners.answer.outcome import Status
         from stancekit.planners.search.posture import TwoStagePlanner
         from stancekit.planners.verify import check_posture
+        from stancekit.views.posture_picture import draw_posture, save
 
         name, envelopes = result.best_envelopes
         planner = TwoStagePlanner(envelopes=envelopes, projection="fix-toes")

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, progress
 
@@ -56,7 +56,7 @@ class Evaluate:
         from stancekit.learners.evaluate import check_same_class, evaluate, evaluate_lift, scenes_of
         from stancekit.learners.executor import executor
         from stancekit.learners.selectors.selector import Learned, load_selector
-        from stancekit.planners.files import read_envelopes
+        from stancekit.planners.answer.answer_file import read_envelopes
 
         if not self.project:
             raise InvalidInput("--project: expected one or more projections, got none")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, progress
 
@@ -60,7 +60,7 @@ class Fit:
         from stancekit.learners.dataset import Dataset
         from stancekit.learners.fitting import learn
         from stancekit.learners.selectors.selector import FixedSelector
-        from stancekit.planners.files import check_writable
+        from stancekit.planners.files.writing import check_writable
 
         check_writable(self.out)
         dataset = Dataset.open(self.dataset)
@@ -88,7 +88,7 @@ class Fit:
         """The options and what the configuration file adds. Raises InvalidInput."""
         from stancekit.learners.fitting import FitSettings
         from stancekit.learners.settings import typed
-        from stancekit.planners.documents import read_yaml
+        from stancekit.planners.files.documents import read_yaml
 
         if self.seed < 0:
             raise InvalidInput(f"--seed: expected 0 or more, got {self.seed}")

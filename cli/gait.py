@@ -9,20 +9,20 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from stancekit.planners.outcome import InvalidInput, PlanningFailed
-from stancekit.planners.refusals import shown
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.files.refusals import shown
 
 from .console import as_options, emit, err, out
 from .terrain import TerrainFile
 from .watch import interruptible, watching
 
 if TYPE_CHECKING:
-    from stancekit.planners.arrays import Array
+    from stancekit.planners.files.arrays import Array
     from stancekit.planners.gait.attempt import Attempt, Attempted
-    from stancekit.planners.gait.partial import Partial
+    from stancekit.planners.gait.checkpoint import Partial
     from stancekit.planners.gait.portfolio import Caps, GaitPlan
-    from stancekit.planners.gait.robot import GaitRobot
     from stancekit.planners.gait.task import GaitSettings, GaitTask
+    from stancekit.planners.robot.single_body import GaitRobot
 
 ROBOTS = ("anymal", "hexapod")
 LIMITS = {True: 80, False: 200}
@@ -98,7 +98,7 @@ class Gait:
 
     def run(self) -> int:
         """Plan, verify, write, draw."""
-        from stancekit.planners.gait.partial import Partial
+        from stancekit.planners.gait.checkpoint import Partial
 
         from . import gait_answer
 
@@ -131,7 +131,7 @@ class Gait:
 
     def _check(self) -> None:
         """Raise InvalidInput for what cannot be written, and for counts out of range, before any work."""
-        from stancekit.planners.gait.record import check_name
+        from stancekit.planners.gait.trajectory_file import check_name
 
         from .gait_answer import check_pictures
 
@@ -145,11 +145,11 @@ class Gait:
             raise InvalidInput(f"{twice[0]}: expected a file of its own for each picture, got it twice")
         check_pictures(self.picture, self.convergence)
         if self.html is not None:
-            from stancekit.envs.gait_page import check_page
+            from stancekit.views.gait_page import check_page
 
             check_page(self.html)
         if self.video is not None:
-            from stancekit.envs.video import check_video
+            from stancekit.views.video import check_video
 
             check_video(self.video)
         if not 1 <= self.seeds <= 1000:
@@ -194,7 +194,7 @@ class Gait:
 
     def _caps(self) -> Caps:
         from stancekit.planners.gait.portfolio import Caps
-        from stancekit.planners.gait.smooth import Smoothing
+        from stancekit.planners.gait.smoothing import Smoothing
 
         raw: dict[str, Any] = {"smoothing": Smoothing(rounds=0), "densifications": 0} if self.raw else {}
         return Caps(iterations=self._limit, total_s=self.total_s, apart=True, **raw)
@@ -239,7 +239,7 @@ class Gait:
     # ------------------------------------------------------------------------------------------------ output
 
     def _write(self, best: Attempted) -> bool:
-        from stancekit.planners.gait.record import write_trajectory
+        from stancekit.planners.gait.trajectory_file import write_trajectory
 
         if self.out is None or not (best.verified or self.unverified):
             return False
@@ -281,7 +281,7 @@ def _heading(text: str, way: Array) -> float:
 
 
 def _robot(name: str) -> GaitRobot:
-    from stancekit.planners.gait.robot import GaitRobot, anymal, hexapod_walker
+    from stancekit.planners.robot.single_body import GaitRobot, anymal, hexapod_walker
 
     if name in ROBOTS:
         return anymal() if name == "anymal" else hexapod_walker()

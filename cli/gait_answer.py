@@ -6,16 +6,16 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 from .console import err, progress
 
 if TYPE_CHECKING:
-    from stancekit.envs.video import Frame
-    from stancekit.planners.arrays import Array
+    from stancekit.planners.files.arrays import Array
     from stancekit.planners.gait.attempt import Attempted
     from stancekit.planners.gait.portfolio import GaitPlan
     from stancekit.planners.gait.task import GaitTask
+    from stancekit.views.video import Frame
 
 PHASES = ("feasible", "smooth", "densify")
 FPS = 25.0
@@ -23,7 +23,7 @@ FPS = 25.0
 
 def check_pictures(*paths: Path | None) -> None:
     """Raise InvalidInput for a picture that cannot be written, before any work."""
-    from stancekit.planners.files import check_writable
+    from stancekit.planners.files.writing import check_writable
 
     for path in paths:
         if path is not None:
@@ -38,13 +38,13 @@ def draw(
 ) -> None:  # fmt: skip
     """Write the pictures, the film and the page that were asked for; the map's grid is drawn where there is one."""
     if picture is not None:
-        from stancekit.envs.chart import save
-        from stancekit.envs.gait_picture import draw_motion
+        from stancekit.views.gait_picture import draw_motion
+        from stancekit.views.plot import save
 
         save(draw_motion(best.trajectory, best.report, warp=_map(best)), picture)
     if convergence is not None:
-        from stancekit.envs.chart import save
-        from stancekit.envs.gait_chart import GaitRun, draw_convergence
+        from stancekit.views.gait_plot import GaitRun, draw_convergence
+        from stancekit.views.plot import save
 
         runs = [
             GaitRun(method=one.attempt.name, violations=one.history, seconds=one.seconds)
@@ -53,12 +53,12 @@ def draw(
         ]
         save(draw_convergence(runs, caption=f"Convergence on {best.trajectory.terrain.name}"), convergence)
     if html is not None:
-        from stancekit.envs.gait_page import write_page
+        from stancekit.views.gait_page import write_page
 
         write_page(html, best.trajectory, best.report, warp=_map(best))
     if video is not None:
-        from stancekit.envs.gait_video import motion_frames
-        from stancekit.envs.video import write_video
+        from stancekit.views.gait_video import motion_frames
+        from stancekit.views.video import write_video
 
         frames = motion_frames(best.trajectory, best.report, warp=_map(best), fps=FPS)
         write_video(video, _counted(frames, round(FPS * best.trajectory.duration_s)), FPS)

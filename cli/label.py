@@ -47,7 +47,8 @@ class LabelPostures:
     def run(self) -> int:
         """Label and sum up."""
         from stancekit.learners.executor import executor
-        from stancekit.learners.labelling import LabelPlan, Progress, label
+        from stancekit.learners.labelling import Progress, label
+        from stancekit.learners.ledger import LabelPlan
 
         with as_options():
             plan = LabelPlan(

@@ -14,7 +14,7 @@ from typing import Annotated, get_args
 
 import tyro
 
-from stancekit.planners.outcome import InvalidInput, StancekitError
+from stancekit.planners.errors import InvalidInput, StancekitError
 
 from .bench import Bench
 from .console import complain

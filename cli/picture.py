@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, text_of
 
@@ -34,9 +34,10 @@ class Picture:
 
     def run(self) -> int:
         """Solve, draw, write."""
-        from stancekit.envs.picture import draw_posture, save
-        from stancekit.planners.files import check_writable, read_envelopes, read_problems
+        from stancekit.planners.answer.answer_file import read_envelopes, read_problems
+        from stancekit.planners.files.writing import check_writable
         from stancekit.planners.search.methods import make_planner
+        from stancekit.views.posture_picture import draw_posture, save
 
         check_writable(self.out)
         problems = list(read_problems(text_of(self.file), str(self.file)))

@@ -12,15 +12,15 @@ import tyro
 from rich.table import Table
 from rich.text import Text
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
 
 if TYPE_CHECKING:
-    from stancekit.planners.plan import Plan, PlanOutcome
+    from stancekit.planners.answer.plan import Plan, PlanOutcome
+    from stancekit.planners.problem.course import Course
     from stancekit.planners.relaxation.envelope import EnvelopeSet
     from stancekit.planners.relaxation.modes import Modes
-    from stancekit.planners.scene.course import Course
     from stancekit.planners.search.answer import CoursePlanner
     from stancekit.planners.verify import Report
 
@@ -98,9 +98,9 @@ class PlanCourse:
 
     def run(self) -> int:
         """Plan, write what was asked for; exit code 1 without a plan."""
-        from stancekit.planners.caution import plan_with_reserve
-        from stancekit.planners.proof_file import write_proof
-        from stancekit.planners.scene.course_spec import read_course
+        from stancekit.planners.answer.proof_file import write_proof
+        from stancekit.planners.problem.course_file import read_course
+        from stancekit.planners.search.friction_margin import plan_with_reserve
 
         self._check()
         planner = self._planner()
@@ -133,7 +133,7 @@ class PlanCourse:
 
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range, for another planner, or a file that cannot be."""
-        from stancekit.planners.files import check_writable
+        from stancekit.planners.files.writing import check_writable
 
         if not 0.0 < self.time_limit_s <= LONGEST_S:
             raise InvalidInput(
@@ -153,22 +153,22 @@ class PlanCourse:
             raise InvalidInput("--envelope: expected --relaxation envelope with it, got lift")
         targets: list[tuple[str, Path | None]] = [("--proof", self.proof)]
         if self.out is not None:
-            from stancekit.planners.plan_file import check_name
+            from stancekit.planners.answer.plan_file import check_name
 
             targets.append(("--out", check_name(self.out)))
         for _, target in targets:
             if target is not None:
                 check_writable(target)
         if self.picture is not None:
-            from stancekit.envs.plan_picture import check_picture
+            from stancekit.views.plan_picture import check_picture
 
             check_picture(self.picture)
         if self.video is not None:
-            from stancekit.envs.video import check_video
+            from stancekit.views.video import check_video
 
             check_video(self.video)
         if self.html is not None:
-            from stancekit.envs.plan_page import check_page
+            from stancekit.views.plan_page import check_page
 
             check_page(self.html)
         targets += [("--picture", self.picture), ("--video", self.video), ("--html", self.html)]
@@ -201,22 +201,22 @@ class PlanCourse:
 
         report = check_plan(plan)
         if self.out is not None:
-            from stancekit.planners.plan_file import write_plan
+            from stancekit.planners.answer.plan_file import write_plan
 
             write_plan(self.out, plan, report)
         if self.picture is not None:
-            from stancekit.envs.picture import save
-            from stancekit.envs.plan_picture import draw_plan
+            from stancekit.views.plan_picture import draw_plan
+            from stancekit.views.posture_picture import save
 
             save(draw_plan(plan), self.picture)
         if self.video is not None:
-            from stancekit.envs.plan_picture import FPS, frame_count, plan_frames
-            from stancekit.envs.video import write_video
+            from stancekit.views.plan_picture import FPS, frame_count, plan_frames
+            from stancekit.views.video import write_video
 
             with progress(f"video {self.video}") as bar:
                 write_video(self.video, _counted(plan_frames(plan), bar, frame_count(plan)), fps=FPS)
         if self.html is not None:
-            from stancekit.envs.plan_page import write_plan_page
+            from stancekit.views.plan_page import write_plan_page
 
             write_plan_page(self.html, plan)
         return report
@@ -264,8 +264,8 @@ def _counted(frames: Iterator[Any], bar: Callable[[int, int], None], total: int)
 
 def _envelopes(path: Path) -> EnvelopeSet | Modes:
     """An envelope file, or one of modes. Raises InvalidInput."""
-    from stancekit.planners.documents import read_json
-    from stancekit.planners.files import read_envelopes
+    from stancekit.planners.answer.answer_file import read_envelopes
+    from stancekit.planners.files.documents import read_json
     from stancekit.planners.relaxation.modes import FORMAT, Modes
 
     data = read_json(path)

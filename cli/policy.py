@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
-    from stancekit.envs.runner.choice import SelectorPolicy
     from stancekit.learners.selectors.selector import Learned
+    from stancekit.planners.problem.course import Course
     from stancekit.planners.relaxation.envelope import EnvelopeSet
-    from stancekit.planners.scene.course import Course
+    from stancekit.runner.control.envelope_choice import SelectorPolicy
 
 LIFT = "lift"
 
@@ -23,8 +23,8 @@ def read_policy(name: str, course: Course) -> SelectorPolicy | None:
     """
     if name == LIFT:
         return None
-    from stancekit.envs.runner.choice import SelectorPolicy
     from stancekit.learners.selectors.selector import load_selector
+    from stancekit.runner.control.envelope_choice import SelectorPolicy
 
     learned = load_selector(Path(name))
     selector = learned.selector
@@ -38,8 +38,8 @@ def read_policy(name: str, course: Course) -> SelectorPolicy | None:
 
 def _envelopes(learned: Learned, name: str) -> EnvelopeSet:
     """Envelopes of the selector's class of problems: its own, where it has some; else the expert's."""
+    from stancekit.envs.distributions.postures import distribution
     from stancekit.envs.expert import expert_envelopes
-    from stancekit.envs.terrains import distribution
     from stancekit.learners.selectors.selector import FixedSelector
 
     if isinstance(learned.selector, FixedSelector):

@@ -32,11 +32,11 @@ class Replay:
 
     def run(self) -> int:
         """Read, and tell."""
-        from stancekit.envs.runner.chart import differences, draw_tracking, tracked
-        from stancekit.envs.runner.log import read_log
+        from stancekit.runner.log import read_log
+        from stancekit.views.tracking_plot import differences, draw_tracking, tracked
 
         if self.picture is not None:
-            from stancekit.envs.plan_picture import check_picture
+            from stancekit.views.plan_picture import check_picture
 
             check_picture(self.picture)
         recorded = read_log(self.log)
@@ -52,7 +52,7 @@ class Replay:
             **(differences(tracked(recorded)) if commands else {}),
         }
         if self.picture is not None:
-            from stancekit.envs.picture import save
+            from stancekit.views.posture_picture import save
 
             save(draw_tracking(recorded), self.picture)
         if self.json:

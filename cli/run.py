@@ -13,22 +13,22 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 from rich.table import Table
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, err, out, progress
 from .policy import read_policy
 from .run_table import loop_table, run_table
 
 if TYPE_CHECKING:
-    from stancekit.envs.runner.acceptance import Accepted
-    from stancekit.envs.runner.gait import AcceptedGait
-    from stancekit.envs.runner.guardian import Guardian
-    from stancekit.envs.runner.log import Log
-    from stancekit.envs.runner.runner import Runner, RunSettings
-    from stancekit.envs.worlds.latch import Source
-    from stancekit.envs.worlds.world import World
-    from stancekit.planners.scene import Patch
-    from stancekit.planners.scene.course import Course
+    from stancekit.planners.problem.course import Course
+    from stancekit.planners.terrain import Patch
+    from stancekit.runner.acceptance import Accepted
+    from stancekit.runner.accepted_gait import AcceptedGait
+    from stancekit.runner.log import Log
+    from stancekit.runner.run import Runner, RunSettings
+    from stancekit.runner.safety.heartbeat import Guardian
+    from stancekit.runner.safety.latch import Source
+    from stancekit.runner.worlds.world import World
 
 Done = tuple[bool, dict[str, Any], Table]
 """Whether it succeeded, the report, and the report for people."""
@@ -97,10 +97,10 @@ class Run:
 
     def run(self) -> int:
         """Check, run, report."""
-        from stancekit.envs.runner.acceptance import Accepted
-        from stancekit.envs.runner.estop import on_signals
-        from stancekit.envs.runner.runner import Runner
-        from stancekit.envs.runner.worlds import make_run_world
+        from stancekit.runner.acceptance import Accepted
+        from stancekit.runner.run import Runner
+        from stancekit.runner.safety.estop import on_signals
+        from stancekit.runner.worlds.catalogue import make_run_world
 
         self._check()
         asked = self._asked()
@@ -123,12 +123,12 @@ class Run:
 
     def _asked(self) -> Accepted | AcceptedGait | Course:
         """What PLAN is. Raises InvalidInput for what cannot be run, or not with these options."""
-        from stancekit.envs.runner.acceptance import Accepted
-        from stancekit.envs.runner.gait import AcceptedGait
-        from stancekit.planners.documents import read_json
-        from stancekit.planners.gait.record import is_trajectory
-        from stancekit.planners.scene.course_json import FORMAT
-        from stancekit.planners.scene.course_spec import builtin_courses, read_course
+        from stancekit.planners.files.documents import read_json
+        from stancekit.planners.gait.trajectory_file import is_trajectory
+        from stancekit.planners.problem.course_file import builtin_courses, read_course
+        from stancekit.planners.problem.course_json import FORMAT
+        from stancekit.runner.acceptance import Accepted
+        from stancekit.runner.accepted_gait import AcceptedGait
 
         name = self.plan
         data = read_json(name) if name.suffix == ".json" else None
@@ -146,8 +146,8 @@ class Run:
 
     def _done(self, runner: Runner, asked: Accepted | AcceptedGait | Course) -> Done:
         """Run it."""
-        from stancekit.envs.runner.gait import AcceptedGait
-        from stancekit.planners.scene.course import Course
+        from stancekit.planners.problem.course import Course
+        from stancekit.runner.accepted_gait import AcceptedGait
 
         if isinstance(asked, Course):
             return self._walk(runner, asked, None)
@@ -161,7 +161,7 @@ class Run:
 
     def _walk(self, runner: Runner, course: Course, first: Accepted | None) -> Done:
         """The closed loop over a course, begun with its plan where there is one."""
-        from stancekit.envs.runner.policy import ClosedLoop, LoopSettings
+        from stancekit.runner.control.closed_loop import ClosedLoop, LoopSettings
 
         assert self.policy is not None
         policy = read_policy(self.policy, course)
@@ -175,9 +175,9 @@ class Run:
     def _told(self, succeeded: bool, record: dict[str, Any], table: Table) -> int:
         """Draw and print; the exit code."""
         if self.picture is not None and self.log is not None:
-            from stancekit.envs.picture import save
-            from stancekit.envs.runner.chart import draw_tracking
-            from stancekit.envs.runner.log import read_log
+            from stancekit.runner.log import read_log
+            from stancekit.views.posture_picture import save
+            from stancekit.views.tracking_plot import draw_tracking
 
             save(draw_tracking(read_log(self.log)), self.picture)
         try:
@@ -194,8 +194,8 @@ class Run:
         return 0 if succeeded else 1
 
     def _settings(self) -> RunSettings:
-        from stancekit.envs.motion import Timing
-        from stancekit.envs.runner.runner import RunSettings
+        from stancekit.runner.motion.timeline import Timing
+        from stancekit.runner.run import RunSettings
 
         return RunSettings(
             timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung
@@ -203,13 +203,13 @@ class Run:
 
     def _terrain(self, course: Course) -> Sequence[Patch]:
         """What the world has."""
-        from stancekit.planners.caution import slippery
+        from stancekit.planners.search.friction_margin import slippery
 
         return slippery(course, self.friction_share).terrain
 
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range or a file that cannot be written."""
-        from stancekit.planners.files import check_writable
+        from stancekit.planners.files.writing import check_writable
 
         if not 0.05 <= self.pace <= 4.0:
             raise InvalidInput(f"--pace: expected a number from 0.05 to 4, got {self.pace:g}")
@@ -232,7 +232,7 @@ class Run:
             self._check_log(self.log)
             check_writable(self.log)
         if self.picture is not None:
-            from stancekit.envs.plan_picture import check_picture
+            from stancekit.views.plan_picture import check_picture
 
             if self.log is None:
                 raise InvalidInput("--picture: expected --log FILE.mcap with it, from which it is drawn, got none")
@@ -249,14 +249,14 @@ class Run:
                 raise InvalidInput(f"--log: expected a file of its own, got that of {name}: {log}")
 
     def _log(self, stack: ExitStack) -> Log:
-        from stancekit.envs.runner.log import McapLog, NoLog
+        from stancekit.runner.log import McapLog, NoLog
 
         return NoLog() if self.log is None else stack.enter_context(McapLog(self.log))
 
     def _guardian(self, stack: ExitStack, world: World, settings: RunSettings) -> Guardian | None:
         """A process that watches this one, where something real is going to move."""
-        from stancekit.envs.runner.guardian import Guardian
-        from stancekit.envs.worlds.ros import RosWorld
+        from stancekit.runner.safety.heartbeat import Guardian
+        from stancekit.runner.worlds.ros.driver import RosWorld
 
         if not self.arm or self.world not in ("dynamixel", "ros"):
             return None
@@ -266,13 +266,13 @@ class Run:
     @contextmanager
     def _sources(self, stack: ExitStack) -> Iterator[list[Source]]:
         """Keys, the stop file, the stop topic."""
-        from stancekit.envs.runner.estop import file_source, key_source, raw_keys, reader_source
+        from stancekit.runner.safety.estop import file_source, key_source, raw_keys, reader_source
 
         sources: list[Source] = [] if self.stop_file is None else [file_source(self.stop_file)]
         if self.arm:
             sources.append(reader_source(*(stream for stream in (1, 2) if _is_open(stream))))
         if self.stop_topic is not None:
-            from stancekit.envs.runner.stop_topic import StopTopic
+            from stancekit.runner.safety.stop_topic import StopTopic
 
             with as_options():
                 topic = StopTopic(self.stop_topic)

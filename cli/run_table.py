@@ -9,9 +9,9 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from stancekit.envs.runner.ending import Ended
-    from stancekit.envs.runner.policy import LoopReport
-    from stancekit.envs.runner.report import RunReport
+    from stancekit.runner.control.closed_loop import LoopReport
+    from stancekit.runner.report import RunReport
+    from stancekit.runner.safety.ending import Ended
 
 
 def run_table(report: RunReport) -> Table:

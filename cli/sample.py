@@ -9,7 +9,7 @@ from typing import Annotated
 
 import tyro
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out
 
@@ -36,8 +36,8 @@ class Sample:
         """Draw and print."""
         import numpy as np
 
-        from stancekit.envs.terrains import distribution
-        from stancekit.planners.files import check_writable, write_text
+        from stancekit.envs.distributions.postures import distribution
+        from stancekit.planners.files.writing import check_writable, write_text
 
         if self.count < 1:
             raise InvalidInput(f"--count: expected 1 or more, got {self.count}")

@@ -10,13 +10,13 @@ import tyro
 from rich.table import Table
 from rich.text import Text
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 from .console import complain, emit, out
 
 if TYPE_CHECKING:
-    from stancekit.envs.execution import Execution
-    from stancekit.planners.plan import Plan
+    from stancekit.planners.answer.plan import Plan
+    from stancekit.runner.execution import Execution
 
 
 @dataclass
@@ -49,9 +49,9 @@ class Simulate:
 
     def run(self) -> int:
         """Read, execute, compare."""
-        from stancekit.envs.execution import simulate
-        from stancekit.envs.motion import Timing
-        from stancekit.planners.plan_file import read_plan
+        from stancekit.planners.answer.plan_file import read_plan
+        from stancekit.runner.execution import simulate
+        from stancekit.runner.motion.timeline import Timing
 
         if not 0.1 <= self.pace <= 4.0:
             raise InvalidInput(f"--pace: expected a number from 0.1 to 4, got {self.pace:g}")
@@ -73,9 +73,9 @@ class Simulate:
 
     def _check_files(self) -> None:
         """Raise InvalidInput for a file that cannot be written."""
-        from stancekit.envs.plan_picture import check_picture
-        from stancekit.envs.video import check_video
-        from stancekit.planners.files import check_writable
+        from stancekit.planners.files.writing import check_writable
+        from stancekit.views.plan_picture import check_picture
+        from stancekit.views.video import check_video
 
         if self.picture is not None:
             check_picture(self.picture)
@@ -88,17 +88,17 @@ class Simulate:
 
     def _write(self, plan: Plan, execution: Execution) -> None:
         if self.out is not None:
-            from stancekit.planners.files import write_bytes
+            from stancekit.planners.files.writing import write_bytes
 
             write_bytes(self.out, execution.trace.to_npz())
         if self.picture is not None:
-            from stancekit.envs.execution_picture import draw_execution
-            from stancekit.envs.picture import save
+            from stancekit.views.execution_picture import draw_execution
+            from stancekit.views.posture_picture import save
 
             save(draw_execution(plan, execution), self.picture)
         if self.video is not None:
-            from stancekit.envs.execution_picture import FPS, execution_frames
-            from stancekit.envs.video import write_video
+            from stancekit.views.execution_picture import FPS, execution_frames
+            from stancekit.views.video import write_video
 
             write_video(self.video, execution_frames(plan, execution), FPS)
 

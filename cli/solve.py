@@ -12,13 +12,13 @@ import tyro
 from rich.table import Table
 from rich.text import Text
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress, text_of
 
 if TYPE_CHECKING:
+    from stancekit.planners.problem import PostureProblem
     from stancekit.planners.relaxation.envelope import EnvelopeSet
-    from stancekit.planners.scene import PostureProblem
     from stancekit.planners.search.answer import Planner
 
 LONGEST_S = 1e6
@@ -75,8 +75,9 @@ class Solve:
 
     def run(self) -> int:
         """Answer every problem that can be read; exit code 2 if any could not."""
+        from stancekit.planners.answer.answer_file import read_envelopes
         from stancekit.planners.equilibrium.programs import Programs
-        from stancekit.planners.files import check_writable, read_envelopes, write_text
+        from stancekit.planners.files.writing import check_writable, write_text
         from stancekit.planners.search.methods import make_planner
 
         self._check()
@@ -127,7 +128,7 @@ class Solve:
     def _answer(
         self, where: str, problem: PostureProblem | InvalidInput, planner: Planner, envelopes: EnvelopeSet | None
     ) -> dict[str, Any]:
-        from stancekit.planners.files import outcome_to_json
+        from stancekit.planners.answer.answer_file import outcome_to_json
 
         if isinstance(problem, InvalidInput):
             return _invalid(where, problem)
@@ -141,7 +142,7 @@ class Solve:
 
 
 def _problems(files: tuple[str, ...]) -> Iterator[tuple[str, PostureProblem | InvalidInput]]:
-    from stancekit.planners.files import read_problems
+    from stancekit.planners.answer.answer_file import read_problems
 
     for name in files:
         try:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import shown
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.refusals import shown
 
 if TYPE_CHECKING:
-    from stancekit.planners.scene.heightfield import HeightField
+    from stancekit.planners.terrain.heightfield import HeightField
 
 
 @dataclass
@@ -30,7 +30,7 @@ class TerrainFile:
 
     def read(self, name: str) -> HeightField:
         """The terrain of a name. Raises InvalidInput."""
-        from stancekit.planners.scene.terrains import named_terrain
+        from stancekit.planners.terrain.reference import named_terrain
 
         options: dict[str, Any] = {"spacing_m": self.spacing_m, "unit_m": self.unit_m, "smooth_m": self.smooth_m}
         if self.heights_m is not None:

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 
 import tyro
 
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import shown
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.refusals import shown
 
 from .console import complain, emit, out, text_of
 
@@ -64,9 +64,9 @@ class Verify:
 
     def _file(self) -> int:
         """A plan of key frames or a gait trajectory: one verdict."""
-        from stancekit.planners import plan_file, proof_file
-        from stancekit.planners.documents import read_json
-        from stancekit.planners.gait import record
+        from stancekit.planners.answer import plan_file, proof_file
+        from stancekit.planners.files.documents import read_json
+        from stancekit.planners.gait import trajectory_file as record
 
         name = str(self.problems)
         try:
@@ -118,7 +118,7 @@ class Verify:
         return int(not report.accepted)
 
     def _verdicts(self, answers: Path) -> Iterator[dict[str, Any]]:
-        from stancekit.planners.files import answer_from_json, json_records, read_problems
+        from stancekit.planners.answer.answer_file import answer_from_json, json_records, read_problems
 
         problems = list(read_problems(text_of(self.problems), str(self.problems)))
         claims = list(json_records(text_of(answers), str(answers)))
@@ -135,7 +135,7 @@ class Verify:
                 yield {"where": where, "verdict": "invalid", "message": f"{place}: {error}"}
 
     def _verdict(self, problem: Any, answer: Any, status: str) -> dict[str, Any]:
-        from stancekit.planners.outcome import Posture
+        from stancekit.planners.answer.outcome import Posture
         from stancekit.planners.verify import check_certificate, check_posture, explain
 
         kind = None if answer is None else "posture" if isinstance(answer, Posture) else "certificate"

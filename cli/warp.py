@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 from rich.table import Table
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out
 from .terrain import TerrainFile, numbers
@@ -54,7 +54,7 @@ class Warp:
 
     def run(self) -> int:
         """Read the terrain, make the map, write and say what came of it."""
-        from stancekit.planners.files import check_writable
+        from stancekit.planners.files.writing import check_writable
         from stancekit.planners.warp.conformal import fit_map
 
         cells = numbers(self.cells, "--cells", int, 3)
@@ -74,8 +74,8 @@ class Warp:
         if self.out is not None:
             fit.map.to_file(self.out)
         if self.picture is not None:
-            from stancekit.envs.chart import save
-            from stancekit.envs.map_picture import draw_map
+            from stancekit.views.map_picture import draw_map
+            from stancekit.views.plot import save
 
             save(draw_map(fit.map, terrain, fit.report), self.picture)
         if self.json:

@@ -24,6 +24,6 @@ gymnasium.register(
 )
 gymnasium.register(
     id="stancekit/WarpedGait-v0",
-    entry_point="stancekit.envs.gait:WarpedGaitEnv",
+    entry_point="stancekit.envs.warped_gait:WarpedGaitEnv",
     order_enforce=True,
 )

@@ -8,11 +8,11 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.arrays import Array
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.plan_window import Standing
-from stancekit.planners.scene import Patch
-from stancekit.planners.scene.course import Course
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem.course import Course
+from stancekit.planners.search.plan_window import Standing
+from stancekit.planners.terrain import Patch
 
 View = dict[str, NDArray[np.float32]]
 ROOM = 8.0

@@ -8,11 +8,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.planners.problem.posture import GRAVITY_M_S2
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.scene import Robot, hexapod
-from stancekit.planners.scene.posture import GRAVITY_M_S2
+from stancekit.planners.robot import Robot, hexapod
 
-from .terrains import MAX_TILT_RAD, THREE_LEGS
+from .distributions.postures import MAX_TILT_RAD, THREE_LEGS
 
 CLIMBING = ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4))
 """Bounds on f_n, f_y and the vertical shear f_z on a wall, in units of the robot's weight (paper E §IV-A)."""

@@ -10,17 +10,19 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.arrays import Array
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
-from .boxtree import BoxSearch
+from .distributions.postures import distribution
 from .scenes import MAX_DRAWS, SampledScenes, Scene, SceneSource
-from .selection import VERTICES, observe, scene_space
-from .terrains import distribution
+from .selection import VERTICES, scene_space
 
 Observation = dict[str, NDArray[np.float32]]
 _ROOM = 4.0  # bound on non-dimensional coordinates in an observation

@@ -8,12 +8,13 @@ from typing import Protocol
 
 import numpy as np
 
+from stancekit.planners.answer.outcome import Outcome, Posture, Status
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.outcome import InvalidInput, Outcome, PlanningFailed, Posture, Status
-from stancekit.planners.scene import PostureProblem
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.problem import PostureProblem
 from stancekit.planners.search.exact import ExactPlanner
 
-from .terrains import PostureDistribution
+from .distributions.postures import PostureDistribution
 
 MAX_DRAWS = 10_000
 

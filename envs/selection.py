@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,26 +12,27 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from stancekit.planners.answer.answer_file import read_envelopes
+from stancekit.planners.answer.outcome import Outcome, Posture, Status
+from stancekit.planners.equilibrium.features import ROOM, observe
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.files import read_envelopes
-from stancekit.planners.outcome import InvalidInput, Outcome, Posture, Status
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 from stancekit.planners.search.answer import Acceptance
+from stancekit.views.posture_picture import draw_posture, to_rgb
 
-from .picture import draw_posture, to_rgb
+from .distributions.postures import distribution
 from .scenes import SampledScenes, Scene, SceneSource
-from .terrains import distribution
 
 VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
 ADMITTED = 1e-6
 """A projection counts when the verifier finds no violation above this (non-dimensional)."""
 WINDOW = "stancekit"
-_ROOM = 4.0  # bound on non-dimensional coordinates in an observation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -278,23 +278,6 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
             _hide()
 
 
-def observe(scaled: Scaled) -> dict[str, NDArray[np.float32]]:
-    """The observation of a scene, see ``EnvelopeSelectionEnv``."""
-    return {name: values[0] for name, values in observe_batch([scaled]).items()}
-
-
-def observe_batch(scaled: Sequence[Scaled]) -> dict[str, NDArray[np.float32]]:
-    """The observations of several scenes of one size, a row each."""
-
-    def seen(name: str, room: float) -> NDArray[np.float32]:
-        values = np.stack([getattr(problem, "patches" if name == "vertices" else name) for problem in scaled])
-        found: NDArray[np.float32] = np.clip(values, -room, room).astype(np.float32).reshape(len(scaled), -1)
-        return found
-
-    rooms = {"vertices": _ROOM, "frames": 1.0, "friction": _ROOM, "shoulders": _ROOM, "reach": _ROOM}
-    return {name: seen(name, room) for name, room in rooms.items()}
-
-
 def scene_space(count: int) -> spaces.Dict:
     """The space of ``observe`` for this many contacts."""
 
@@ -303,11 +286,11 @@ def scene_space(count: int) -> spaces.Dict:
 
     return spaces.Dict(
         {
-            "vertices": box(-_ROOM, _ROOM, count * VERTICES * 3),
+            "vertices": box(-ROOM, ROOM, count * VERTICES * 3),
             "frames": box(-1.0, 1.0, count * 9),
-            "friction": box(0.0, _ROOM, count),
-            "shoulders": box(-_ROOM, _ROOM, count * 3),
-            "reach": box(0.0, _ROOM, count),
+            "friction": box(0.0, ROOM, count),
+            "shoulders": box(-ROOM, ROOM, count * 3),
+            "reach": box(0.0, ROOM, count),
         }
     )
 

@@ -11,23 +11,24 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.plan import Plan, PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
-from stancekit.planners.plan import Plan, PlanOutcome
-from stancekit.planners.plan_window import Standing, joined
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.problem.course import Course
+from stancekit.planners.problem.course_file import read_spec
+from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
-from stancekit.planners.scene.course import Course
-from stancekit.planners.scene.course_keys import CourseSpec
-from stancekit.planners.scene.course_spec import read_spec
 from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
+from stancekit.planners.search.plan_window import Standing, joined
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 from .course_view import CourseView, View
-from .courses import perturbed
+from .distributions.courses import perturbed
 from .expert import expert_envelopes
 
 MAX_DRAWS = 50
@@ -166,8 +167,8 @@ class TraverseEnv(gym.Env[View, np.int64]):
         """Draw the way so far over the course."""
         if self._course is None:
             raise gym.error.ResetNeeded("reset the environment before rendering")
-        from .picture import to_rgb
-        from .plan_picture import draw_plan
+        from stancekit.views.plan_picture import draw_plan
+        from stancekit.views.posture_picture import to_rgb
 
         caption = f"{self._course.name}: key frame {self._frame} of {self._course.frames - 1}"
         return to_rgb(draw_plan(self.walk(), caption=caption, size_px=PICTURE_PX))

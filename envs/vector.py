@@ -22,13 +22,14 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from stancekit.planners.equilibrium.features import observe_batch
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, StancekitError
+from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 from .scenes import Scene, SceneSource
-from .selection import RewardWeights, SelectionTask, observe_batch
+from .selection import RewardWeights, SelectionTask
 
 Observation = dict[str, NDArray[np.float32]]
 Seeds = Sequence[int | None]

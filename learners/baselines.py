@@ -10,14 +10,15 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
-from stancekit.envs.boxtree import BoxSearch
 from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import Scene
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.planners.arrays import Array
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, StancekitError, Status
+from stancekit.planners.errors import InvalidInput, StancekitError
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
 from .policy_file import moved
 

@@ -13,8 +13,8 @@ from typing import Any, ClassVar, Literal, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from stancekit.envs.scenes import Scene
-from stancekit.planners.files import write_text
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.writing import write_text
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
@@ -23,8 +23,8 @@ from .evaluate import Score, Share, evaluate, evaluate_lift, scenes_of
 from .executor import Executor
 from .experiment import Experiment, Quota
 from .fitting import Method, learn
-from .labelling import LabelPlan, label
-from .ledger import software
+from .labelling import label
+from .ledger import LabelPlan, software
 from .selectors.selector import FixedSelector, Learned, load_selector
 
 Progress = Callable[[str, int, int], None]

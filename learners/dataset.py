@@ -16,10 +16,12 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
-from stancekit.planners.arrays import Array, frozen
-from stancekit.planners.documents import parse_json
-from stancekit.planners.outcome import Certificate, InvalidInput, Posture, Status
-from stancekit.planners.scene import Limb, PostureProblem, Robot
+from stancekit.planners.answer.outcome import Certificate, Posture, Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array, frozen
+from stancekit.planners.files.documents import parse_json
+from stancekit.planners.problem import PostureProblem
+from stancekit.planners.robot import Limb, Robot
 
 from .ledger import Counts, Header, Ledger, shard_name, shard_schema
 

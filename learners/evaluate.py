@@ -13,9 +13,10 @@ import numpy as np
 
 from stancekit.envs.scenes import Scene
 from stancekit.envs.selection import ADMITTED, EnvelopeSelectionEnv
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import Projection, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import Acceptance

@@ -14,7 +14,7 @@ from typing import Any, Literal, Protocol, TypeVar
 
 import joblib
 
-from stancekit.planners.outcome import InvalidInput, StancekitError
+from stancekit.planners.errors import InvalidInput, StancekitError
 
 Answer = TypeVar("Answer")
 Task = Callable[[], Answer]

@@ -8,11 +8,11 @@ from typing import Any, ClassVar
 
 from pydantic import ConfigDict, TypeAdapter, ValidationError
 
-from stancekit.envs.terrains import distribution
-from stancekit.planners.documents import read_yaml
-from stancekit.planners.outcome import InvalidInput
+from stancekit.envs.distributions.postures import distribution
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import read_yaml
+from stancekit.planners.files.refusals import refusals, shown
 from stancekit.planners.projection.project import Projection
-from stancekit.planners.refusals import refusals, shown
 
 from .fitting import FitSettings, Method
 

@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from stancekit.envs.scenes import Scene
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.writing import failure_of, replaced
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.writing import failure_of, replaced
 
 from .dataset import Dataset, LabelledPosture
 

@@ -14,7 +14,7 @@ from pydantic import ConfigDict
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from .dataset import Dataset

@@ -18,18 +18,18 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.arrays import checked
-from stancekit.planners.documents import read_json
-from stancekit.planners.files import write_text
-from stancekit.planners.gait.account import Account
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.files.arrays import checked
+from stancekit.planners.files.documents import read_json
+from stancekit.planners.files.writing import write_text
+from stancekit.planners.gait.budget import Account
 from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.judge import GaitReport, check_trajectory
 from stancekit.planners.gait.portfolio import Caps, plan_gait, ways
-from stancekit.planners.gait.robot import anymal
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.outcome import InvalidInput, PlanningFailed
-from stancekit.planners.scene.heightfield import HeightField
-from stancekit.planners.scene.terrains import reference_tasks, reference_terrain
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.reference import reference_tasks, reference_terrain
+from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
 from stancekit.planners.warp.spline_map import SplineMap
 
 from .executor import processes

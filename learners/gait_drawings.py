@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.envs.gait_chart import GaitRun, draw_convergence, draw_directions, draw_times
-from stancekit.planners.scene.terrains import reference_tasks
+from stancekit.planners.terrain.reference import reference_tasks
+from stancekit.views.gait_plot import GaitRun, draw_convergence, draw_directions, draw_times
 
 from .gait_bench import METHODS
 from .gait_figures import Row
@@ -34,7 +34,7 @@ def draw(rows: Iterable[Row], folder: Path) -> list[Path]:
 
     Cells without a single iterate, e.g. for want of a map, are left out.
     """
-    from stancekit.envs.chart import save
+    from stancekit.views.plot import save
 
     every, written = [row for row in rows if row["method"] in DRAWN and row.get("violations")], list[Path]()
     for terrain in dict.fromkeys(row["terrain"] for row in every):

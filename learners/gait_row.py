@@ -7,8 +7,8 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt, ValidationError
 
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import refusals, shown
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.refusals import refusals, shown
 
 
 class _Model(BaseModel):

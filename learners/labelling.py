@@ -20,21 +20,18 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.envs.terrains import PostureDistribution, distribution
+from stancekit.envs.distributions.postures import PostureDistribution, distribution
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.files import write_bytes
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.verify import check_certificate, check_posture
 
 from . import ledger
-from .dataset import Dataset, finite
-from .dataset import Summary as Summary
-from .executor import processes as processes
-from .ledger import Header, Shard
-from .ledger import LabelPlan as LabelPlan
-from .shards import LabellingFailed as LabellingFailed
-from .shards import label_shard
-from .shards import samples as samples
+from .dataset import Dataset, Summary, finite
+from .executor import processes
+from .ledger import Header, LabelPlan, Shard
+from .shards import label_shard, samples
 
 Task = Callable[[], Shard]
 """Draws one shard. It writes nothing, so it may run anywhere, and more than once."""

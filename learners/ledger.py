@@ -20,11 +20,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from stancekit.planners import writing
-from stancekit.planners.documents import read_json
-from stancekit.planners.files import write_bytes
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import refusals, shown
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files import writing
+from stancekit.planners.files.documents import read_json
+from stancekit.planners.files.refusals import refusals, shown
+from stancekit.planners.files.writing import write_bytes
 
 SHARD_FORMAT = "stancekit/shard/1"
 HEADER = "header.json"

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stancekit.envs.terrains import distribution
-from stancekit.planners.arrays import Array
+from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem import PostureProblem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.modes import Modes, world_points
-from stancekit.planners.scene import PostureProblem
 from stancekit.planners.search.exact import ExactPlanner
 
 from .selectors.quantile import quantile_box

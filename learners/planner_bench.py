@@ -15,15 +15,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stancekit.planners.documents import read_json
+from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.files import write_text
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.plan import PlanOutcome
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import read_json
+from stancekit.planners.files.writing import write_text
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.lift import LiftProgram
-from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import Grid, MicpPlanner

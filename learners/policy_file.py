@@ -16,12 +16,12 @@ from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
 from torch import Tensor, nn
 
+from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.refinement import refinement_space
 from stancekit.envs.selection import scene_space
-from stancekit.envs.terrains import distribution
-from stancekit.planners.arrays import Array
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import refusals, shown
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.refusals import refusals, shown
 from stancekit.planners.relaxation.envelope import Envelope
 
 from .selectors.tensors import read_tensors, write_tensors

@@ -26,15 +26,16 @@ from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import ListedScenes, Scene
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.planners.arrays import Array
-from stancekit.planners.files import write_text
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.writing import write_text
 
 from .baselines import PooledScenes, SelectionVecEnv, open_scenes, refinement_vec_env
 from .dataset import Dataset
 from .evaluate import scenes_of
 from .fitting import fit
-from .labelling import LabelPlan, label
+from .labelling import label
+from .ledger import LabelPlan
 from .policy_file import TrainedPolicy, bounds_of, check_shapes
 from .selectors.selector import Selector
 from .selectors.tensors import read_tensors, write_tensors

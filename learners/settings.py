@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import refusals
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.refusals import refusals
 
 Settings = TypeVar("Settings")
 

@@ -14,13 +14,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from stancekit.envs.terrains import PostureDistribution, distribution
-from stancekit.planners.arrays import Array
+from stancekit.envs.distributions.postures import PostureDistribution, distribution
+from stancekit.planners.answer.outcome import Outcome, Posture, Status
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.outcome import Outcome, Posture, StancekitError, Status
+from stancekit.planners.errors import StancekitError
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem import PostureBatch, PostureProblem
 from stancekit.planners.relaxation.mccormick import WithoutMoment
-from stancekit.planners.scene import PostureBatch, PostureProblem
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.batch import easily_feasible, solve_all
 from stancekit.planners.search.exact import ExactPlanner

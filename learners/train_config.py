@@ -9,9 +9,9 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
 
-from stancekit.planners.documents import read_yaml
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import refusals
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import read_yaml
+from stancekit.planners.files.refusals import refusals
 
 from .experiment import Quota
 from .policy_file import EnvironmentName, PolicyShape

@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import settings
 
-from stancekit.envs.terrains import DISTRIBUTIONS
+from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.scene import Contact, Patch, PostureProblem, hexapod
+from stancekit.planners.problem import Contact, PostureProblem
+from stancekit.planners.robot import hexapod
+from stancekit.planners.terrain import Patch
 
 settings.register_profile("the same examples in every run", derandomize=True, deadline=None)
 settings.load_profile("the same examples in every run")

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from stancekit.cli.main import main
-from stancekit.planners.outcome import Status
-from stancekit.planners.scene import PostureProblem
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.problem import PostureProblem
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_posture
 

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("planners", "envs", "learners", "cli", "configs")
+FOLDERS = ("planners", "runner", "views", "envs", "learners", "cli", "configs")
 
 # Run by an interpreter without site (-I -S), so that no .pth file and hence no editable install takes part.
 # gurobipy wants the builtin `help`, which only site provides.

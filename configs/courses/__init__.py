@@ -1,1 +1,1 @@
-"""Courses that come with the package, a YAML file each; typed by ``stancekit.planners.scene.course_spec``."""
+"""Courses that come with the package, a YAML file each; typed by ``stancekit.planners.problem.course_file``."""

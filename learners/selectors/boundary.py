@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.optimize import Bounds, LinearConstraint, milp
 
-from stancekit.planners.arrays import Array
+from stancekit.planners.files.arrays import Array
 
 CLEARANCE = 1e-4
 """How far outside the box an excluded point must be (non-dimensional)."""

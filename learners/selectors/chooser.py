@@ -15,12 +15,12 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from stancekit.envs.selection import ADMITTED
-from stancekit.planners.arrays import Array
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.refusals import refusals
 from stancekit.planners.projection.project import project
-from stancekit.planners.refusals import refusals
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 

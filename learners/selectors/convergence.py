@@ -14,13 +14,13 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from stancekit.envs.chart import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
-from stancekit.planners.archive import read_archive
-from stancekit.planners.arrays import Array
-from stancekit.planners.documents import parse_json
-from stancekit.planners.files import write_bytes
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import shown
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.archive import read_archive
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.documents import parse_json
+from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.writing import write_bytes
+from stancekit.views.plot import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
 
 from .verdicts import Counts
 

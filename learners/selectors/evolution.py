@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.planners.arrays import Array
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
 
 from .convergence import Generation
 from .genetic import DOMAIN, GeneticResult, GeneticSettings, Told, Trials, finish, first_generation, fitness, generation

@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from stancekit.planners.arrays import Array
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..dataset import Dataset

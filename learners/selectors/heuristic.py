@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from stancekit.planners.problem import PostureProblem
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.scene import PostureProblem
 
 CLIMBING = ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4))
 """Bounds on f_n, f_y and the vertical shear f_z on a wall, in units of the robot's weight (paper E §IV-A)."""

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 from sklearn.mixture import GaussianMixture
 
-from stancekit.planners.arrays import Array
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.envelope import Envelope
 
 from .boundary import largest_box

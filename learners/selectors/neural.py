@@ -13,11 +13,11 @@ import torch
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from stancekit.planners.arrays import Array
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.refusals import refusals
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.refusals import refusals
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN

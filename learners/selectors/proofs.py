@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.arrays import Array
 from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
 

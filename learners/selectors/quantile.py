@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from stancekit.planners.arrays import Array
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.envelope import Envelope
 
 

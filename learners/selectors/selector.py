@@ -10,9 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.documents import decoded, parse_json
-from stancekit.planners.files import read_envelopes, write_envelopes
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.answer.answer_file import read_envelopes, write_envelopes
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import decoded, parse_json
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 Observation = Mapping[str, NDArray[Any]]

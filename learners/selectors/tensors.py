@@ -13,9 +13,9 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save
 from torch import Tensor, nn
 
-from stancekit.planners.documents import parse_json
-from stancekit.planners.files import write_bytes
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import parse_json
+from stancekit.planners.files.writing import write_bytes
 
 from .network import Architecture
 

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cached_property
 
-from ..arrays import Array
-from ..scene import PostureBatch
+from ..files.arrays import Array
+from ..problem import PostureBatch
 from .layout import Index
 from .scaled import Scaled
 

@@ -13,7 +13,7 @@ import cvxpy as cp
 import numpy as np
 import scipy.sparse as sp
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .layout import Index
 from .model import Terms
 from .scaled import Point, Scaled

@@ -10,7 +10,7 @@ from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .layout import Index
 
 D = TypeVar("D")

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import cvxpy as cp
 import numpy as np
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .layout import Index
 from .rows import EXACT, STATUS, ConicSolution, ConicStatus
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .layout import Layout
 from .rows import ConicSolution, ConicStatus
 

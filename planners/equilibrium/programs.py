@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import Any, Literal, Protocol, TypeVar, cast, get_args, runtime_checkable
 
-from ..outcome import InvalidInput
+from ..errors import InvalidInput
 from .rows import Reference, Rows
 
 T = TypeVar("T")

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import cvxpy as cp
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .equations import Axes, Box, Forces, Plan, Products, cross, mccormick, within
 from .model import Model, Terms
 from .scaled import Point, Scaled

@@ -22,7 +22,7 @@ import clarabel
 import numpy as np
 import scipy.sparse as sp
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .gather import D, Fill, Gather, Numbers, Values
 from .layout import Index
 

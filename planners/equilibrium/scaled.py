@@ -13,10 +13,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
-from ..outcome import Posture
-from ..scene import PostureProblem
-from ..scene.course import Course, Weights
+from ..answer.outcome import Posture
+from ..files.arrays import Array
+from ..problem import PostureProblem
+from ..problem.course import Course, Weights
 from .layout import Layout
 
 

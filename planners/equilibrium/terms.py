@@ -12,7 +12,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .gather import Fill, Of
 from .layout import Index, Layout
 from .rows import Rows

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ..arrays import Array
+from ..files.arrays import Array
+from ..verify.trajectories import GaitReport, check_trajectory
 from .formulation import GaitProgram, formulate
-from .judge import GaitReport, check_trajectory
 from .task import ChartName, GaitSettings, GaitTask
 from .trajectory import STEP_S, Trajectory
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, vstack
 
-from ..arrays import Array
-from .jets import JetMap, Site
+from ..files.arrays import Array
+from .taylor import JetMap, Site
 
 Rows = NDArray[np.intp]
 

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 import casadi as cs
 import numpy as np
 
-from ..arrays import Array
-from ..outcome import InvalidInput
-from ..scene.heightfield import HeightField
-from .jets import JetMap, Site
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..terrain.heightfield import HeightField
 from .rotations import euler, shear_rotation, surface_frame, surface_normal
+from .taylor import JetMap, Site
 
 if TYPE_CHECKING:
     from ..warp.spline_map import SplineMap

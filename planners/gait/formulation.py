@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import Array, frozen
+from ..files.arrays import Array, frozen
 from .charts import Chart, make_chart
+from .constraints.cone import cone
+from .constraints.contact import contact
+from .constraints.cost import acceleration, force_rate
+from .constraints.dynamics import dynamics
+from .constraints.ends import goal, start, still_end, still_start
+from .constraints.reach import reach
+from .constraints.swing import swing
+from .constraints.trunk import trunk
 from .guess import perturbed, terrain_following
 from .program import Program
 from .structure import Structure
 from .task import GaitSettings, GaitTask
-from .terms.cone import cone
-from .terms.contact import contact
-from .terms.cost import acceleration, force_rate
-from .terms.dynamics import dynamics
-from .terms.ends import goal, start, still_end, still_start
-from .terms.reach import reach
-from .terms.swing import swing
-from .terms.trunk import trunk
 from .timing import ordered
 
 if TYPE_CHECKING:

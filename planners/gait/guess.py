@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .layout import NOTHING, Index
 from .rotations import euler_angles
 from .structure import Structure

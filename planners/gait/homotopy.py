@@ -16,12 +16,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.optimize import brentq
 
-from ..arrays import Array
-from ..outcome import InvalidInput
-from ..scene.heightfield import HeightField
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..terrain.heightfield import HeightField
 from .attempt import SCALED, Homotopy, Workbench
 from .formulation import GaitProgram
-from .smooth import Solve
+from .smoothing import Solve
 from .solution import GaitSolution
 from .task import ChartName
 

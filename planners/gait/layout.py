@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array, csr_array
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .phases import FootPhases
 from .splines import clamped_basis, clamped_knots, greville, hermite, uniform_basis, uniform_greville, uniform_size
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, frozen
-from ..outcome import InvalidInput
+from ..errors import InvalidInput
+from ..files.arrays import Array, frozen
 
 
 @dataclass(frozen=True, kw_only=True)

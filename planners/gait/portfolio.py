@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..arrays import Array, checked
-from ..outcome import InvalidInput, PlanningFailed
-from .account import Account, Step
+from ..errors import InvalidInput, PlanningFailed
+from ..files.arrays import Array, checked
+from ..verify.trajectories import GaitReport, check_trajectory
 from .attempt import Attempt, Attempted, Progress, Workbench
-from .densify import densified
+from .budget import Account, Step
+from .checkpoint import FAILED, Partial
+from .densification import densified
 from .formulation import GaitProgram
 from .homotopy import climb, heights_for, steepest
-from .judge import GaitReport, check_trajectory
-from .partial import FAILED, Partial
-from .smooth import Smoothing, peak_g, smoothed
+from .smoothing import Smoothing, peak_g, smoothed
 from .solution import GaitSolution
 from .task import GaitSettings, GaitTask
 from .trajectory import Trajectory

@@ -9,7 +9,7 @@ import casadi as cs
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .blocks import Block, Compiled, Constraint, JetBank, blocks_of, matrix, scattered
 
 

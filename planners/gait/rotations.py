@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-from ..arrays import Array
+from ..files.arrays import Array
 
 
 def euler(angles: cs.SX) -> cs.SX:

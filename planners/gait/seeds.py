@@ -13,12 +13,12 @@ from itertools import product
 
 import numpy as np
 
-from ..arrays import Array, frozen
-from ..outcome import InvalidInput
-from ..plan import Plan
+from ..answer.plan import Plan
+from ..errors import InvalidInput
+from ..files.arrays import Array, frozen
+from ..problem.posture import PostureProblem
 from ..relaxation.envelope import Envelope
-from ..scene.patch import Patch
-from ..scene.posture import PostureProblem
+from ..terrain.patch import Patch
 from ..warp.pushforward import nearest_rotation
 from ..warp.spline_map import SplineMap
 from .formulation import GaitProgram

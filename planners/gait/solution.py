@@ -11,8 +11,8 @@ import casadi as cs
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array, checked
-from .jets import JetMap, Site
+from ..files.arrays import Array, checked
+from .taylor import JetMap, Site
 from .trajectory import STEP_S, Trajectory
 
 if TYPE_CHECKING:

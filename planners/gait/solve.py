@@ -10,8 +10,8 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
-from ..arrays import Array, checked, frozen
-from ..outcome import InvalidInput
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, frozen
 from .formulation import GaitProgram
 from .solution import GaitSolution
 

@@ -12,8 +12,8 @@ import numpy as np
 from scipy.interpolate import BSpline
 from scipy.sparse import csr_array
 
-from ..arrays import Array
-from ..outcome import InvalidInput
+from ..errors import InvalidInput
+from ..files.arrays import Array
 
 DEGREE = 3
 

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
-from ..arrays import Array
-from ..outcome import InvalidInput
+from ..errors import InvalidInput
+from ..files.arrays import Array
 from .blocks import Family, Port, Rows, Signal, itself
 from .charts import Chart
 from .layout import NOTHING, Index, Layout

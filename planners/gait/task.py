@@ -7,11 +7,11 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from ..arrays import Array, checked, frozen, gathered
-from ..outcome import InvalidInput
-from ..scene.heightfield import HeightField
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, frozen, gathered
+from ..robot.single_body import GaitRobot
+from ..terrain.heightfield import HeightField
 from .phases import gait_named
-from .robot import GaitRobot
 
 ChartName = Literal["ambient", "shear", "decoupled", "warped", "warped-exact"]
 Dynamics = Literal["centred", "printed", "newton-euler"]

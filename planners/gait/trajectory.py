@@ -15,13 +15,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
-from ..outcome import InvalidInput
-from ..refusals import shown
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..files.refusals import shown
 
 if TYPE_CHECKING:
-    from ..scene.heightfield import HeightField
-    from .robot import GaitRobot
+    from ..robot.single_body import GaitRobot
+    from ..terrain.heightfield import HeightField
 
 STEP_S = 0.005
 """Spacing of the samples that charts give: ten times finer than the optimiser's default grid."""
@@ -131,7 +131,7 @@ def robot_to_json(robot: GaitRobot) -> dict[str, Any]:
 
 def robot_from_json(data: Any) -> GaitRobot:
     """Read what ``robot_to_json`` wrote. Raises InvalidInput."""
-    from .robot import Foot, GaitRobot
+    from ..robot.single_body import Foot, GaitRobot
 
     try:
         feet = tuple(Foot(**foot) for foot in data["feet"])

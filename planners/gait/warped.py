@@ -9,13 +9,13 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-from ..arrays import Array
-from ..scene.heightfield import HeightField
+from ..files.arrays import Array
+from ..terrain.heightfield import HeightField
 from ..warp.pushforward import polar_function
 from ..warp.spline_map import SplineMap
 from .charts import Chart
-from .jets import Site, SnappedMap
 from .rotations import euler
+from .taylor import Site, SnappedMap
 
 POLAR_STEPS = 5
 """Newton steps of P(J); J is near a rotation times a scale, where four give ten digits."""

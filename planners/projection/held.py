@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Layout
 from ..equilibrium.rows import ConicSolution, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Moments, objective
+from ..files.arrays import Array
 
 MOMENT_PRICE = 30.0
 """Of the moments that a linearised step leaves, in units of the objective: large against its own slopes."""

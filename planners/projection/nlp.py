@@ -15,10 +15,10 @@ import casadi as cs
 import numpy as np
 from scipy.optimize import nnls
 
-from ..arrays import Array
 from ..equilibrium.layout import Layout
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled, cones_met
+from ..files.arrays import Array
 from .held import FixToes
 
 PULL, PULL_BESIDE = 1e-2, 1e-6

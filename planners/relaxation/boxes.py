@@ -13,11 +13,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import Array
-from ..outcome import InvalidInput
-from ..scene.course import Course, Stance
-from ..scene.robot import Robot
-from ..scene.surfaces import shear_of
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..problem.course import Course, Stance
+from ..robot.model import Robot
+from ..terrain.polygon import shear_of
 from .envelope import Envelope, EnvelopeSet
 from .mccormick import Axes
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array
 from ..equilibrium.layout import Layout
 from ..equilibrium.scaled import Scaled, cones_met
+from ..files.arrays import Array
 from .envelope import Envelope
 from .mccormick import Axes
 

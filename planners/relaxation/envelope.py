@@ -10,10 +10,10 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from ..arrays import Array, checked, frozen
-from ..outcome import InvalidInput
-from ..refusals import refusals
-from ..scene import PostureProblem
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, frozen
+from ..files.refusals import refusals
+from ..problem import PostureProblem
 
 FORMAT = "stancekit/envelope/1"
 TILT_ROOM_RAD = np.deg2rad(10.0)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..arrays import Array
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Layout
 from ..equilibrium.multipliers import multipliers
@@ -18,6 +17,7 @@ from ..equilibrium.programs import Programs
 from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
 from ..equilibrium.scaled import Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, Moments, objective
+from ..files.arrays import Array
 from .relaxed import Relaxed, unit_shares
 
 

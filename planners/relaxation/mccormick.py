@@ -19,13 +19,13 @@ from typing import Literal
 
 import numpy as np
 
-from ..arrays import Array
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled, skew
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, objective
-from ..outcome import InvalidInput
+from ..errors import InvalidInput
+from ..files.arrays import Array
 from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Corners, Envelope
 from .relaxed import Evidence, RelaxationAnswer, Relaxed
 

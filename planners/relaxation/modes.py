@@ -14,12 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.scaled import Scaled
-from ..outcome import InvalidInput
-from ..refusals import shown
-from ..scene import PostureProblem
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..files.refusals import shown
+from ..problem import PostureProblem
 from .domain import domain_of
 from .envelope import Envelope, EnvelopeSet
 from .mccormick import Axes

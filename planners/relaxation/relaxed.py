@@ -7,9 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import Array
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Point, Scaled
+from ..files.arrays import Array
 
 FEASIBLE_MARGIN = 1e-7
 """A margin up to this counts as feasible: the solver's own tolerance."""

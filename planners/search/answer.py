@@ -9,12 +9,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..answer.outcome import Certificate, Outcome, Posture, Status
+from ..answer.plan import Plan, PlanOutcome
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Point, Scaled
-from ..outcome import Certificate, Outcome, Posture, Status
-from ..plan import Plan, PlanOutcome
-from ..scene import PostureProblem
-from ..scene.course import Course
+from ..problem import PostureProblem
+from ..problem.course import Course
 from ..verify import check_certificate, check_plan, check_posture
 from .clock import Clock
 

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..answer.outcome import Certificate, Outcome, Posture, Status
 from ..equilibrium.batch import ScaledBatch
-from ..outcome import Certificate, Outcome, Posture, Status
+from ..problem import PostureBatch
 from ..projection.project import SURFACE, project
 from ..relaxation.lift import solve_lift
-from ..scene import PostureBatch
 from ..verify import check_certificates, check_postures
 from .exact import ExactPlanner
 from .witness import witnesses

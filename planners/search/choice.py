@@ -14,12 +14,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
+from ..answer.outcome import Certificate
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import ConicStatus
 from ..equilibrium.scaled import Point, Scaled
-from ..outcome import Certificate
+from ..files.arrays import Array
 from ..projection.descent import cost
 from ..projection.project import SURFACE
 from ..relaxation.lift import LiftAnswer, solve_lift

@@ -19,11 +19,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays import Array
+from ..answer.outcome import Certificate
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
-from ..outcome import Certificate
+from ..files.arrays import Array
 from ..projection.project import SURFACE, scp
 from ..relaxation.lift import LiftAnswer, solve_lift
 

@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..answer.outcome import Certificate
+from ..answer.plan import PlanOutcome
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.multipliers import multipliers
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, FreeToes, Given, objective
-from ..outcome import Certificate
-from ..plan import PlanOutcome
+from ..problem.course import Course
 from ..projection.project import project
-from ..scene.course import Course
 from .answer import Acceptance, plan_of
 from .clock import Clock
 from .cuts import LEAF, alone

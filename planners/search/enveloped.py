@@ -15,19 +15,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Array
+from ..answer.outcome import Status
+from ..answer.plan import PlanOutcome
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
-from ..outcome import InvalidInput, Status
-from ..plan import PlanOutcome
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..problem.course import Course
 from ..projection.project import PROJECTIONS, SURFACE, Projection, project
 from ..relaxation.boxes import boxes_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.mccormick import Axes, McCormick
 from ..relaxation.modes import Modes, allowed_boxes, composed, modes_of_frames
 from ..relaxation.relaxed import RelaxationAnswer
-from ..scene.course import Course
 from .answer import Acceptance, plan_of
 from .clock import Clock
 from .cuts import alone

@@ -15,18 +15,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array, checked
+from ..answer.outcome import Outcome
+from ..answer.plan import PlanOutcome
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import ConicStatus
 from ..equilibrium.scaled import Point, Scaled, cones_met, skew
-from ..outcome import InvalidInput, Outcome
-from ..plan import PlanOutcome
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked
+from ..problem import PostureProblem
+from ..problem.course import Course
 from ..projection.descent import cost, improved
 from ..projection.project import SURFACE, project
 from ..relaxation.lift import LiftAnswer, solve_lift
-from ..scene import PostureProblem
-from ..scene.course import Course
 from .answer import Acceptance, plan_of
 from .choice import LEAST, ChoiceSearch
 from .clock import Clock

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Scaled
+from ..files.arrays import Array
 
 MARGIN = 1e-3
 """A bound above this, for multipliers of at most 1, is refused by no rounding and no tolerance of the verifier."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Literal, get_args
 
 from ..equilibrium.programs import Programs
-from ..outcome import InvalidInput
+from ..errors import InvalidInput
 from ..projection.project import Projection
 from ..relaxation.envelope import EnvelopeSet
 from ..relaxation.modes import Modes

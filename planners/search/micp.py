@@ -17,14 +17,17 @@ from typing import Any, Literal, get_args, overload
 import cvxpy as cp
 import numpy as np
 
-from ..arrays import Array, checked
+from ..answer.outcome import Outcome
+from ..answer.plan import Plan, PlanOutcome
 from ..equilibrium.equations import mccormick
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.reference import coupled
 from ..equilibrium.scaled import Point, Scaled
-from ..outcome import InvalidInput, Outcome
-from ..plan import Plan, PlanOutcome
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked
+from ..problem import PostureProblem
+from ..problem.course import Course
 from ..projection.project import PROJECTIONS, Projection, project
 from ..relaxation.boxes import boxes_of
 from ..relaxation.domain import domain_of
@@ -41,8 +44,6 @@ from ..relaxation.grid import (
     unit_domain,
     without_squares,
 )
-from ..scene import PostureProblem
-from ..scene.course import Course
 from .answer import Acceptance, plan_of
 from .clock import Clock
 

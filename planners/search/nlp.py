@@ -6,16 +6,17 @@ from typing import Any, Literal, get_args, overload
 
 import numpy as np
 
-from ..arrays import checked
+from ..answer.outcome import Outcome
+from ..answer.plan import PlanOutcome
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
-from ..outcome import InvalidInput, Outcome
-from ..plan import PlanOutcome
+from ..errors import InvalidInput
+from ..files.arrays import checked
+from ..problem import PostureProblem
+from ..problem.course import Course
 from ..projection.nlp import NlpProgram
 from ..projection.project import SURFACE
 from ..relaxation.lift import solve_lift
-from ..scene import PostureProblem
-from ..scene.course import Course
 from .answer import Acceptance, plan_of
 from .choice import nearest
 from .clock import Clock

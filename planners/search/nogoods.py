@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Array
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Scaled
+from ..files.arrays import Array
 from .clock import Clock
 from .cuts import PROVABLE, CutSearch, Node, alone
 from .farkas_cuts import split

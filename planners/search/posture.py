@@ -6,15 +6,16 @@ import time
 
 import numpy as np
 
+from ..answer.outcome import Certificate, Outcome, Posture
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
-from ..outcome import Certificate, InvalidInput, Outcome, Posture
+from ..errors import InvalidInput
+from ..problem import PostureProblem
 from ..projection.project import PROJECTIONS, Projection, project
 from ..relaxation.envelope import EnvelopeSet
 from ..relaxation.lift import LiftAnswer, solve_lift
 from ..relaxation.mccormick import McCormick
 from ..relaxation.relaxed import RelaxationAnswer
-from ..scene import PostureProblem
 from .answer import Acceptance
 from .cuts import LEAF
 

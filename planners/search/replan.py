@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..caution import plan_with_reserve
-from ..plan import PlanOutcome
-from ..plan_window import Standing, course_window
-from ..scene.course import Course
+from ..answer.plan import PlanOutcome
+from ..problem.course import Course
 from .answer import CoursePlanner
+from .friction_margin import plan_with_reserve
+from .plan_window import Standing, course_window
 from .two_stage import TwoStageCoursePlanner
 
 

@@ -13,15 +13,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..arrays import checked
+from ..answer.outcome import Certificate
+from ..answer.plan import PlanOutcome
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
-from ..outcome import Certificate, InvalidInput
-from ..plan import PlanOutcome
+from ..errors import InvalidInput
+from ..files.arrays import checked
+from ..problem.course import Course
 from ..projection.descent import improved
 from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, project
-from ..scene.course import Course
 from .answer import Acceptance, plan_of
 from .choice import ChoiceSearch, Limits
 from .clock import Clock

@@ -18,10 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..answer.outcome import Posture
 from ..equilibrium.batch import ScaledBatch
 from ..equilibrium.scaled import Point, skew
-from ..outcome import Posture
+from ..files.arrays import Array
 
 STEPS = 32
 LOOKS = 8

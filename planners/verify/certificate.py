@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
-from ..outcome import Certificate, InvalidInput
-from ..scene import PostureProblem
-from ..scene.course import Course
+from ..answer.outcome import Certificate
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..problem import PostureProblem
+from ..problem.course import Course
 from .lagrangian import leaf_bounds
 from .tree import Forest, Replayed
 

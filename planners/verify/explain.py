@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
-from ..outcome import Certificate
-from ..scene import PostureProblem
-from ..scene.course import Course
+from ..answer.outcome import Certificate
+from ..files.arrays import Array
+from ..problem import PostureProblem
+from ..problem.course import Course
 from .certificate import GAP, check_certificate, forest_of
 from .geometry import length
 from .lagrangian import Leaves, Multipliers, Numbers, body_pulls, leaf_bounds, least_lagrangians

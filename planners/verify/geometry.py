@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..files.arrays import Array
 
 FLAT = 1e-12
 """A polygon whose corners leave its plane by less than this share of its size is the fan of its triangles."""

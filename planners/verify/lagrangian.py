@@ -38,7 +38,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .geometry import cross, length
 from .stances import Index, Schedule
 from .work import SLACK, least_works, misses_cone

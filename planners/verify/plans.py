@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import LARGEST, Array
-from ..outcome import InvalidInput
-from ..plan import Plan
+from ..answer.plan import Plan
+from ..errors import InvalidInput
+from ..files.arrays import LARGEST, Array
 from .geometry import contact_frames, cross, length, patch_distances
 from .postures import NOTHING, worst_groups
 from .report import PLAN_GROUPS, GroupViolation, Report, plan_shapes, refused
@@ -48,7 +48,7 @@ def check_plan(plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, bet
 
 def check_joints(plan: Plan) -> dict[str, Any]:
     """Can the joints do it? verdict: checked, failed or not checked, a message, and what was measured."""
-    from ..kinematics import joint_report
+    from ..robot.kinematics import joint_report
 
     try:
         report = joint_report(plan)

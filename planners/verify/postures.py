@@ -10,9 +10,9 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
-from ..arrays import Array
-from ..outcome import Posture
-from ..scene import PostureProblem
+from ..answer.outcome import Posture
+from ..files.arrays import Array
+from ..problem import PostureProblem
 from .geometry import length
 from .report import GROUPS, PLAN_GROUPS, GroupViolation, Report, refused
 from .stances import BALANCES, OF_CONTACTS, Index, Stances, units_of, violations, worst_of

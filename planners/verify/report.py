@@ -12,11 +12,11 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from ..outcome import Posture
-from ..plan import Plan
-from ..scene import PostureProblem
-from ..scene.course import Course
-from ..scene.course_json import course_to_json
+from ..answer.outcome import Posture
+from ..answer.plan import Plan
+from ..problem import PostureProblem
+from ..problem.course import Course
+from ..problem.course_json import course_to_json
 
 GROUPS = {
     "patch": "m",

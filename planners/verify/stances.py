@@ -9,10 +9,10 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
-from ..outcome import Posture
-from ..scene import PostureProblem
-from ..scene.course import Course
+from ..answer.outcome import Posture
+from ..files.arrays import Array
+from ..problem import PostureProblem
+from ..problem.course import Course
 from .geometry import contact_frames, cross, length, patch_distances
 from .report import GROUPS
 

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ..arrays import Array
-from ..outcome import Certificate, InvalidInput
-from ..scene import PostureProblem
-from ..scene.course import Course
+from ..answer.outcome import Certificate
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..problem import PostureProblem
+from ..problem.course import Course
 from .geometry import contact_frames, cut, sag
 from .lagrangian import Leaves, Numbers, multiplier_count
 from .stances import Index, Schedule

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..files.arrays import Array
 
 SLACK = 1e-6
 """A certificate must also refute postures that break constraints by this much: ``check_posture`` accepts those."""

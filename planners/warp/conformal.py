@@ -15,9 +15,9 @@ from typing import Literal
 
 import numpy as np
 
-from ..arrays import Array, checked
-from ..outcome import InvalidInput, PlanningFailed
-from ..scene.heightfield import HeightField
+from ..errors import InvalidInput, PlanningFailed
+from ..files.arrays import Array, checked
+from ..terrain.heightfield import HeightField
 from .energy import MapEnergy, shear
 from .gauss_newton import gauss_newton
 from .gradient import descend

@@ -11,8 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from ..arrays import Array
-from ..scene.heightfield import HeightField
+from ..files.arrays import Array
+from ..terrain.heightfield import HeightField
 from .quadrature import Grid
 from .similarity import cofactor, determinant, rotation
 

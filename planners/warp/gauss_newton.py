@@ -12,7 +12,7 @@ from time import process_time
 
 import numpy as np
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .energy import MapEnergy
 from .local_global import Descent
 from .quadrature import SeparableSolver

@@ -11,7 +11,7 @@ from time import process_time
 
 import numpy as np
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .energy import Evaluation, MapEnergy
 from .local_global import Descent
 from .quadrature import SeparableSolver

@@ -6,9 +6,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from ..arrays import Array
-from ..outcome import PlanningFailed
-from ..scene.cubic import CubicBasis
+from ..errors import PlanningFailed
+from ..files.arrays import Array
+from ..terrain.bspline import CubicBasis
 
 NEWTON_STEPS = 30
 

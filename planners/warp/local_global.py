@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
-from ..arrays import Array
+from ..files.arrays import Array
 from .energy import Evaluation, MapEnergy
 from .quadrature import Grid, SeparableSolver
 from .similarity import nearest_similarity, published_similarity

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arrays import Array
+from ..files.arrays import Array
 
 if TYPE_CHECKING:
     import casadi as ca

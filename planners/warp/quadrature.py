@@ -12,8 +12,8 @@ from functools import cached_property
 import numpy as np
 from scipy.linalg import eigh
 
-from ..arrays import Array
-from ..scene.cubic import CubicBasis
+from ..files.arrays import Array
+from ..terrain.bspline import CubicBasis
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

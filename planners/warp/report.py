@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from ..arrays import Array
-from ..scene.heightfield import HeightField
+from ..files.arrays import Array
+from ..terrain.heightfield import HeightField
 from .similarity import determinant, singular_values
 from .spline_map import SplineMap
 

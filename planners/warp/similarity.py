@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..arrays import Array
+from ..files.arrays import Array
 
 NEWTON_STEPS = 4
 """Enough for 1e-6 where singular values differ by a factor of 4 or less; each more step squares the error."""

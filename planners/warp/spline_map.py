@@ -18,12 +18,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..archive import read_archive
-from ..arrays import Array, checked, frozen
-from ..files import write_bytes
-from ..outcome import InvalidInput
-from ..scene.cubic import CubicBasis
-from ..scene.heightfield import HeightField
+from ..errors import InvalidInput
+from ..files.archive import read_archive
+from ..files.arrays import Array, checked, frozen
+from ..files.writing import write_bytes
+from ..terrain.bspline import CubicBasis
+from ..terrain.heightfield import HeightField
 from .inversion import inverted, surface
 from .quadrature import Axis
 

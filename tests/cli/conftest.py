@@ -14,8 +14,9 @@ import numpy as np
 import pytest
 
 from stancekit.cli.main import main
-from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.learners.labelling import LabelPlan, label
+from stancekit.envs.distributions.postures import DISTRIBUTIONS
+from stancekit.learners.labelling import label
+from stancekit.learners.ledger import LabelPlan
 
 PLAN = LabelPlan(distribution="wall-3", feasible=8, infeasible=8, shard_size=4, seed=2)
 

@@ -8,7 +8,7 @@ import pytest
 
 from stancekit.cli.bench_gait import BenchGait, success_table
 from stancekit.learners import gait_bench
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 
 @pytest.fixture(autouse=True)

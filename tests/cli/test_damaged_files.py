@@ -26,9 +26,9 @@ pytest.importorskip("stable_baselines3")
 from stancekit.cli import console
 from stancekit.cli.main import INTERNAL, parse, run
 from stancekit.cli.verify import Verify
-from stancekit.envs.terrains import distribution
-from stancekit.planners.scene import Limb, Robot
-from stancekit.planners.scene.urdf import hexapod_urdf, joint_names
+from stancekit.envs.distributions.postures import distribution
+from stancekit.planners.robot import Limb, Robot
+from stancekit.planners.robot.urdf import hexapod_urdf, joint_names
 from tests.damage import bombs
 from tests.damage.cases import Case, cases, command, fault, said
 from tests.damage.files import make_files

@@ -14,8 +14,8 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from stancekit.cli import gait as gait_command
-from stancekit.envs import gait_video
-from stancekit.planners.gait.record import check_file, read_trajectory
+from stancekit.planners.gait.trajectory_file import check_file, read_trajectory
+from stancekit.views import gait_video
 
 LIVELY = ("plain.npy", "--goal", "0.6,0.1", "--chart", "decoupled", "--duration-s", "2")
 SHORT = ("plain.npy", "--goal", "0.2,0.1", "--chart", "decoupled", "--duration-s", "2")

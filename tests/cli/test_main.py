@@ -11,7 +11,7 @@ import pytest
 
 from stancekit.cli import sample
 from stancekit.cli.main import verbs
-from stancekit.planners.outcome import PlanningFailed
+from stancekit.planners.errors import PlanningFailed
 
 COMMAND = [sys.executable, "-m", "stancekit.cli.main"]
 PLANS = ["plan", "verify", "simulate", "run", "gait"]

@@ -15,11 +15,12 @@ import yaml
 from stancekit.cli.main import run
 from stancekit.cli.plan import PlanCourse
 from stancekit.cli.verify import Verify
-from stancekit.envs.plan_page import check_page
-from stancekit.planners.outcome import InvalidInput, Status
-from stancekit.planners.plan import PlanOutcome
-from stancekit.planners.plan_file import check_file
-from stancekit.planners.scene.course_spec import builtin_courses
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.answer.plan_file import check_file
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import builtin_courses
+from stancekit.views.plan_page import check_page
 
 
 @pytest.fixture

@@ -21,17 +21,17 @@ from stancekit.cli.main import main, run
 from stancekit.cli.replay import Replay
 from stancekit.cli.run import Run
 from stancekit.envs.expert import expert_envelopes
-from stancekit.envs.runner.log import read_log
-from stancekit.envs.runner.policy import LoopSettings
-from stancekit.envs.worlds.calibration import nominal
-from stancekit.envs.worlds.ros_setup import same_names
-from stancekit.planners.files import write_envelopes
-from stancekit.planners.plan_file import write_plan
-from stancekit.planners.scene import hexapod
-from stancekit.planners.scene.course_spec import read_course
-from stancekit.planners.scene.urdf import joint_names
+from stancekit.planners.answer.answer_file import write_envelopes
+from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
+from stancekit.runner.control.closed_loop import LoopSettings
+from stancekit.runner.log import read_log
+from stancekit.runner.worlds.dynamixel.calibration import nominal
+from stancekit.runner.worlds.ros.setup import same_names
 
 
 @pytest.fixture(scope="module")

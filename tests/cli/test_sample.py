@@ -5,8 +5,8 @@ import os
 
 import pytest
 
-from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.planners.scene import PostureProblem
+from stancekit.envs.distributions.postures import DISTRIBUTIONS
+from stancekit.planners.problem import PostureProblem
 
 
 @pytest.mark.parametrize("name", sorted(DISTRIBUTIONS))

@@ -8,7 +8,7 @@ import pytest
 from stancekit.cli.main import run
 from stancekit.cli.terrain import TerrainFile
 from stancekit.cli.warp import Warp
-from stancekit.planners.scene.gridfile import read_heights
+from stancekit.planners.terrain.grid_file import read_heights
 from stancekit.planners.warp.spline_map import SplineMap
 
 QUICK = {"cells": "8,8,3"}

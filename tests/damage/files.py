@@ -15,31 +15,32 @@ import yaml
 from PIL import Image
 
 from stancekit.configs import config_path
+from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.expert import expert_envelopes
-from stancekit.envs.runner.log import McapLog, read_log
-from stancekit.envs.terrains import distribution
-from stancekit.envs.worlds.calibration import nominal
-from stancekit.envs.worlds.ros_setup import same_names
-from stancekit.learners.labelling import LabelPlan, label
+from stancekit.learners.labelling import label
+from stancekit.learners.ledger import LabelPlan
 from stancekit.learners.policy_file import PolicyShape, TrainedPolicy
 from stancekit.learners.selectors.chooser import Chooser
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
-from stancekit.planners.files import write_envelopes
-from stancekit.planners.gait.judge import check_trajectory
-from stancekit.planners.gait.record import write_trajectory
-from stancekit.planners.gait.robot import GaitRobot, hexapod_walker
+from stancekit.planners.answer.answer_file import write_envelopes
+from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.answer.proof_file import write_proof
 from stancekit.planners.gait.trajectory import Trajectory
-from stancekit.planners.plan_file import write_plan
-from stancekit.planners.proof_file import write_proof
-from stancekit.planners.scene import hexapod
-from stancekit.planners.scene.course_json import course_to_json
-from stancekit.planners.scene.course_spec import read_course, spec_from
-from stancekit.planners.scene.heightfield import HeightField
-from stancekit.planners.scene.layout import lay_out
-from stancekit.planners.scene.urdf import hexapod_urdf, joint_names
+from stancekit.planners.gait.trajectory_file import write_trajectory
+from stancekit.planners.problem.course_file import read_course, spec_from
+from stancekit.planners.problem.course_json import course_to_json
+from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.single_body import GaitRobot, hexapod_walker
+from stancekit.planners.robot.urdf import hexapod_urdf, joint_names
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.trajectories import check_trajectory
+from stancekit.runner.log import McapLog, read_log
+from stancekit.runner.worlds.dynamixel.calibration import nominal
+from stancekit.runner.worlds.ros.setup import same_names
 
 from .cases import command
 

@@ -9,8 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stancekit.envs.worlds.calibration import Calibration
-from stancekit.envs.worlds.control_table import RAD, TICKS
+from stancekit.runner.worlds.dynamixel.calibration import Calibration
+from stancekit.runner.worlds.dynamixel.control_table import RAD, TICKS
 
 from .servo_bus import FAULTS, BusProcess, ServoBus
 

@@ -10,12 +10,13 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from stancekit.envs.worlds.capabilities import WorldCapabilities
-from stancekit.envs.worlds.world import LatchedWorld, State
-from stancekit.planners.arrays import Array
-from stancekit.planners.outcome import HardwareFault, InvalidInput
-from stancekit.planners.scene import Patch, Robot, hexapod
-from stancekit.planners.scene.urdf import Servo, joint_names
+from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot import Robot, hexapod
+from stancekit.planners.robot.urdf import Servo, joint_names
+from stancekit.planners.terrain import Patch
+from stancekit.runner.worlds.capabilities import WorldCapabilities
+from stancekit.runner.worlds.world import LatchedWorld, State
 
 FREQUENCY_RAD_S = 60.0
 

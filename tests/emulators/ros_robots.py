@@ -13,11 +13,11 @@ pytest.importorskip("roslibpy")
 pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
-from stancekit.envs.worlds.ros import RosWorld
-from stancekit.envs.worlds.ros_setup import same_names
-from stancekit.envs.worlds.world import State
-from stancekit.planners.scene import hexapod
-from stancekit.planners.scene.urdf import joint_names
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.worlds.ros.driver import RosWorld
+from stancekit.runner.worlds.ros.setup import same_names
+from stancekit.runner.worlds.world import State
 from tests.emulators.rosbridge import RosBridge
 
 ROBOT = hexapod()

@@ -398,8 +398,8 @@ def main() -> None:
     parser.add_argument("--ros", type=int, choices=(1, 2), default=2)
     parser.add_argument("--position", type=str, default="", help="24 angles [rad], with commas")
     asked = parser.parse_args()
-    from stancekit.planners.scene import hexapod
-    from stancekit.planners.scene.urdf import joint_names
+    from stancekit.planners.robot import hexapod
+    from stancekit.planners.robot.urdf import joint_names
 
     position = [float(value) for value in asked.position.split(",")] if asked.position else None
     with RosBridge(joint_names(hexapod()), position, ros=asked.ros, port=asked.port) as bridge:

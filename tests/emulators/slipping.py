@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.envs.worlds.mujoco import MujocoWorld
-from stancekit.envs.worlds.world import State
-from stancekit.planners.arrays import Array
-from stancekit.planners.scene.urdf import foot_names
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.urdf import foot_names
+from stancekit.runner.worlds.mujoco import MujocoWorld
+from stancekit.runner.worlds.world import State
 
 FAULTS = ("foot slips", "friction differs")
 SLIPPERY = 0.02

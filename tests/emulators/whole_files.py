@@ -71,7 +71,7 @@ def _tensors(path: Path, run: Callable[..., int]) -> str:
 
 
 def _log(path: Path, run: Callable[..., int]) -> str:
-    from stancekit.envs.runner.log import read_log
+    from stancekit.runner.log import read_log
 
     return "" if read_log(path).whole else "cut off"
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from stancekit.envs.boxtree import BoxSearch, propagate
+from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.refinement import (
     EnvelopeRefinementEnv,
     LargestGap,
@@ -16,12 +16,13 @@ from stancekit.envs.refinement import (
     gap_by_dimension,
 )
 from stancekit.envs.scenes import ListedScenes, SampledScenes
-from stancekit.envs.terrains import distribution
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.search.spatial_branch_and_bound import BoxSearch, propagate
 
 NAME = "stancekit.envs:stancekit/EnvelopeRefinement-v0"
 

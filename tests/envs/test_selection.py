@@ -11,10 +11,10 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
 import stancekit.envs
+from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.selection import VERTICES, EnvelopeSelectionEnv, RewardWeights
-from stancekit.envs.terrains import DISTRIBUTIONS, distribution
-from stancekit.planners.outcome import InvalidInput, PlanningFailed
+from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
@@ -280,7 +280,7 @@ def test_the_better_of_two_boxes_is_chosen():
 
 
 def test_a_library_is_chosen_from_by_number(selection, tmp_path):
-    from stancekit.planners.files import write_envelopes
+    from stancekit.planners.answer.answer_file import write_envelopes
 
     write_envelopes(tmp_path / "e.json", library())
     chosen = EnvelopeSelectionEnv(library=tmp_path / "e.json", projections=("fix-p", "fix-f", "fix-toes", "scp"))

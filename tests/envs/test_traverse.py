@@ -11,13 +11,14 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
-from stancekit.envs.courses import icy_walls
+from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.expert import TerrainRule, expert_envelopes
 from stancekit.envs.traverse import NO_MODE, TraverseEnv, TraverseWeights
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.outcome import InvalidInput, PlanningFailed, Status
-from stancekit.planners.plan import PlanOutcome
-from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.verify import check_plan
 
 PROGRAMS = Programs()
@@ -290,7 +291,7 @@ def test_a_course_of_one_frame_has_nowhere_to_go():
 @pytest.mark.parametrize("terrain", ["ground", "wall"])
 def test_the_experts_envelopes_are_those_of_the_selector(terrain):
     heuristic = pytest.importorskip("stancekit.learners.selectors.heuristic")
-    from stancekit.envs.terrains import distribution
+    from stancekit.envs.distributions.postures import distribution
 
     name = f"{terrain}-3"
     rng = np.random.default_rng(0)

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
+from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.envs.terrains import distribution
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.planners.outcome import InvalidInput, StancekitError
+from stancekit.planners.errors import InvalidInput, StancekitError
 
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
 

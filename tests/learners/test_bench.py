@@ -17,8 +17,8 @@ from stancekit.learners.executor import processes
 from stancekit.learners.experiment import Experiment
 from stancekit.learners.fitting import METHODS
 from stancekit.learners.selectors.selector import load_selector
-from stancekit.planners.files import read_envelopes
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.answer.answer_file import read_envelopes
+from stancekit.planners.errors import InvalidInput
 
 PLAN: dict[str, Any] = {
     "problems": ["wall-3"],

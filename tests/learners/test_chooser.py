@@ -12,14 +12,15 @@ from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.dataset import Dataset
 from stancekit.learners.evaluate import rollout, scenes_of
-from stancekit.learners.labelling import LabelPlan, label
+from stancekit.learners.labelling import label
+from stancekit.learners.ledger import LabelPlan
 from stancekit.learners.selectors.chooser import Chooser, ChooserSettings, costs, fit_chooser
 from stancekit.learners.selectors.gradient import clustered_boxes
 from stancekit.learners.selectors.network import Architecture
 from stancekit.learners.selectors.selector import FixedSelector, Observation
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 SMALL = Architecture(width=32, layers=1, heads=2, corner_width=8)

@@ -14,9 +14,11 @@ import pytest
 
 from stancekit.learners import dataset, ledger, shards
 from stancekit.learners.dataset import Dataset, LabelledPosture
-from stancekit.learners.labelling import LabelPlan, label
+from stancekit.learners.labelling import label
+from stancekit.learners.ledger import LabelPlan
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.errors import InvalidInput
 
 PLAN = LabelPlan(distribution="wall-3", feasible=0, infeasible=36, shard_size=6, seed=11, natural=True)
 

@@ -13,7 +13,8 @@ from stancekit.learners.dataset import Dataset
 from stancekit.learners.evaluate import Share, evaluate, evaluate_lift, paper_row, rollout, scenes_of
 from stancekit.learners.executor import processes
 from stancekit.learners.fitting import fit
-from stancekit.learners.labelling import LabelPlan, label
+from stancekit.learners.labelling import label
+from stancekit.learners.ledger import LabelPlan
 from stancekit.learners.selectors.selector import FixedSelector
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled

@@ -13,8 +13,9 @@ import pytest
 
 from stancekit.learners import executor as module
 from stancekit.learners.executor import ClusterGone, WorkersDied, executor, gather, processes
-from stancekit.learners.labelling import LabelPlan, label
-from stancekit.planners.outcome import InvalidInput
+from stancekit.learners.labelling import label
+from stancekit.learners.ledger import LabelPlan
+from stancekit.planners.errors import InvalidInput
 
 PARENT = """
 import os, sys, time

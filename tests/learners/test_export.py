@@ -14,8 +14,9 @@ from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.dataset import Dataset
 from stancekit.learners.evaluate import scenes_of
 from stancekit.learners.export import Exported, expert_action, export, load_exported
-from stancekit.learners.labelling import LabelPlan, label
-from stancekit.planners.outcome import InvalidInput
+from stancekit.learners.labelling import label
+from stancekit.learners.ledger import LabelPlan
+from stancekit.planners.errors import InvalidInput
 
 LOAD = """
 import minari, numpy as np

@@ -12,9 +12,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from stancekit.envs.terrains import distribution
+from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.dataset import Dataset
-from stancekit.learners.labelling import LabelPlan, label
+from stancekit.learners.labelling import label
+from stancekit.learners.ledger import LabelPlan
 from stancekit.learners.selectors import evolution
 from stancekit.learners.selectors.convergence import Generation, draw_convergence
 from stancekit.learners.selectors.genetic import (
@@ -32,7 +33,7 @@ from stancekit.learners.selectors.genetic import (
 from stancekit.learners.selectors.verdicts import CachingJudge, Counts, SolvingJudge
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 

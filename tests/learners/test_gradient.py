@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from stancekit.learners.dataset import Dataset
-from stancekit.learners.labelling import LabelPlan, label
+from stancekit.learners.labelling import label
+from stancekit.learners.ledger import LabelPlan
 from stancekit.learners.selectors.gradient import (
     Descent,
     clustered_boxes,
@@ -18,7 +19,7 @@ from stancekit.learners.selectors.gradient import (
 from stancekit.learners.selectors.quantile import quantile_box
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope
 
 

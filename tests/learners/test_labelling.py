@@ -17,20 +17,15 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from stancekit.envs.terrains import PostureDistribution, distribution
+from stancekit.envs.distributions.postures import PostureDistribution, distribution
 from stancekit.learners import ledger, shards
 from stancekit.learners.dataset import Dataset
-from stancekit.learners.labelling import (
-    LabellingFailed,
-    LabelPlan,
-    Progress,
-    Task,
-    label,
-    processes,
-    recheck,
-    samples,
-)
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.learners.executor import processes
+from stancekit.learners.labelling import Progress, Task, label, recheck
+from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.shards import LabellingFailed, samples
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.search.exact import ExactPlanner
 
 PLAN = LabelPlan(distribution="wall-3", feasible=18, infeasible=14, shard_size=6, seed=5)
@@ -38,7 +33,8 @@ NATURAL = LabelPlan(distribution="wall-3", feasible=0, infeasible=40, shard_size
 
 RUN = """
 import json, os, signal, sys
-from stancekit.learners.labelling import LabelPlan, label
+from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.labelling import label
 
 plan, path, workers, function, calls = json.loads(sys.argv[1])
 if function:

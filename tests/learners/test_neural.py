@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 import torch
 
+from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.envs.terrains import distribution
 from stancekit.learners.dataset import Dataset
 from stancekit.learners.evaluate import scenes_of
-from stancekit.learners.labelling import LabelPlan, label
+from stancekit.learners.labelling import label
+from stancekit.learners.ledger import LabelPlan
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, Mirror, SceneTensors, pinball
 from stancekit.learners.selectors.neural import NeuralSelector, calibrated_room, fit_neural, roomy
 from stancekit.learners.selectors.quantile import quantile_box
@@ -22,10 +23,11 @@ from stancekit.learners.selectors.tensors import read_tensors, write_tensors
 from stancekit.learners.selectors.training import NeuralSettings, Rows, margins_of
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem import Contact, PostureProblem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.scene import Contact, Patch, PostureProblem
+from stancekit.planners.terrain import Patch
 
 SMALL = Architecture(width=32, layers=2, heads=2, corner_width=16)
 QUICK = NeuralSettings(architecture=SMALL, epochs=2, batch=32, margin_epochs=2, margin_batch=16, seed=3)

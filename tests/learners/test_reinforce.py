@@ -13,10 +13,10 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 
+from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.refinement import EnvelopeRefinementEnv, LargestGap
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv, RewardWeights
-from stancekit.envs.terrains import distribution
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners import reinforce
 from stancekit.learners.baselines import PooledScenes, SelectionVecEnv, open_scenes, refinement_vec_env
@@ -26,7 +26,7 @@ from stancekit.learners.reinforce import TrainingScenes, evaluator, train
 from stancekit.learners.selectors.heuristic import heuristic_envelope
 from stancekit.learners.selectors.selector import FixedSelector
 from stancekit.learners.train_config import PpoSettings, TrainConfig
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 
 SELECTION, REFINEMENT = "stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"
 

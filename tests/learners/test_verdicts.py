@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from stancekit.envs.terrains import distribution
+from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.selectors.proofs import BAND, Bounds, balanced, least, ranges, witnessed
 from stancekit.learners.selectors.verdicts import CachingJudge, Counts, SolvingJudge
 from stancekit.planners.equilibrium.programs import Programs

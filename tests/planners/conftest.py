@@ -11,12 +11,13 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
-from stancekit.planners.plan import Plan
-from stancekit.planners.scene import Patch, hexapod
-from stancekit.planners.scene.course import Course, Placement, StepLimits
-from stancekit.planners.scene.robot import Limb, Robot
+from stancekit.planners.problem.course import Course, Placement, StepLimits
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.model import Limb, Robot
+from stancekit.planners.terrain import Patch
 
 STEP_M, HEIGHT_M = 0.03, 0.2
 TRIPODS = (("RF", "RR", "LM"), ("RM", "LF", "LR"))

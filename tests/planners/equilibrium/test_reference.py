@@ -10,11 +10,12 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.outcome import Certificate
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.rows import ConicSolution, ConicStatus
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.equilibrium.terms import Given
-from stancekit.planners.outcome import Certificate, InvalidInput
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.held import FixForces, FixToes, Linearised
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.domain import domain_of

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from stancekit.planners.gait.formulation import GaitProgram, formulate
-from stancekit.planners.gait.robot import anymal
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.scene.heightfield import HeightField
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.terrain.heightfield import HeightField
 
 
 def waves(x: np.ndarray, y: np.ndarray) -> np.ndarray:  # type: ignore[type-arg]

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from stancekit.planners.gait.attempt import Attempt, Workbench
-from stancekit.planners.gait.judge import check_trajectory
-from stancekit.planners.gait.partial import FAILED, Partial
-from stancekit.planners.gait.robot import anymal
+from stancekit.planners.gait.checkpoint import FAILED, Partial
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.scene.heightfield import HeightField
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.verify.trajectories import check_trajectory
 
 BUMPS = HeightField.from_function(lambda x, y: 0.06 * np.sin(4.0 * x) * np.cos(3.0 * y), 2.0, 0.1, name="bumps")
 TASK = GaitTask(robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0)

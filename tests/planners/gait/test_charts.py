@@ -5,14 +5,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.formulation import GaitProgram, formulate
 from stancekit.planners.gait.guess import Walk
-from stancekit.planners.gait.robot import Foot, GaitRobot, anymal, hexapod_walker
 from stancekit.planners.gait.solution import Pushforward
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene.heightfield import HeightField
-from stancekit.planners.scene.terrains import reference_terrain
+from stancekit.planners.robot.single_body import Foot, GaitRobot, anymal, hexapod_walker
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.warp.spline_map import SplineMap, terrain_digest
 
 Build = Callable[..., GaitProgram]

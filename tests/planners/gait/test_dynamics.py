@@ -9,10 +9,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.gait.charts import Ambient
-from stancekit.planners.gait.robot import GRAVITY_M_S2, anymal
+from stancekit.planners.gait.constraints.dynamics import centred, newton_euler, printed, wrench
 from stancekit.planners.gait.rotations import euler, euler_angles, shear_rotation
-from stancekit.planners.gait.terms.dynamics import centred, newton_euler, printed, wrench
-from stancekit.planners.scene.heightfield import HeightField
+from stancekit.planners.robot.single_body import GRAVITY_M_S2, anymal
+from stancekit.planners.terrain.heightfield import HeightField
 
 STEP_S = 0.05
 ROBOT = anymal()

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.judge import check_trajectory
 from stancekit.planners.gait.phases import GAITS
-from stancekit.planners.gait.robot import anymal, hexapod_walker
-from stancekit.planners.gait.smooth import smoothed
+from stancekit.planners.gait.smoothing import smoothed
 from stancekit.planners.gait.task import GaitTask
-from stancekit.planners.scene.terrains import reference_terrain
+from stancekit.planners.robot.single_body import anymal, hexapod_walker
+from stancekit.planners.terrain.reference import reference_terrain
+from stancekit.planners.verify.trajectories import check_trajectory
 
 
 @pytest.mark.parametrize("gait", sorted(GAITS))

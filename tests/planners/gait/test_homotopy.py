@@ -9,11 +9,11 @@ import pytest
 
 from stancekit.planners.gait.attempt import Workbench
 from stancekit.planners.gait.homotopy import GENTLE, GROWTH, climb, heights_for, softened, stage_program, steepest
-from stancekit.planners.gait.judge import check_trajectory
-from stancekit.planners.gait.robot import anymal
 from stancekit.planners.gait.task import GaitTask
-from stancekit.planners.scene.heightfield import HeightField
-from stancekit.planners.scene.terrains import reference_terrain
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.reference import reference_terrain
+from stancekit.planners.verify.trajectories import check_trajectory
 
 
 def slope(gradient: float) -> HeightField:

@@ -7,18 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.account import Account
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.attempt import Attempt
+from stancekit.planners.gait.budget import Account
+from stancekit.planners.gait.checkpoint import Partial
 from stancekit.planners.gait.homotopy import steepest
-from stancekit.planners.gait.judge import check_trajectory
-from stancekit.planners.gait.partial import Partial
 from stancekit.planners.gait.portfolio import Caps, plan_gait, ways
-from stancekit.planners.gait.robot import anymal
-from stancekit.planners.gait.smooth import Smoothing
+from stancekit.planners.gait.smoothing import Smoothing
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene.heightfield import HeightField
-from stancekit.planners.scene.terrains import reference_terrain
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.reference import reference_terrain
+from stancekit.planners.verify.trajectories import check_trajectory
 
 BUMPS = HeightField.from_function(lambda x, y: 0.06 * np.sin(4.0 * x) * np.cos(3.0 * y), 2.0, 0.1, name="bumps")
 TASK = GaitTask(robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0)
@@ -127,8 +127,8 @@ def test_an_account_that_is_used_up_ends_the_plan():
 
 
 def test_a_solver_that_does_not_answer_has_found_nothing(monkeypatch, plan):
-    from stancekit.planners.gait import account
-    from stancekit.planners.outcome import PlanningFailed
+    from stancekit.planners.errors import PlanningFailed
+    from stancekit.planners.gait import budget as account
 
     def hanging(*_, time_limit_s, **__):
         raise PlanningFailed(f"the solver did not answer within {time_limit_s:g} s")

@@ -8,8 +8,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.gait.formulation import GaitProgram
-from stancekit.planners.gait.robot import GRAVITY_M_S2
 from stancekit.planners.gait.solution import sampled
+from stancekit.planners.robot.single_body import GRAVITY_M_S2
 
 Build = Callable[..., GaitProgram]
 CASES = [
@@ -35,7 +35,7 @@ def away(program: GaitProgram) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # 
 def test_jacobian_and_hessian_agree_with_finite_differences(
     small: Build, monkeypatch: pytest.MonkeyPatch, chart: str, dynamics: str, timings: str
 ) -> None:
-    monkeypatch.setattr("stancekit.planners.gait.terms.trunk.NEAR_M", 0.28)
+    monkeypatch.setattr("stancekit.planners.gait.constraints.trunk.NEAR_M", 0.28)
     built = small(chart=chart, dynamics=dynamics, timings=timings, trunk_clearance_m=0.02)
     assert "trunk" in {term.name for term in built.program.constraints}
     program, (x, way, p), step = built.program, away(built), 1e-6

@@ -7,17 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.envs.terrains import distribution
+from stancekit.envs.distributions.postures import distribution
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.robot import anymal, hexapod_walker
 from stancekit.planners.gait.seeds import Seat, pushed_plan, seeded
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.problem.course_file import spec_from
+from stancekit.planners.problem.course_layout import lay_out
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.scene.course_spec import spec_from
-from stancekit.planners.scene.heightfield import HeightField
-from stancekit.planners.scene.layout import lay_out
+from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.warp.conformal import flatten
 
 CELLS = (8, 8, 4)

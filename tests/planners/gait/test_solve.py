@@ -9,11 +9,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.apart import solve_apart
+from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.formulation import GaitProgram
-from stancekit.planners.gait.judge import check_trajectory
 from stancekit.planners.gait.solve import Costs
-from stancekit.planners.outcome import InvalidInput, PlanningFailed
+from stancekit.planners.gait.subprocess import solve_apart
+from stancekit.planners.verify.trajectories import check_trajectory
 
 Build = Callable[..., GaitProgram]
 
@@ -22,7 +22,7 @@ import hashlib, numpy as np
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.robot import anymal
 from stancekit.planners.gait.task import GaitTask
-from stancekit.planners.scene.heightfield import HeightField
+from stancekit.planners.terrain.heightfield import HeightField
 field = HeightField.from_function(lambda x, y: 0.08 * np.sin(2.5 * x + 0.3) * np.cos(2.0 * y), 2.0, 0.1)
 task = GaitTask(robot=anymal(), terrain=field, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.1]), duration_s=2.0)
 found = formulate(task).solve()

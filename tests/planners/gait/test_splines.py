@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline, CubicHermiteSpline
 
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.phases import GAITS, FootPhases, schedule
 from stancekit.planners.gait.splines import clamped_basis, clamped_knots, clamped_symbolic, hermite, uniform_basis
-from stancekit.planners.outcome import InvalidInput
 
 
 @pytest.mark.parametrize("order", [0, 1, 2])

@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.judge import check_trajectory
-from stancekit.planners.gait.record import check_file, is_trajectory, read_trajectory, write_trajectory
-from stancekit.planners.gait.robot import hexapod_walker
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.trajectory import SAMPLES, Trajectory, robot_from_json, robot_to_json
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene.heightfield import HeightField
+from stancekit.planners.gait.trajectory_file import check_file, is_trajectory, read_trajectory, write_trajectory
+from stancekit.planners.robot.single_body import hexapod_walker
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.verify.trajectories import check_trajectory
 
 
 def still(count=41) -> Trajectory:

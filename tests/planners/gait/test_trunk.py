@@ -5,13 +5,13 @@ from itertools import product
 
 import numpy as np
 
+from stancekit.planners.gait.constraints.trunk import lower_face, near
 from stancekit.planners.gait.formulation import GaitProgram, formulate
-from stancekit.planners.gait.judge import check_trajectory
-from stancekit.planners.gait.robot import anymal
 from stancekit.planners.gait.structure import Structure
 from stancekit.planners.gait.task import GaitTask
-from stancekit.planners.gait.terms.trunk import lower_face, near
-from stancekit.planners.scene.terrains import reference_terrain
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.terrain.reference import reference_terrain
+from stancekit.planners.verify.trajectories import check_trajectory
 
 
 def test_points_of_the_lower_face_are_close_enough_together() -> None:

@@ -9,8 +9,8 @@ import pytest
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
+from stancekit.planners.problem import PostureProblem
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.scene import PostureProblem
 
 Start = tuple[PostureProblem, Scaled, Point]
 

@@ -10,7 +10,7 @@ import pytest
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.nlp import NlpProgram, parameters, point_of, vector, written
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import solve_lift

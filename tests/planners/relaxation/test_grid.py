@@ -10,6 +10,7 @@ import pytest
 
 from stancekit.planners.equilibrium.equations import Forces, Plan
 from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.grid import (
@@ -24,7 +25,6 @@ from stancekit.planners.relaxation.grid import (
     unit_domain,
     without_squares,
 )
-from stancekit.planners.scene.course_spec import read_course
 
 
 @pytest.mark.parametrize(("encoding", "count"), [("log", 4), ("log", 8), ("unary", 4), ("unary", 5)])

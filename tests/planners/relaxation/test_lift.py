@@ -11,14 +11,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stancekit.planners.answer.outcome import Certificate, Posture
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.rows import ConicStatus, Rows
 from stancekit.planners.equilibrium.scaled import Point, Scaled
-from stancekit.planners.outcome import Certificate, Posture
+from stancekit.planners.problem import Contact, PostureProblem
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.lift import LiftProgram, solve_lift
-from stancekit.planners.scene import Contact, Patch, PostureProblem
 from stancekit.planners.search.cuts import alone
+from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_certificate, check_posture
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.rows import ConicStatus, Rows
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import Status
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment

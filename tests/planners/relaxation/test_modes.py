@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.envs.courses import perturbed
+from stancekit.envs.distributions.courses import perturbed
 from stancekit.learners.modes import learn_modes
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course, read_spec
+from stancekit.planners.problem.course_layout import lay_out
 from stancekit.planners.relaxation.boxes import boxes_of
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.modes import Modes, composed, modes_of_frames, world_points
-from stancekit.planners.scene.course_spec import read_course, read_spec
-from stancekit.planners.scene.layout import lay_out
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.cuts import alone
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner

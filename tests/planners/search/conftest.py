@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.planners.scene import Patch, PostureProblem
-from stancekit.planners.scene.course import Course, Placement
-from stancekit.planners.scene.robot import Limb, Robot
+from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem.course import Course, Placement
+from stancekit.planners.robot.model import Limb, Robot
+from stancekit.planners.terrain import Patch
 
 
 @pytest.fixture(scope="session")

@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import Status
 from stancekit.planners.search.choice import ChoiceSearch, Limits, _preference, nearest
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import Status
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import plan_of
 from stancekit.planners.search.cuts import CutSearch, alone, cut, halving_chord, spreads

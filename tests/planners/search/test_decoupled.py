@@ -8,11 +8,11 @@ import cvxpy as cp
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.rows import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import Status
-from stancekit.planners.scene.course import StepLimits
-from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.problem.course import StepLimits
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.decoupled import DecoupledPlanner, Positions
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_certificate, check_plan

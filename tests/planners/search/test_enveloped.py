@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.envs.courses import perturbed
+from stancekit.envs.distributions.courses import perturbed
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.boxes import boxes_of, mirrored
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.scene import hexapod
-from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.robot import hexapod
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner

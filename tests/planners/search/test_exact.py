@@ -10,16 +10,18 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 
+from stancekit.planners.answer.outcome import Certificate, Status
 from stancekit.planners.equilibrium.scaled import Scaled, cones_met
-from stancekit.planners.outcome import Certificate, InvalidInput, Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem import Contact, PostureProblem
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.scene import Contact, Patch, PostureProblem
 from stancekit.planners.search import cuts
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.cuts import cut, halving_chord
 from stancekit.planners.search.exact import ExactCoursePlanner, ExactPlanner
 from stancekit.planners.search.nlp import NlpPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_certificate, check_plan, check_posture
 
 MANY_NODES = ("wall-3", 225)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from stancekit.planners.answer.outcome import Certificate
 from stancekit.planners.equilibrium.rows import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import Certificate
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.farkas_cuts import MARGIN, FarkasCuts, split
 from stancekit.planners.verify import check_certificate

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.envs.distributions.postures import DISTRIBUTIONS
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import METHODS, make_planner

@@ -8,14 +8,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.envs.terrains import DISTRIBUTIONS
+from stancekit.envs.distributions.postures import DISTRIBUTIONS
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.reference import p1
 from stancekit.planners.equilibrium.rows import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import Grid, MicpPlanner, MicpProgram
 from stancekit.planners.verify import check_plan, check_posture

@@ -7,16 +7,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.envs.terrains import DISTRIBUTIONS
+from stancekit.envs.distributions.postures import DISTRIBUTIONS
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.scene import Patch
-from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.nlp import STARTS, NlpPlanner, starting_points
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan, check_posture
 
 

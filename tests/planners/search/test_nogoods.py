@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stancekit.planners.answer.outcome import Certificate, Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import Certificate, Status
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.nogoods import Nogoods
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner

@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.rows import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.lift import LiftProgram

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stancekit.planners.caution import slippery
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.outcome import InvalidInput, Status
-from stancekit.planners.plan_window import Standing, course_window, joined
-from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.search.friction_margin import slippery
+from stancekit.planners.search.plan_window import Standing, course_window, joined
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.outcome import InvalidInput, Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.descent import cost
 from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.scene.course_spec import read_course
 from stancekit.planners.search import nogoods
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.clock import Clock

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stancekit.envs.terrains import DISTRIBUTIONS, distribution
+from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
+from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.outcome import Status
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.batch import easily_feasible, solve_all
 from stancekit.planners.search.exact import ExactPlanner

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stancekit.planners.answer.outcome import Certificate, Status
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.outcome import Certificate, Status
-from stancekit.planners.scene.course_spec import read_course
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_certificate
 from stancekit.planners.verify.lagrangian import multiplier_count, multiplier_shapes

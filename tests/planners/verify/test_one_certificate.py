@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.planners.outcome import Certificate, InvalidInput
-from stancekit.planners.proof_file import check_proof_file, read_proof, write_proof
-from stancekit.planners.scene.course import Course, Placement
-from stancekit.planners.scene.robot import Limb, Robot
+from stancekit.envs.distributions.postures import DISTRIBUTIONS
+from stancekit.planners.answer.outcome import Certificate
+from stancekit.planners.answer.proof_file import check_proof_file, read_proof, write_proof
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course import Course, Placement
+from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_certificate, check_certificates, explain
 from stancekit.planners.verify.certificate import forest_of

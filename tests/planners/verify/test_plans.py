@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.outcome import InvalidInput
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.verify import BETWEEN, PLAN_GROUPS, check_plan
 
 
@@ -236,7 +236,7 @@ def test_joints_that_cannot_be_asked_are_said_to_be_unchecked(walk, monkeypatch)
     def missing():
         raise InvalidInput("pinocchio is missing")
 
-    monkeypatch.setattr("stancekit.planners.kinematics.pinocchio", missing)
+    monkeypatch.setattr("stancekit.planners.robot.kinematics.pinocchio", missing)
     report = check_plan(walk(2), joints=True)
     assert report.accepted
     assert report.joints == {"verdict": "not checked", "message": "pinocchio is missing"}

@@ -15,9 +15,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from stancekit.envs.terrains import DISTRIBUTIONS
-from stancekit.planners.outcome import Certificate, Posture
-from stancekit.planners.scene import Contact, Patch, PostureProblem
+from stancekit.envs.distributions.postures import DISTRIBUTIONS
+from stancekit.planners.answer.outcome import Certificate, Posture
+from stancekit.planners.problem import Contact, PostureProblem
+from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import GROUPS, check_certificate, check_posture, explain, geometry
 from stancekit.planners.verify.geometry import cut, sag, triangle_distances
 from stancekit.planners.verify.work import least_work

@@ -5,9 +5,9 @@ import json
 import numpy as np
 import pytest
 
-from stancekit.planners.outcome import InvalidInput
-from stancekit.planners.scene.heightfield import HeightField
-from stancekit.planners.scene.terrains import named_terrain, reference_terrain
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.reference import named_terrain, reference_terrain
 from stancekit.planners.warp import conformal
 from stancekit.planners.warp.conformal import fit_map, flatten
 from stancekit.planners.warp.report import conformal_error, least_determinant

@@ -5,7 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from stancekit.planners.scene.terrains import reference_terrain
+from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.warp.energy import MapEnergy, shear
 from stancekit.planners.warp.gauss_newton import gauss_newton, point_blocks, residual_slopes
 from stancekit.planners.warp.gradient import descend

@@ -6,8 +6,8 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from stancekit.planners.outcome import InvalidInput, PlanningFailed
-from stancekit.planners.scene.heightfield import HeightField
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.warp.quadrature import Grid
 from stancekit.planners.warp.spline_map import SplineMap, fading
 

@@ -1,0 +1,1 @@
+"""Distributions of scenes: posture problems and courses drawn at random."""

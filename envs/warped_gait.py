@@ -1,0 +1,270 @@
+"""``stancekit/WarpedGait-v0``: choose how to solve a walk over a height field; the verifier judges what comes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, get_args
+
+import gymnasium as gym
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.files.refusals import shown
+from stancekit.planners.gait.attempt import Attempt, Attempted, Workbench
+from stancekit.planners.gait.task import ChartName, GaitSettings, GaitTask
+from stancekit.planners.robot.single_body import GaitRobot, anymal
+from stancekit.planners.terrain.reference import (
+    FAMILIES,
+    REFERENCES,
+    random_terrain,
+    reference_tasks,
+    reference_terrain,
+)
+
+CHARTS: tuple[ChartName, ...] = get_args(ChartName)
+HEIGHTS = ((1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0))
+"""Homotopies to choose from: factors on the terrain's heights."""
+NOISES = (0.0, 0.01, 0.02)
+"""Initial guesses to choose from: what is added to the terrain-following one [m, rad, m·g]."""
+PATCH, PATCH_M = 24, 4.0
+"""Heights along a side of the observed square, and its side [m]."""
+DRAWS = 100
+LARGEST = 1e6
+_ROOM = 4.0  # bound on lengths in an observation [m]
+
+Tasks = Callable[[np.random.Generator], GaitTask]
+
+
+@dataclass(frozen=True, kw_only=True)
+class GaitRewardWeights:
+    """What a step is worth: verified · [the verifier accepts] + feasible · [the solve succeeds]
+    − iterations · [share of the limit that was taken] − seconds · [CPU seconds], the last only with ``timing``.
+    """
+
+    verified: float = 1.0
+    feasible: float = 0.25
+    iterations: float = 0.25
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampledTasks:
+    """Walks over drawn terrains, or the paper's tasks on one of its own.
+
+    terrain: a family, ``mixed`` for all of them in turn at random, or a reference terrain. difficulty: of families,
+    uniform between the two. distance_m: from start to goal, uniform; robot: ANYmal where there is none.
+    """
+
+    terrain: str = "mixed"
+    difficulty: tuple[float, float] = (0.2, 0.8)
+    distance_m: tuple[float, float] = (0.3, 0.8)
+    duration_s: float = 3.0
+    robot: GaitRobot = field(default_factory=anymal)
+
+    def __post_init__(self) -> None:
+        known = ("mixed", *FAMILIES, *REFERENCES)
+        if self.terrain not in known:
+            raise InvalidInput(f"terrain: expected one of {', '.join(known)}, got {self.terrain!r}")
+        for name, most in (("difficulty", 1.0), ("distance_m", 3.0)):
+            low, high = getattr(self, name)
+            if not 0.0 <= low <= high <= most:
+                raise InvalidInput(f"{name}: expected 0 ≤ low ≤ high ≤ {most:g}, got {low:g} and {high:g}")
+
+    def __call__(self, rng: np.random.Generator) -> GaitTask:
+        """Draw a walk; a goal where the robot cannot stand is drawn again. Raises PlanningFailed if none is found."""
+        for _ in range(DRAWS):
+            try:
+                return self._reference(rng) if self.terrain in REFERENCES else self._drawn(rng)
+            except InvalidInput as error:
+                refused = error
+        raise PlanningFailed(f"no walk was found on {self.terrain} in {DRAWS} draws; the last: {refused}")
+
+    def _drawn(self, rng: np.random.Generator) -> GaitTask:
+        family = str(rng.choice(list(FAMILIES))) if self.terrain == "mixed" else self.terrain
+        field_ = random_terrain(family, float(rng.uniform(*self.difficulty)), rng)
+        turn = float(rng.uniform(-np.pi, np.pi))
+        start = rng.uniform(-1.5, 1.5, 2)
+        goal = start + rng.uniform(*self.distance_m) * np.array([np.cos(turn), np.sin(turn)])
+        return GaitTask(
+            robot=self.robot, terrain=field_, start_xy_m=start, goal_xy_m=goal, start_yaw_rad=turn,
+            duration_s=self.duration_s, gait=_gait(self.robot),
+        )  # fmt: skip
+
+    def _reference(self, rng: np.random.Generator) -> GaitTask:
+        chosen = reference_tasks(self.terrain)
+        walk = chosen[int(rng.integers(len(chosen)))]
+        return GaitTask(
+            robot=self.robot, terrain=reference_terrain(self.terrain), start_xy_m=walk.start_xy_m,
+            goal_xy_m=walk.goal_xy_m, adhesive=walk.adhesive, duration_s=self.duration_s, gait=_gait(self.robot),
+        )  # fmt: skip
+
+
+class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
+    """One step: see a height field with a start and a goal, choose how to solve the walk, be told what came of it.
+
+    Observation, float32, in a frame whose origin is half-way from start to goal on the terrain and whose x points to
+    the goal: ``heights`` (24·24) [m] over a square of 4 m, row by row along x; ``start``, ``goal`` (2) [m]; ``facing``
+    (2), cosine and sine of the robot's heading; ``friction`` (1); ``adhesive`` (one a foot, 0 or 1).
+    Action: (chart, homotopy, initial guess), indices into ``charts``, ``HEIGHTS`` and ``NOISES``; a chart with a map of
+    its own knows no homotopy in height and ignores that choice.
+    Info after a step (numeric, fixed shapes): ``verified``, ``feasible``, ``iterations``, ``violation``, the verifier's
+    figures ``force_rms``, ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``refused`` (how many of its
+    groups), ``reward_<term>``, and ``seconds``, which stays 0 unless ``timing``.
+
+    tasks: draws a walk, ``SampledTasks(terrain=…)`` where there is none; all walks have the same number of feet.
+    settings: of the optimiser; its max_iterations is the limit of every stage.
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
+
+    def __init__(
+        self,
+        terrain: str = "mixed",
+        *,
+        tasks: Tasks | None = None,
+        charts: tuple[ChartName, ...] = CHARTS,
+        settings: GaitSettings = GaitSettings(max_iterations=50),
+        weights: GaitRewardWeights = GaitRewardWeights(),
+        timing: bool = False,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode is not None and render_mode not in self.metadata["render_modes"]:
+            raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
+        if not charts or set(charts) - set(CHARTS):
+            raise InvalidInput(f"charts: expected some of {', '.join(CHARTS)}, got {list(charts)}")
+        if weights.seconds and not timing:
+            raise InvalidInput(f"weights: expected timing with seconds, whose weight is {weights.seconds:g}")
+        self.render_mode = render_mode
+        self._tasks: Tasks = SampledTasks(terrain=terrain) if tasks is None else tasks
+        self._charts, self._settings, self._weights, self._timing = tuple(charts), settings, weights, timing
+        feet = len(self._tasks.robot.feet) if isinstance(self._tasks, SampledTasks) else self._feet_of()
+        self.observation_space: spaces.Space[Any] = _task_space(feet)
+        self.action_space: spaces.Space[Any] = spaces.MultiDiscrete([len(charts), len(HEIGHTS), len(NOISES)])
+        self._bench: Workbench | None = None
+        self._found: Attempted | None = None
+
+    def _feet_of(self) -> int:
+        """Feet of the walks that a given source draws."""
+        return len(self._tasks(np.random.default_rng(0)).robot.feet)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, NDArray[np.float32]], dict[str, Any]]:
+        """Draw the next walk."""
+        super().reset(seed=seed)
+        task, self._found = self._tasks(self.np_random), None
+        if self._bench is None or self._bench.task is not task:  # what is written down for a task serves it again
+            self._bench = Workbench(task, self._settings)
+        return observe(task), {}
+
+    def step(
+        self, action: NDArray[np.int64]
+    ) -> tuple[dict[str, NDArray[np.float32]], float, bool, bool, dict[str, Any]]:
+        """Solve as chosen and verify; the episode ends."""
+        if self._bench is None:
+            raise gym.error.ResetNeeded("reset the environment before the first step")
+        attempt = self._attempt(action)
+        try:
+            self._found = self._bench.run(attempt)
+        except PlanningFailed:  # no map of this terrain
+            self._found = None
+        info = self._info(attempt)
+        reward = float(sum(value for name, value in info.items() if name.startswith("reward_")))
+        return observe(self._bench.task), reward, True, False, info
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """Draw the terrain with the terrain-following guess, and after a step the motion that was found."""
+        from stancekit.views.gait_picture import draw_motion
+        from stancekit.views.plot import to_rgb
+
+        if self._bench is None:
+            raise gym.error.ResetNeeded("reset the environment before rendering")
+        if self._found is not None:
+            return np.array(to_rgb(draw_motion(self._found.trajectory, self._found.report)))
+        guess = self._bench.program("decoupled").solve(max_iterations=0).trajectory()
+        return np.array(to_rgb(draw_motion(guess, caption="before the step: the guess")))
+
+    def _attempt(self, action: NDArray[np.int64]) -> Attempt:
+        if np.shape(action) != self.action_space.shape or not self.action_space.contains(np.asarray(action, np.int64)):
+            limits = f"(0–{len(self._charts) - 1}, 0–{len(HEIGHTS) - 1}, 0–{len(NOISES) - 1})"
+            raise InvalidInput(f"action: expected three indices in {limits}, got {shown(np.asarray(action).tolist())}")
+        chart, heights, noise = (int(index) for index in action)
+        seed = int(self.np_random.integers(2**31))
+        return Attempt(chart=self._charts[chart], heights=HEIGHTS[heights], noise=NOISES[noise], seed=seed)
+
+    def _info(self, attempt: Attempt) -> dict[str, Any]:
+        found, weights = self._found, self._weights
+        figures = {} if found is None else found.report.figures
+        feasible, verified = found is not None and found.solution.success, found is not None and found.verified
+        limit = self._settings.max_iterations * len(attempt.heights)
+        iterations = limit if found is None else found.iterations
+        seconds = found.seconds if found is not None and self._timing else 0.0
+        return {
+            "verified": int(verified),
+            "feasible": int(feasible),
+            "iterations": int(iterations),
+            "violation": _number(np.inf if found is None else found.solution.violation),
+            "refused": 0 if found is None else len(found.report.refused),
+            **{
+                name: _number(figures.get(name, 0.0))
+                for name in ("force_rms", "moment_rms", "peak_acceleration_g", "outside_cone")
+            },
+            "reward_verified": weights.verified * verified,
+            "reward_feasible": weights.feasible * feasible,
+            "reward_iterations": -weights.iterations * min(iterations / self._settings.max_iterations, 1.0),
+            "reward_seconds": -weights.seconds * seconds,
+            "seconds": seconds,
+        }
+
+
+def observe(task: GaitTask) -> dict[str, NDArray[np.float32]]:
+    """The observation of a walk, see ``WarpedGaitEnv``."""
+    middle, way = 0.5 * (task.start_xy_m + task.goal_xy_m), task.goal_xy_m - task.start_xy_m
+    turn = float(np.arctan2(way[1], way[0])) if float(np.abs(way).max()) > 0.0 else task.start_yaw_rad
+    axes = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    line = np.linspace(-0.5 * PATCH_M, 0.5 * PATCH_M, PATCH)
+    grid = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1)
+    heights = task.terrain.height(middle + grid @ axes) - float(task.terrain.height(middle))
+    heading = task.start_yaw_rad - turn
+
+    def seen(values: Any, room: float = _ROOM) -> NDArray[np.float32]:
+        return np.clip(np.ravel(np.asarray(values, dtype=np.float64)), -room, room).astype(np.float32)
+
+    return {
+        "heights": seen(heights),
+        "start": seen(axes @ (task.start_xy_m - middle)),
+        "goal": seen(axes @ (task.goal_xy_m - middle)),
+        "facing": seen([np.cos(heading), np.sin(heading)], 1.0),
+        "friction": seen([task.friction]),
+        "adhesive": seen(task.adhesive, 1.0),
+    }
+
+
+def _task_space(feet: int) -> spaces.Dict:
+    """The space of ``observe`` for a robot of this many feet."""
+
+    def box_of(low: float, high: float, size: int) -> spaces.Box:
+        return spaces.Box(low, high, (size,), np.float32)
+
+    return spaces.Dict(
+        {
+            "heights": box_of(-_ROOM, _ROOM, PATCH * PATCH),
+            "start": box_of(-_ROOM, _ROOM, 2),
+            "goal": box_of(-_ROOM, _ROOM, 2),
+            "facing": box_of(-1.0, 1.0, 2),
+            "friction": box_of(0.0, _ROOM, 1),
+            "adhesive": box_of(0.0, 1.0, feet),
+        }
+    )
+
+
+def _gait(robot: GaitRobot) -> str:
+    return "trot" if len(robot.feet) == 4 else "tripod"
+
+
+def _number(value: float) -> float:
+    """A finite number for ``info``."""
+    return float(np.clip(np.nan_to_num(value, nan=LARGEST), 0.0, LARGEST))

@@ -1,0 +1,135 @@
+"""Posture problems, answers and envelopes as JSON: read with clear errors, and their text."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+from ..errors import InvalidInput
+from ..files.documents import parse_json, read_json
+from ..files.writing import write_text
+from ..problem import PostureProblem
+from ..relaxation.envelope import EnvelopeSet
+from ..robot import Robot
+from .outcome import Certificate, Outcome, Posture
+
+MOST_RECORDS = 500_000
+"""Of a file of JSON lines."""
+UNBOUNDED = 1e6
+"""Stands in files for a lower bound of infinity: the problem has no answer even without its moment balance."""
+
+
+def json_records(text: str, where: str) -> Iterator[tuple[str, Any | InvalidInput]]:
+    """Yield (where, value) for every record in a text that is one JSON object, an array of them, or JSON lines.
+
+    A record that cannot be parsed is yielded as its InvalidInput, and the rest still come. A text that is no JSON as a
+    whole is taken for JSON lines where a line that is not indented is an object, unless it begins as an array does.
+    Raises InvalidInput for more than ``MOST_RECORDS`` lines.
+    """
+    if text.count("\n") > MOST_RECORDS:
+        raise InvalidInput(f"{where}: expected {MOST_RECORDS} lines or fewer, got {text.count(chr(10))}")
+    try:
+        whole = parse_json(text, where)
+    except InvalidInput as error:
+        lines = [(f"{where} line {n}", line) for n, line in enumerate(text.split("\n"), 1) if line.strip()]
+        objects = (line for _, line in lines if line[0] == "{" and isinstance(_parsed(line, where), dict))
+        if len(lines) < 2 or text.lstrip()[0] == "[" or not any(objects):
+            yield where, error
+            return
+        for place, line in lines:
+            yield place, _parsed(line, place)
+        return
+    if not isinstance(whole, list):
+        yield where, whole
+        return
+    if not whole:
+        yield where, InvalidInput(f"{where}: expected one or more problems, got an empty array")
+    for index, item in enumerate(whole):
+        yield f"{where}[{index}]", item
+
+
+def read_problems(
+    text: str, where: str, *, robot: Robot | None = None
+) -> Iterator[tuple[str, PostureProblem | InvalidInput]]:
+    """Yield (where, problem or its InvalidInput) for every posture problem in a text, in order."""
+    for place, item in json_records(text, where):
+        if isinstance(item, InvalidInput):
+            yield place, item
+            continue
+        try:
+            yield place, PostureProblem.from_json(item, robot=robot)
+        except InvalidInput as error:
+            yield place, InvalidInput(f"{place}: {error}")
+
+
+def read_envelopes(path: str | Path) -> EnvelopeSet:
+    """Read an envelope file. Raises InvalidInput."""
+    return _located(path, lambda: EnvelopeSet.from_json(read_json(path)))
+
+
+def outcome_to_json(outcome: Outcome, *, proof: bool = False) -> dict[str, Any]:
+    """One line of answers: see ``stancekit solve --help``. proof: with the certificate of an infeasible verdict."""
+    record: dict[str, Any] = {
+        "status": outcome.status.value,
+        "method": outcome.method,
+        "residual_nm": _finite(outcome.residual_nm),
+        "residual": _finite(outcome.residual),
+        "lower_bound": min(outcome.lower_bound, UNBOUNDED),
+        "seconds": outcome.seconds,
+        "solves": outcome.solves,
+    }
+    if outcome.posture is not None:
+        record |= outcome.posture.to_json()
+    if outcome.claim:
+        record["claim"] = outcome.claim
+    if outcome.message:
+        record["message"] = outcome.message
+    if outcome.details:
+        record["details"] = {name: _finite(value) for name, value in outcome.details.items()}
+    if proof and outcome.certificate is not None:
+        record["certificate"] = outcome.certificate.to_json()
+    return record
+
+
+def answer_from_json(data: Any) -> Posture | Certificate | None:
+    """Read what a line of answers claims: a posture, a certificate, or nothing to check. Raises InvalidInput."""
+    if not isinstance(data, dict):
+        raise InvalidInput(f"expected a JSON object, got {type(data).__name__}")
+    if data.get("certificate") is not None:
+        return Certificate.from_json(data["certificate"])
+    names = ("com_m", "rotation_rad", "toes_m", "forces_n")
+    if not any(name in data for name in names):
+        return None
+    missing = [name for name in names if name not in data]
+    if missing:
+        raise InvalidInput(f"{missing[0]}: expected this key, got nothing")
+    try:
+        return Posture(**{name: data[name] for name in names})
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(f"{', '.join(names)}: expected lists of numbers") from None
+
+
+def write_envelopes(path: str | Path, envelopes: EnvelopeSet) -> None:
+    """Write an envelope file."""
+    write_text(path, json.dumps(envelopes.to_json(), indent=1) + "\n")
+
+
+def _parsed(text: str, where: str) -> Any | InvalidInput:
+    try:
+        return parse_json(text, where)
+    except InvalidInput as error:
+        return error
+
+
+def _located(path: str | Path, read: Callable[[], EnvelopeSet]) -> EnvelopeSet:
+    try:
+        return read()
+    except InvalidInput as error:
+        text = str(error)
+        raise InvalidInput(text if text.startswith(str(path)) else f"{path}: {text}") from None
+
+
+def _finite(value: float) -> float | None:
+    return value if abs(value) < float("inf") else None

@@ -1,0 +1,98 @@
+"""A plan of key frames: what the planners of a course answer, in the world frame and SI units."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..files.arrays import Array
+from ..problem.course import Course
+from .outcome import Certificate, Posture, Status
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plan:
+    """M key frames over a course of P placements and S stances, for a robot with N limbs.
+
+    com_m: shape (M, 3) [m]; rotation_rad: small body rotation Θ, shape (M, 3) [rad]; toes_m: one a placement,
+    shape (P, 3) [m]; choice: the candidate patch of every placement, shape (P,); forces_n: forces on the robot in every
+    stance, world frame, zero for limbs that do not carry in it, shape (S, N, 3) [N].
+    modes: z, the envelope that mode switching chose for each frame, shape (M,); None without mode switching.
+    provenance: how the plan was made, for people.
+    """
+
+    course: Course
+    com_m: Array
+    rotation_rad: Array
+    toes_m: Array
+    choice: NDArray[np.int_]
+    forces_n: Array
+    modes: NDArray[np.int_] | None = None
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name, kind in (
+            ("com_m", np.float64), ("rotation_rad", np.float64), ("toes_m", np.float64), ("forces_n", np.float64),
+            ("choice", np.int_), ("modes", np.int_),
+        ):  # fmt: skip
+            if getattr(self, name) is not None:
+                array = np.array(getattr(self, name), dtype=kind)
+                array.setflags(write=False)
+                object.__setattr__(self, name, array)
+
+    def toes_at(self, frame: int) -> Array:
+        """Where the toes of all limbs stand at a key frame, shape (N, 3) [m]."""
+        return np.asarray(self.toes_m[self.course.holds[frame]])
+
+    def forces_at(self, frame: int) -> Array:
+        """Forces of all limbs at a key frame, shape (N, 3) [N]: the mean of its stances' forces.
+
+        That is an answer itself: at one body pose and with the same toes both balances, the cones and the bounds, which
+        admit no force, are convex in the forces.
+        """
+        rows = [index for index, stance in enumerate(self.course.stances) if stance.frame == frame]
+        return np.asarray(self.forces_n[rows].mean(axis=0))
+
+    def posture(self, stance: int) -> Posture:
+        """The posture of one stance, its limbs only."""
+        of = self.course.stances[stance]
+        limbs = list(of.limbs)
+        return Posture(
+            com_m=self.com_m[of.frame],
+            rotation_rad=self.rotation_rad[of.frame],
+            toes_m=self.toes_at(of.frame)[limbs],
+            forces_n=self.forces_n[stance][limbs],
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlanOutcome:
+    """What one planner says of one course.
+
+    plan: accepted by the verifier where ``status`` is feasible. objective: of the plan; bound: proved lower bound on
+    the objective of any plan (inf where none exists, NaN where nothing is proved). certificate: of infeasibility.
+    residual: largest violation of any constraint, non-dimensional.
+    compile_s: time to write the model down; seconds: everything else, of which solver_seconds in the conic solver
+    itself and verifier_seconds in the verifier. solves: convex problems solved. claim: what a method says that cannot
+    prove it.
+    """
+
+    status: Status
+    method: str
+    plan: Plan | None = None
+    objective: float = float("nan")
+    bound: float = float("nan")
+    certificate: Certificate | None = None
+    residual: float = float("nan")
+    solves: int = 0
+    compile_s: float = 0.0
+    seconds: float = 0.0
+    solver_seconds: float = 0.0
+    verifier_seconds: float = 0.0
+    claim: str = ""
+    message: str = ""
+    details: Mapping[str, float] = field(default_factory=dict)

@@ -1,0 +1,215 @@
+"""Plan files ``stancekit/plan/2``: one JSON file with course, verdict and digest, and the numbers as an archive in it.
+
+It carries a SHA-256 of what was written, so that a file that was edited by hand is refused and not obeyed. Files of
+``stancekit/plan/1`` have their numbers in NAME.npz beside them, and are read as ever.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidInput
+from ..files.archive import unpacked
+from ..files.documents import read_bytes, read_json
+from ..files.embedded import embedded, extracted
+from ..files.refusals import shown
+from ..files.writing import check_writable, write_text
+from ..problem.course import Course
+from ..problem.course_json import course_from_json, course_to_json
+from ..verify import Report, check_plan
+from ..verify.report import plan_arrays, plan_digest, plan_shapes
+from .plan import Plan
+
+__all__ = ["FORMAT", "FileCheck", "check_file", "check_name", "is_plan_file", "plan_paths", "read_plan", "write_plan"]
+
+FORMAT = "stancekit/plan/2"
+PAIRED = "stancekit/plan/1"
+KEYS = ("format", "verified", "verdict", "provenance", "course", "arrays", "sha256")
+PARTS: dict[str, dict[str, type]] = {
+    "verdict": {"accepted": bool, "tolerance": float, "digest": str},
+    "provenance": {},
+}
+"""What the objects in the header hold at least."""
+ARRAYS: dict[str, dict[str, type]] = {FORMAT: {"npz": str}, PAIRED: {"file": str, "sha256": str}}
+"""And where the numbers are, by format."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FileCheck:
+    """What a second look at a plan file says. same: the verdict and digest in the file are those of this look."""
+
+    path: str
+    report: Report
+    same: bool
+
+    @property
+    def accepted(self) -> bool:
+        """The plan is accepted, the file says so, too, and the joints can do it as far as that could be checked."""
+        return self.report.accepted and self.same and self.report.joints["verdict"] != "failed"
+
+    @property
+    def message(self) -> str:
+        """One line."""
+        joints = self.report.joints
+        parts = [self.report.message, f"joints: {joints['verdict']}"]
+        if joints.get("message"):
+            parts[-1] += f" ({joints['message']})"
+        if not self.same:
+            parts.append("the file claims another verdict")
+        return "; ".join(parts)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON-ready values."""
+        verdict = "accepted" if self.accepted else "refused"
+        return {
+            "where": self.path,
+            "kind": "plan",
+            "verdict": verdict,
+            "message": self.message,
+            "report": self.report.to_json(),
+        }
+
+
+def plan_paths(path: str | Path) -> tuple[Path, Path]:
+    """NAME.json of a plan, and NAME.npz where an older one has its numbers, of a plan called either.
+
+    Raises InvalidInput for a name that ends otherwise.
+    """
+    path = Path(path)
+    if path.suffix not in (".json", ".npz"):
+        raise InvalidInput(f"{path}: expected a plan's name to end in .json, got {path.suffix or 'no suffix'}")
+    return path.with_suffix(".json"), path.with_suffix(".npz")
+
+
+def write_plan(path: str | Path, plan: Plan, report: Report) -> None:
+    """Write NAME.json, whole or not at all.
+
+    report: what the verifier said of this very plan; a plan that it rejected is written with ``verified: false``.
+    Raises InvalidInput for another plan's report, and where nothing can be written.
+    """
+    check_name(path)
+    if report.answer is not plan:
+        raise InvalidInput(f"{path}: expected the verifier's report on this plan, got the one on another")
+    content = {
+        "format": FORMAT,
+        "verified": report.accepted,
+        "verdict": report.to_json(),
+        "provenance": dict(plan.provenance),
+        "course": course_to_json(plan.course),
+        "arrays": {"npz": embedded({name: array for name, array in plan_arrays(plan).items() if array is not None})},
+    }
+    try:
+        text = json.dumps({**content, "sha256": _seal(content)}, indent=1, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise InvalidInput(f"{path}: provenance: expected finite numbers and text: {error}") from None
+    write_text(path, text + "\n")
+
+
+def check_name(path: str | Path) -> Path:
+    """The name of a plan that is to be written. Raises InvalidInput for one that cannot be."""
+    if Path(path).suffix != ".json":
+        raise InvalidInput(f"{path}: expected a plan's name to end in .json, got {Path(path).suffix or 'no suffix'}")
+    check_writable(path)
+    return Path(path)
+
+
+def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
+    """Read a plan and the header of its file, with the verdict that the file claims.
+
+    Raises InvalidInput in one line for another format, a file or numbers that were changed since, numbers that are
+    missing, of a wrong shape or not finite, and a course that is none.
+    """
+    header_path, numbers_path = plan_paths(path)
+    header = _header(header_path)
+    if header["format"] == PAIRED:
+        content = _beside(numbers_path, header["arrays"]["sha256"])
+    else:
+        numbers_path = Path(f"{header_path}: arrays")
+        content = extracted(header["arrays"]["npz"], str(numbers_path))
+    numbers = unpacked(content, str(numbers_path))
+    try:
+        course = course_from_json(header["course"])
+    except InvalidInput as error:
+        raise InvalidInput(f"{header_path}: course: {error}") from None
+    _check_numbers(numbers_path, numbers, course)
+    plan = Plan(course=course, provenance=header["provenance"], **numbers)
+    verdict = header["verdict"]
+    if plan_digest(plan, verdict["tolerance"], verdict["accepted"]) != verdict["digest"]:
+        raise InvalidInput(f"{header_path}: digest mismatch: course, numbers or verdict are not what the verifier saw")
+    return plan, header
+
+
+def check_file(path: str | Path, *, tolerance: float = 1e-6, joints: bool = True) -> FileCheck:
+    """Verify a plan file anew, whatever it says of itself. Raises InvalidInput for a file that cannot be read."""
+    plan, header = read_plan(path)
+    report = check_plan(plan, tolerance=tolerance, joints=joints)
+    same = report.accepted == header["verdict"]["accepted"] == header["verified"]
+    return FileCheck(path=str(path), report=report, same=same)
+
+
+def is_plan_file(path: str | Path) -> bool:
+    """Does the file say that it is a plan? False for what cannot be read, is no JSON or has another name."""
+    try:
+        header, _ = plan_paths(path)
+        data = read_json(header)
+    except InvalidInput:
+        return False
+    return isinstance(data, dict) and str(data.get("format", "")).startswith("stancekit/plan/")
+
+
+def _seal(content: Mapping[str, Any]) -> str:
+    """SHA-256 of everything else in the header, as canonical JSON."""
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _header(path: Path) -> dict[str, Any]:
+    """The header, as it was written. Raises InvalidInput."""
+    data = read_json(path)
+    found = data.get("format") if isinstance(data, dict) else type(data).__name__
+    if found not in (FORMAT, PAIRED):
+        raise InvalidInput(f"{path}: expected format {FORMAT!r}, got {shown(found)}")
+    if set(data) != set(KEYS):
+        names = ", ".join(sorted(set(data) ^ set(KEYS)))
+        raise InvalidInput(f"{path}: expected the keys {', '.join(KEYS)}; missing or unknown: {names:.120}")
+    if _seal({name: data[name] for name in KEYS[:-1]}) != data["sha256"]:
+        raise InvalidInput(f"{path}: digest mismatch: the file was changed after it was written")
+    for key, wanted in {**PARTS, "arrays": ARRAYS[found]}.items():
+        part = data[key]
+        if not isinstance(part, dict) or not all(isinstance(part.get(n), kind) for n, kind in wanted.items()):
+            raise InvalidInput(f"{path}: {key}: expected an object with {', '.join(wanted) or 'any keys'}")
+    return dict(data)
+
+
+def _beside(path: Path, sha256: str) -> bytes:
+    """The archive beside a header of ``stancekit/plan/1``, as it was written. Raises InvalidInput."""
+    if not path.exists():
+        raise InvalidInput(f"{path}: expected the plan's numbers beside its .json, found nothing there")
+    content = read_bytes(path)
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise InvalidInput(f"{path}: digest mismatch: these are not the numbers that the .json was written with")
+    return content
+
+
+def _check_numbers(path: Path, numbers: Mapping[str, NDArray[Any]], course: Course) -> None:
+    """Raise InvalidInput unless every array is there, of the course's shape, of numbers and finite."""
+    shapes = plan_shapes(course)
+    if set(numbers) - {"modes"} != set(shapes) - {"modes"}:
+        raise InvalidInput(f"{path}: expected the arrays {', '.join(shapes)} (modes may lack), got {sorted(numbers)}")
+    for name, array in numbers.items():
+        kind = "i" if name in ("choice", "modes") else "f"
+        if array.shape != shapes[name] or array.dtype.kind != kind:
+            told = "whole numbers" if kind == "i" else "numbers"
+            raise InvalidInput(
+                f"{path}: {name}: expected {told} of shape {shapes[name]}, got {array.dtype} of shape {array.shape}"
+            )
+        if not np.isfinite(array).all():
+            raise InvalidInput(f"{path}: {name}: expected finite numbers")

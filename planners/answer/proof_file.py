@@ -1,0 +1,130 @@
+"""Proof files ``stancekit/proof/1``: a posture problem or a course, and a certificate that it has no answer.
+
+Whoever reads one checks it anew. ``stancekit/no-plan/1``, of courses alone and without cuts, is still read.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..files.documents import read_json
+from ..files.writing import write_text
+from ..problem import PostureProblem
+from ..problem.course import Course
+from ..problem.course_json import course_from_json, course_to_json
+from ..problem.posture import FORMAT as POSTURE
+from ..verify import CertificateReport, check_certificate, explain
+from .outcome import Certificate
+
+FORMAT = "stancekit/proof/1"
+OLD = "stancekit/no-plan/1"
+SUBJECT = {FORMAT: "subject", OLD: "course"}
+"""The key under which a file of each format has its problem or course."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ProofCheck:
+    """What a look at a proof file says. kind: no-plan or no-posture; reason: what an accepted proof gives as one."""
+
+    path: str
+    kind: str
+    name: str
+    proof: CertificateReport
+    reason: str
+
+    @property
+    def accepted(self) -> bool:
+        """The certificate in the file proves that what is in the file has no answer."""
+        return self.proof.accepted
+
+    @property
+    def message(self) -> str:
+        """One line."""
+        return f"{self.name}: {self.reason if self.accepted else self.proof.message}"
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON-ready values."""
+        return {
+            "where": self.path,
+            "kind": self.kind,
+            "verdict": "accepted" if self.accepted else "refused",
+            "message": self.message,
+            "leaves": self.proof.leaves,
+        }
+
+
+def write_proof(path: str | Path, subject: PostureProblem | Course, certificate: Certificate) -> None:
+    """Write a problem or course and its certificate, whole or not at all.
+
+    Raises InvalidInput where nothing can be written.
+    """
+    told = course_to_json(subject) if isinstance(subject, Course) else subject.to_json()
+    content = {"format": FORMAT, "subject": told, **certificate.to_json()}
+    write_text(path, json.dumps(content, allow_nan=False) + "\n")
+
+
+def read_proof(path: str | Path) -> tuple[PostureProblem | Course, Certificate]:
+    """Read what ``write_proof`` wrote, now or in the older format.
+
+    Raises InvalidInput in one line for anything else.
+    """
+    data = read_json(path)
+    if not is_proof(data):
+        raise InvalidInput(f"{path}: expected format {FORMAT!r}")
+    key = SUBJECT[data["format"]]
+    keys = ("format", key, "tree", "multipliers")
+    if set(data) != set(keys):
+        names = ", ".join(sorted(set(data) ^ set(keys)))
+        raise InvalidInput(f"{path}: expected the keys {', '.join(keys)}; missing or unknown: {names:.120}")
+    told, subject = data[key], PostureProblem.from_json if _is_posture(data[key]) else course_from_json
+    try:
+        found = subject(told)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {key}: {error}") from None
+    try:
+        certificate = Certificate.from_arrays(_table(data, "tree"), _table(data, "multipliers"))
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: {error}") from None
+    return found, certificate
+
+
+def check_proof_file(path: str | Path) -> ProofCheck:
+    """Check a proof file by the independent checker. Raises InvalidInput for a file that cannot be read."""
+    subject, certificate = read_proof(path)
+    proof = check_certificate(subject, certificate)
+    of_course = isinstance(subject, Course)
+    return ProofCheck(
+        path=str(path),
+        kind="no-plan" if of_course else "no-posture",
+        name=subject.name if isinstance(subject, Course) else f"posture on {', '.join(subject.legs)}",
+        proof=proof,
+        reason=explain(subject, certificate).message if proof.accepted else "",
+    )
+
+
+def is_proof(data: Any) -> bool:
+    """Do parsed contents say that they are a proof?"""
+    return isinstance(data, dict) and data.get("format") in (FORMAT, OLD)
+
+
+def _is_posture(data: Any) -> bool:
+    return isinstance(data, dict) and data.get("format") == POSTURE
+
+
+def _table(data: Mapping[str, Any], name: str) -> Array:
+    """A table of numbers. Raises InvalidInput for anything else."""
+    try:
+        found = np.array(data[name])
+        if found.ndim != 2 or found.dtype.kind not in "if":
+            raise ValueError
+    except (ValueError, TypeError, OverflowError):
+        raise InvalidInput(f"{name}: expected a table of numbers") from None
+    return found.astype(np.float64)

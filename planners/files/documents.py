@@ -1,0 +1,202 @@
+"""Text, JSON and YAML from files, in bounds: of size, of depth, and of how many values they hold.
+
+One reader a kind, for everything that people and other programs write: whatever is damaged, is too large or grows out
+of proportion (YAML's aliases) is refused in one line, before the memory for it is asked for.
+"""
+
+from __future__ import annotations
+
+import errno
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..errors import InvalidInput
+from .refusals import shown
+
+MOST_BYTES = 128_000_000
+"""Of any file."""
+MOST_JSON_BYTES, MOST_YAML_BYTES = 32_000_000, 1_000_000
+"""Of one document. YAML is for what people write by hand, and slow to read."""
+MOST_VALUES, MOST_YAML_VALUES = 2_000_000, 200_000
+"""How many keys, lists and values a document may hold, what aliases stand for counted wherever they stand."""
+DEEPEST = 60
+"""How deep a document may be nested."""
+
+_Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+def read_bytes(path: str | Path, most: int = MOST_BYTES) -> bytes:
+    """Return a file's bytes, ``most`` at most. Raises InvalidInput for a file that is missing, no file or larger."""
+    path = Path(path)
+    try:
+        with open(path, "rb") as stream:
+            content = stream.read(most + 1)
+    except IsADirectoryError:
+        raise InvalidInput(f"{path}: expected a file, found a folder") from None
+    except ValueError:  # a name that no file can have
+        raise InvalidInput(f"{shown(str(path))}: expected a file, found nothing there") from None
+    except OSError as error:
+        if error.errno in (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG):
+            raise InvalidInput(f"{path}: expected a file, found nothing there") from None
+        raise InvalidInput(f"{path}: cannot be read: {error.strerror}") from None
+    if len(content) > most:
+        raise InvalidInput(f"{path}: expected a file of {most} bytes or fewer, got more")
+    return content
+
+
+def read_text(path: str | Path) -> str:
+    """Return a file's text. Raises InvalidInput for a file that is missing, no file, too large, empty or not UTF-8."""
+    text = decoded(read_bytes(path), str(path))
+    if not text.strip():
+        raise InvalidInput(f"{path}: expected some text, the file is empty")
+    return text
+
+
+def decoded(content: bytes, where: str) -> str:
+    """Return UTF-8 bytes as text, without the byte order mark that some editors begin a file with.
+
+    Raises InvalidInput for anything else.
+    """
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InvalidInput(f"{where}: expected UTF-8 text, byte {error.start} is not") from None
+
+
+def read_json(path: str | Path) -> Any:
+    """Parse a file that holds one JSON document. Raises InvalidInput."""
+    return parse_json(read_text(path), str(path))
+
+
+def parse_json(text: str, where: str) -> Any:
+    """Parse one JSON document.
+
+    Raises InvalidInput with line and column, for a key that an object has twice, for numbers that JSON does not have
+    (NaN, Infinity), for halves of letters, and for a document beyond the limits of this module.
+    """
+    if len(text) > MOST_JSON_BYTES:
+        raise InvalidInput(f"{where}: expected {MOST_JSON_BYTES} letters of JSON or fewer, got {len(text)}")
+    if sum(map(text.count, ",[{")) > MOST_VALUES:
+        raise InvalidInput(f"{where}: expected {MOST_VALUES} values or fewer, got more")
+    try:
+        found = json.loads(text, object_pairs_hook=_object, parse_constant=_no_number)
+        _check_depth(found)
+        if "\\ud" in text or "\\uD" in text:
+            json.dumps(found, ensure_ascii=False).encode()
+    except json.JSONDecodeError as error:
+        raise InvalidInput(
+            f"{where}: expected JSON, broken at line {error.lineno} column {error.colno}: {error.msg}"
+        ) from None
+    except InvalidInput as error:
+        raise InvalidInput(f"{where}: {error}") from None
+    except RecursionError:
+        raise InvalidInput(f"{where}: expected JSON: {DEEPEST} levels of nesting or fewer, got more") from None
+    except UnicodeEncodeError:
+        raise InvalidInput(f"{where}: expected whole letters, got half of a surrogate pair") from None
+    except ValueError as error:
+        raise InvalidInput(f"{where}: expected JSON: {error}") from None
+    return found
+
+
+def read_yaml(path: str | Path) -> dict[str, Any]:
+    """The keys and values of a YAML file. Raises InvalidInput."""
+    return parse_yaml(read_text(path), str(path))
+
+
+def parse_yaml(text: str, where: str) -> dict[str, Any]:
+    """The keys and values of a YAML document.
+
+    Raises InvalidInput for anything else, for a key that is there twice (YAML would take the last), and for a document
+    beyond the limits of this module.
+    """
+    if len(text) > MOST_YAML_BYTES:
+        raise InvalidInput(f"{where}: expected {MOST_YAML_BYTES} letters of YAML or fewer, got {len(text)}")
+    try:
+        _check_growth(text)
+        data = yaml.load(text, Loader=_Once)
+    except InvalidInput as error:
+        raise InvalidInput(f"{where}: {error}") from None
+    except Exception as error:  # PyYAML's constructors raise whatever struck them
+        told = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidInput(f"{where}: expected YAML: {told:.300}") from None
+    if not isinstance(data, dict):
+        raise InvalidInput(f"{where}: expected keys and values, got {type(data).__name__}")
+    return data
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice, times = Counter(name for name, _ in pairs).most_common(1)[0]
+        raise InvalidInput(f"{twice}: expected this key once, got it {times} times")
+    return found
+
+
+def _no_number(name: str) -> float:
+    raise InvalidInput(f"expected numbers as JSON has them, got {name}")
+
+
+def _check_depth(value: Any) -> None:
+    """Raise RecursionError for lists and objects in one another beyond the limit, without recursion."""
+    level = [value]
+    for _ in range(DEEPEST + 1):
+        parts = (part.values() if isinstance(part, dict) else part for part in level if isinstance(part, dict | list))
+        level = [item for part in parts for item in part if isinstance(item, dict | list)]
+        if not level:
+            return
+    raise RecursionError
+
+
+def _check_growth(text: str) -> None:
+    """Raise InvalidInput where the document is too deep or holds too many values once its aliases are replaced."""
+    count, sizes = 0, dict[str, tuple[int, int]]()  # values and depth of what an anchor stands for
+    stack = list[tuple[str | None, int]]()
+    deepest = [0]  # below each open collection
+    for event in yaml.parse(text, Loader=_Parser):
+        depth = 0
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in sizes:
+                raise InvalidInput(f"expected an anchor before its alias, got *{event.anchor}")
+            size, depth = sizes[event.anchor]
+            count += size
+        elif isinstance(event, yaml.ScalarEvent):
+            count += 1
+            if event.anchor is not None:
+                sizes[event.anchor] = 1, 0
+        elif isinstance(event, yaml.CollectionStartEvent):
+            stack.append((event.anchor, count))
+            deepest.append(0)
+            count += 1
+            if event.anchor is not None:
+                sizes.pop(event.anchor, None)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            (anchor, begun), depth = stack.pop(), deepest.pop() + 1
+            if anchor is not None:
+                sizes[anchor] = count - begun, depth
+        deepest[-1] = max(deepest[-1], depth)
+        if len(stack) + deepest[-1] > DEEPEST:
+            raise InvalidInput(f"expected {DEEPEST} levels of nesting or fewer, got more")
+        if count > MOST_YAML_VALUES:
+            raise InvalidInput(f"expected {MOST_YAML_VALUES} values or fewer, aliases replaced, got more")
+
+
+class _Once(_Parser):  # type: ignore[misc]
+    """Refuses a key that is there twice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen = set[Any]()
+        for key, _ in node.value:
+            if key.tag == "tag:yaml.org,2002:merge":
+                continue
+            name = self.construct_object(key, deep=True) if isinstance(key, yaml.ScalarNode) else None
+            if name is None:
+                raise yaml.constructor.ConstructorError(None, None, "expected texts as keys", key.start_mark)
+            if name in seen:
+                raise yaml.constructor.ConstructorError(None, None, f"{name}: expected this key once", key.start_mark)
+            seen.add(name)
+        found: dict[Any, Any] = super().construct_mapping(node, deep=deep)
+        return found

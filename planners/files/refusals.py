@@ -1,0 +1,68 @@
+"""How refusals are phrased: what came, in few letters however large it is, and what pydantic refused in a file."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Iterator
+from typing import Any
+
+from pydantic import ValidationError
+
+from ..errors import InvalidInput
+
+MOST_REFUSALS = 20
+"""So many are told of a file; that there are more is said."""
+
+
+class _Shown(reprlib.Repr):
+    """``repr`` that looks at no more of a value than it shows: what is cut off is never made into text."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__()
+        self.most, self.maxlevel = most, 4
+        self.maxlist = self.maxtuple = self.maxset = self.maxfrozenset = self.maxdict = self.maxdeque = most // 2
+        self.left = 4 * most  # parts that may still be looked at
+
+    def repr1(self, x: Any, level: int) -> str:
+        self.left -= 1
+        return super().repr1(x, level) if self.left > 0 else "…"
+
+    def repr_str(self, x: str, level: int) -> str:
+        return repr(x[: self.most])
+
+    def repr_bytes(self, x: bytes, level: int) -> str:
+        return repr(x[: self.most])
+
+    def repr_int(self, x: int, level: int) -> str:
+        return repr(x) if x.bit_length() < 10_000 else f"an integer of {x.bit_length()} bits"
+
+    def repr_dict(self, x: dict[Any, Any], level: int) -> str:
+        if level <= 0:
+            return "{…}"
+        pairs = zip(x.items(), range(self.maxdict), strict=False)
+        return "{" + ", ".join(f"{self.repr1(k, level - 1)}: {self.repr1(v, level - 1)}" for (k, v), _ in pairs) + "}"
+
+
+def shown(value: Any, most: int = 60) -> str:
+    """What came, as Python writes it, cut after ``most`` letters; its cost does not grow with the value."""
+    return _Shown(most).repr(value)[:most]
+
+
+def refusals(error: ValidationError) -> Iterator[str]:
+    """One "key: what was expected, got what" for everything wrong in a file, up to ``MOST_REFUSALS``.
+
+    Where a dataclass refused its values (InvalidInput), what it said, with its place before it.
+    """
+    for item in error.errors(include_url=False)[:MOST_REFUSALS]:
+        key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).lstrip(".")
+        cause = item.get("ctx", {}).get("error")
+        if isinstance(cause, InvalidInput):
+            yield f"{key}.{cause}" if key else str(cause)
+        elif item["type"] in ("missing", "missing_argument"):
+            yield f"{key}: expected this key, got nothing"
+        elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+            yield f"{key}: unknown key"
+        else:
+            yield f"{key}: {item['msg']}, got {shown(item['input'])}"
+    if error.error_count() > MOST_REFUSALS:
+        yield f"and {error.error_count() - MOST_REFUSALS} more"

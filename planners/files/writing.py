@@ -1,0 +1,172 @@
+"""Writing files whole or not at all, and removing what killed writers left."""
+
+from __future__ import annotations
+
+import errno
+import fcntl
+import os
+import re
+import secrets
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from ..errors import InvalidInput
+
+TEMPORARY = re.compile(r"\.(?P<name>.+)\.\d+(-[0-9a-f]{8})?\.tmp", re.DOTALL)
+"""Names of what is being written: those of its target and of the process, and a number of its own."""
+LONGEST_NAME = 255 - len("..4194304-01234567.tmp")
+"""Of a target, in bytes, on Linux."""
+TRIES = 100
+"""Of names for what is being written: another one is needed where somebody took it away before it was locked."""
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write a file whole or not at all, as ``write_bytes``."""
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_bytes(path: str | Path, content: bytes) -> None:
+    """Write a file whole or not at all, as ``replaced``; a device or a pipe is written to as it is.
+
+    Raises InvalidInput where nothing can be written.
+    """
+    check_writable(path)
+    if is_special(path):
+        try:
+            Path(path).write_bytes(content)
+        except OSError as error:
+            raise unwritable(path, error) from None
+        return
+    with replaced(path) as temporary:
+        temporary.write_bytes(content)
+
+
+@contextmanager
+def replaced(path: str | Path, *, folder: bool = False) -> Iterator[Path]:
+    """A new and empty file beside a path, to be written to; when the block ends it is what the path leads to.
+
+    Whatever was there stays until then, also when the process is killed, the disk is full or the machine stops; a link
+    stays a link. folder: a new folder, to take the place of an empty one or of none. The new file is locked while it is
+    written, and those that no process has locked any more are removed: they are what killed writers of this path left.
+    Raises InvalidInput where nothing can be written, also for an OSError from the block.
+    """
+    target = Path(path).resolve() if folder else check_writable(path)
+    if is_special(target):
+        raise InvalidInput(f"{path}: expected a file, found a device or a pipe")
+    remove_leftovers(target.parent, target.name.__eq__)
+    try:
+        temporary, lock = _locked(target, folder)
+        try:
+            yield temporary
+            os.fsync(lock)
+            os.replace(temporary, target)
+            _sync(target.parent)
+        finally:
+            with suppress(OSError):
+                _remove(temporary)
+            os.close(lock)
+    except OSError as error:
+        raise unwritable(path, error) from None
+
+
+def remove_leftovers(folder: Path, of: Callable[[str], bool]) -> None:
+    """Remove what killed processes were writing beside the targets whose names ``of`` says yes to.
+
+    What a living process writes is locked, on whichever machine that shares the folder, and stays; and so does what
+    cannot be locked or removed.
+    """
+    with suppress(OSError):
+        for name in os.listdir(folder):
+            match = TEMPORARY.fullmatch(name)
+            if match is not None and of(match["name"]):
+                with suppress(OSError):
+                    _remove_unlocked(folder / name)
+
+
+def check_writable(path: str | Path) -> Path:
+    """The file behind a path, asked for before the work whose result goes there. Raises InvalidInput if none can be."""
+    path = Path(path)
+    try:
+        target = path.resolve()
+        if path.is_dir():
+            raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EISDIR)}")
+        if not path.parent.is_dir():
+            raise InvalidInput(f"{path}: expected an existing folder {path.parent}")
+        if not os.access(path if is_special(path) else target.parent, os.W_OK):
+            raise InvalidInput(f"{path}: cannot be written: {os.strerror(errno.EACCES)}")
+        if len(os.fsencode(target.name)) > LONGEST_NAME:
+            raise OSError(errno.ENAMETOOLONG, os.strerror(errno.ENAMETOOLONG))
+    except (OSError, RuntimeError) as error:  # RuntimeError: links that lead back to themselves
+        raise unwritable(path, error) from None
+    return target
+
+
+def is_special(path: str | Path) -> bool:
+    """Is something there that is neither file nor folder: a device, a pipe?"""
+    path = Path(path)
+    return path.exists() and not path.is_file() and not path.is_dir()
+
+
+def unwritable(path: str | Path, error: Exception) -> InvalidInput:
+    """The one line on an error of the system, or of a library that wraps one."""
+    number = getattr(error, "errno", None)
+    said = os.strerror(number) if number else (str(error).strip() or type(error).__name__).splitlines()[0]
+    return InvalidInput(f"{path}: cannot be written: {said}")
+
+
+def failure_of(name: str, said: str) -> OSError:
+    """What made another program, or a library in a process of its own, fail to write, by its last words."""
+    known = (number for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO) if os.strerror(number) in said)
+    number = next(known, None)
+    if number is not None:
+        return OSError(number, os.strerror(number))
+    return OSError(f"{name} failed: {said.strip().splitlines()[-1] if said.strip() else 'without a word'}")
+
+
+def _locked(target: Path, folder: bool) -> tuple[Path, int]:
+    """A new file or folder beside the target, and the descriptor that holds its lock."""
+    for _ in range(TRIES):
+        temporary = target.with_name(f".{target.name}.{os.getpid()}-{secrets.token_hex(4)}.tmp")
+        if folder:
+            temporary.mkdir()
+        try:
+            lock = os.open(temporary, os.O_RDONLY if folder else os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
+        except FileNotFoundError:
+            if target.parent.is_dir():
+                continue  # as below, of a folder
+            raise
+        with suppress(OSError):  # a file system without locks: nobody will take it for a leftover either
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        if os.fstat(lock).st_nlink:
+            return temporary, lock
+        os.close(lock)  # another process took it for a leftover before it was locked
+    raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))  # a folder that takes no files, as /proc
+
+
+def _remove_unlocked(path: Path) -> None:
+    """Remove what no process has locked. Raises OSError for what is locked."""
+    lock = os.open(path, (os.O_RDONLY if path.is_dir() else os.O_RDWR) | os.O_NOFOLLOW | os.O_NONBLOCK)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        _remove(path)
+    finally:
+        os.close(lock)
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+def _sync(folder: Path) -> None:
+    """Make a new name last, where the file system can: the file itself is there already."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

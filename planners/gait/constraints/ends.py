@@ -1,0 +1,58 @@
+"""Start and goal: at rest at the start (y₋₁ = y₋₂ = y₀), with the torso over the given point and heading; over the
+goal at the end (paper W §V: "the target position is added as a hard constraint on the X-Y plane")."""
+
+from __future__ import annotations
+
+import casadi as cs
+import numpy as np
+from scipy.sparse import csr_array, vstack
+
+from ...files.arrays import Array
+from ..blocks import Block, Constraint, Kernel
+from ..charts import Chart
+from ..layout import Index
+from ..structure import Structure
+from ..taylor import Site
+
+
+def still_start(structure: Structure) -> Constraint:
+    """The first three coefficients of the torso's spline are equal: velocity and acceleration are 0 at the start."""
+    return _still(structure, "still start", structure.layout.torso[:3])
+
+
+def still_end(structure: Structure) -> Constraint | None:
+    """The last three are equal, where the settings ask for an end at rest."""
+    return _still(structure, "still end", structure.layout.torso[-3:]) if structure.settings.still_end else None
+
+
+def start(structure: Structure) -> tuple[Constraint, Constraint]:
+    """p_xy = start (metres) and heading = start yaw (radians) at t = 0."""
+    yaw = structure.layout.entry_rows(structure.layout.torso[0, 5:])
+    heading = np.array([structure.task.start_yaw_rad])
+    return over(structure, "start", 0, structure.task.start_xy_m), Constraint("heading", heading, heading, (), yaw)
+
+
+def goal(structure: Structure) -> Constraint:
+    """p_xy = goal at t = T, in metres."""
+    return over(structure, "goal", structure.nodes - 1, structure.task.goal_xy_m)
+
+
+def over(structure: Structure, name: str, node: int, xy_m: Array) -> Constraint:
+    """The torso over a point at a node."""
+    block = Block(horizontal(structure.chart), (structure.torso_at(np.array([node])),), np.array([[0, 1]]))
+    return Constraint(name, xy_m, xy_m, (block,))
+
+
+def horizontal(chart: Chart) -> Kernel:
+    """p_xy of the torso."""
+
+    def kernel(signals: list[cs.SX], sites: list[Site | None]) -> cs.SX:
+        return chart.torso(signals[0], sites[0])[0][:2]
+
+    return kernel
+
+
+def _still(structure: Structure, name: str, coefficients: Index) -> Constraint:
+    rows = [structure.layout.entry_rows(coefficients[k]) - structure.layout.entry_rows(coefficients[1]) for k in (0, 2)]
+    zeros = np.zeros(12)
+    return Constraint(name, zeros, zeros, (), csr_array(vstack(rows)))

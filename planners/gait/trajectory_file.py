@@ -1,0 +1,177 @@
+"""Files of trajectories, ``stancekit/gait/2``: JSON, the header with the verdict, and the samples as an archive in it.
+
+The digest covers every value of both, so a file changed by hand is refused. Files of ``stancekit/gait/1`` have their
+samples in NAME.npz beside them; they are read as ever, and half of a pair that belongs to another run is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, ValidationError, model_validator
+
+from ..errors import InvalidInput
+from ..files.archive import read_archive, unpacked
+from ..files.arrays import frozen
+from ..files.documents import read_json
+from ..files.embedded import embedded, extracted
+from ..files.refusals import refusals, shown
+from ..files.writing import check_writable, write_text
+from ..terrain.heightfield import HeightField
+from ..verify.trajectories import GaitReport, check_trajectory
+from .trajectory import SAMPLES, Trajectory, robot_from_json
+
+FORMAT = "stancekit/gait/2"
+PAIRED = "stancekit/gait/1"
+TERRAIN = ("terrain_x_m", "terrain_y_m", "terrain_heights_m")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Record:
+    """A trajectory as it stood in a file. verified: the file says that the verifier accepted it, and what it said."""
+
+    trajectory: Trajectory
+    verified: bool
+    verdict: Mapping[str, Any]
+
+
+def write_trajectory(path: str | Path, trajectory: Trajectory, report: GaitReport) -> None:
+    """Write NAME.json, whole or not at all; ``verified`` is the report's verdict.
+
+    Raises InvalidInput for a name that does not end in .json, for a report of another trajectory, and where nothing
+    can be written.
+    """
+    check_name(path)
+    if report.trajectory.digest != trajectory.digest:
+        raise InvalidInput("report: expected the verdict on this trajectory, got one on another")
+    header = {
+        "format": FORMAT,
+        "verified": report.accepted,
+        **trajectory.header(),
+        "verdict": report.to_json(),
+        "trajectory": trajectory.digest,
+        "samples": embedded(trajectory.arrays()),
+    }
+    write_text(path, json.dumps(header | {"digest": _seal(header)}, indent=1, allow_nan=False) + "\n")
+
+
+def check_name(path: str | Path) -> Path:
+    """The file of a trajectory, asked for before the work whose result goes there. Raises InvalidInput."""
+    path = Path(path)
+    if path.suffix != ".json" or not path.stem:
+        raise InvalidInput(f"{path}: expected a name that ends in .json")
+    check_writable(path)
+    return path
+
+
+def read_trajectory(path: str | Path) -> Record:
+    """Read a file, or an older pair. Raises InvalidInput, one line, for whatever is not as it was written."""
+    path = Path(path)
+    data = read_json(path)
+    if not is_trajectory(data):
+        came = data.get("format") if isinstance(data, dict) else type(data).__name__
+        raise InvalidInput(f"{path}: expected an object with format {FORMAT!r}, got {shown(came)}")
+    try:
+        header = _Header.model_validate(data)
+    except ValidationError as error:
+        raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
+    if header.digest != _seal({name: value for name, value in data.items() if name != "digest"}):
+        raise InvalidInput(f"{path}: its digest does not fit its contents: changed since it was written")
+    if header.samples is None:
+        samples = path.with_suffix(".npz")
+        if not samples.exists():
+            raise InvalidInput(f"{samples}: expected the samples of the trajectory, found nothing there")
+        arrays = read_archive(samples)
+    else:
+        samples = Path(f"{path}: samples")
+        arrays = unpacked(extracted(header.samples, str(samples)), str(samples))
+    try:
+        trajectory = _assemble(header, arrays)
+    except InvalidInput as error:
+        raise InvalidInput(f"{samples}: {error}") from None
+    if trajectory.digest != header.trajectory:
+        raise InvalidInput(f"{samples}: these samples do not belong to {path.name}: changed since they were written")
+    return Record(trajectory=trajectory, verified=header.verified, verdict=header.verdict)
+
+
+def check_file(path: str | Path) -> GaitReport:
+    """Read a trajectory and verify it again, by the usual limits, whatever the file says. Raises InvalidInput."""
+    return check_trajectory(read_trajectory(path).trajectory)
+
+
+def is_trajectory(data: Any) -> bool:
+    """Whether a parsed JSON document is the header of a trajectory."""
+    return isinstance(data, dict) and data.get("format") in (FORMAT, PAIRED)
+
+
+def copied(trajectory: Trajectory) -> Trajectory:
+    """The same, made anew of what would be written to a file. Raises InvalidInput where that is none."""
+    header = trajectory.header() | {"verified": False, "verdict": {}, "trajectory": "", "digest": "", "format": PAIRED}
+    arrays = {name: np.array(array) for name, array in trajectory.arrays().items()}
+    return _assemble(_Header.model_validate(header), arrays)
+
+
+def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory:
+    robot = robot_from_json(header.robot)
+    missing = [name for name in SAMPLES if name not in arrays]
+    if missing:
+        raise InvalidInput(f"{missing[0]}: expected this array, got nothing")
+    unknown = sorted(name for name in arrays if name not in SAMPLES and name not in TERRAIN)
+    if unknown:
+        raise InvalidInput(f"{unknown[0]}: unknown array")
+    if arrays["contact"].dtype != np.bool_:
+        raise InvalidInput(f"contact: expected truth values, got {arrays['contact'].dtype}")
+    count, feet = arrays["times_s"].size, len(robot.feet)
+    shapes: dict[str, tuple[int, ...]] = {
+        "times_s": (count,), "torso_m": (count, 3), "rotation": (count, 3, 3), "feet_m": (count, feet, 3),
+        "forces_n": (count, feet, 3),
+    }  # fmt: skip
+    samples = {name: frozen(arrays[name], shape, name) for name, shape in shapes.items()}
+    if arrays["contact"].shape != (count, feet):
+        raise InvalidInput(f"contact: expected shape {(count, feet)}, got {arrays['contact'].shape}")
+    surface = {name.removeprefix("terrain_"): array for name, array in arrays.items() if name.startswith("terrain_")}
+    return Trajectory(
+        **samples,
+        contact=arrays["contact"],
+        robot=robot,
+        terrain=HeightField.from_arrays(surface, header.terrain),
+        friction=header.friction,
+        adhesive=np.array(header.adhesive, dtype=bool),
+        start_xy_m=frozen(header.start_xy_m, (2,), "start_xy_m"),
+        goal_xy_m=frozen(header.goal_xy_m, (2,), "goal_xy_m"),
+        provenance=header.provenance,
+    )
+
+
+def _seal(header: Mapping[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(header, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+class _Header(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+    format: Literal["stancekit/gait/1", "stancekit/gait/2"]
+    verified: bool
+    robot: dict[str, Any]
+    terrain: str
+    friction: float
+    adhesive: list[bool]
+    start_xy_m: list[float]
+    goal_xy_m: list[float]
+    provenance: dict[str, str | float]
+    verdict: dict[str, Any]
+    trajectory: str
+    samples: str | None = None
+    digest: str
+
+    @model_validator(mode="after")
+    def _has_its_samples(self) -> Self:
+        if (self.samples is None) != (self.format == PAIRED):
+            raise InvalidInput(f"samples: expected in {FORMAT} and not in {PAIRED}")
+        return self

@@ -1,0 +1,284 @@
+"""A course: what a plan of key frames is asked for (paper E eq. 11, §IV-B), with the candidate patches of every toe.
+
+A *placement* is one toe put down, by a limb, at a key frame, on one of its candidate patches; it stays until the limb's
+next placement. A *stance* is a set of limbs that must carry the robot alone at a key frame. Between two key frames the
+limbs of the schedule lift; the others must hold the robot both before and after the body has moved. Since their toes
+stay and the balances are linear in (c, f) once toes are held, two such stances hold everywhere between them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, frozen, gathered
+from ..robot.model import Limb, Robot
+from ..terrain.patch import Patch
+from .posture import GRAVITY_M_S2, TILT_LIMIT_RAD, Contact, PostureProblem
+
+MOST_FRAMES = 200
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Placement:
+    """One toe put down: by ``limb``, at key frame ``frame``, on one of the candidates.
+
+    toe_m: where the toe already stands, shape (3,) [m]; None where the planner chooses. candidates: at least one; a toe
+    that already stands has exactly one, the surface under it.
+    """
+
+    limb: str
+    frame: int
+    candidates: tuple[Patch, ...]
+    toe_m: Array | None = None
+
+    def __post_init__(self) -> None:
+        where = f"frame {self.frame}, limb {self.limb}"
+        if not self.candidates:
+            raise InvalidInput(f"{where}: expected one or more candidate patches, got none within reach")
+        object.__setattr__(self, "candidates", tuple(self.candidates))
+        if self.toe_m is not None:
+            object.__setattr__(self, "toe_m", frozen(self.toe_m, (3,), f"{where}: toe_m"))
+            if len(self.candidates) != 1:
+                raise InvalidInput(f"{where}: expected one patch under a toe that stands, got {len(self.candidates)}")
+
+
+@dataclass(frozen=True)
+class Stance:
+    """Limbs that carry the robot alone at a key frame, by index, in the robot's order."""
+
+    frame: int
+    limbs: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepLimits:
+    """Largest steps between neighbouring key frames (eq. 11), and the least progress.
+
+    com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max. progress_m: the paper's least step is not
+    convex; in its place the COM moves at least this far along the straight line of its nominal path, where that moves.
+    """
+
+    com_m: float = 0.15
+    toe_m: float = 0.30
+    rotation_rad: float = 0.15
+    progress_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        gathered(
+            *(lambda n=n: checked(getattr(self, n), f"steps.{n}", above=0.0) for n in ("com_m", "toe_m")),
+            lambda: checked(self.rotation_rad, "steps.rotation_rad", least=0.0),
+            lambda: checked(self.progress_m, "steps.progress_m", least=0.0),
+        )
+        if self.progress_m > self.com_m:
+            raise InvalidInput(
+                f"steps.progress_m: expected at most steps.com_m = {self.com_m:g}, the largest step, "
+                f"got {self.progress_m:g}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weights:
+    """Of the objective: squared distance of the last COM from the goal, squared steps, squared tilt; lengths in m.
+
+    The paper: "minimizes the distance of the planned final configuration to the goal and penalizes the step size".
+    """
+
+    goal: float = 1.0
+    com_step: float = 0.2
+    toe_step: float = 0.05
+    tilt: float = 0.05
+
+    def __post_init__(self) -> None:
+        gathered(*(lambda n=n: checked(getattr(self, n), f"weights.{n}", least=0.0) for n in self.__annotations__))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Course:
+    """M key frames of one robot over one terrain.
+
+    terrain: every surface there is, for worlds and pictures. placements: in order of frame, then limb; every limb has
+    one at frame 0. lifts: the limbs that move between frame k − 1 and k, a tuple a frame, the first empty.
+    next_lift: the limbs that would move after the last frame; what they leave behind must hold there, too.
+    com_nominal_m: shape (M, 3) [m]; com_radius_m: how far the COM may be from it, shape (M,) [m]. goal_m: shape (3,).
+    force_min, force_max: bounds on (f_n, f_y, f_z) of every contact in units of the weight, shape (3,).
+    modes: the mode of the terrain under each frame (0, 1, …), where a course says so, shape (M,): for reports only.
+    """
+
+    name: str
+    robot: Robot
+    terrain: tuple[Patch, ...]
+    placements: tuple[Placement, ...]
+    lifts: tuple[tuple[str, ...], ...]
+    next_lift: tuple[str, ...] = ()
+    com_nominal_m: Array
+    com_radius_m: Array
+    goal_m: Array
+    steps: StepLimits = StepLimits()
+    weights: Weights = Weights()
+    tilt_limit_rad: float = TILT_LIMIT_RAD
+    gravity_m_s2: float = GRAVITY_M_S2
+    length_scale_m: float = 0.6
+    force_min: Array = field(default_factory=lambda: np.array([0.0, -1.0, -1.0]))
+    force_max: Array = field(default_factory=lambda: np.ones(3))
+    modes: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        frames, put = len(self.lifts), object.__setattr__
+        if not 1 <= frames <= MOST_FRAMES:
+            raise InvalidInput(f"frames: expected 1 to {MOST_FRAMES} key frames, got {frames}")
+        gathered(
+            lambda: put(self, "com_nominal_m", frozen(self.com_nominal_m, (frames, 3), "com_nominal_m")),
+            lambda: put(self, "com_radius_m", frozen(self.com_radius_m, (frames,), "com_radius_m")),
+            lambda: put(self, "goal_m", frozen(self.goal_m, (3,), "goal_m")),
+            lambda: put(self, "tilt_limit_rad", checked(self.tilt_limit_rad, "tilt_limit_rad", least=0.0, most=0.5)),
+            lambda: put(self, "gravity_m_s2", checked(self.gravity_m_s2, "gravity_m_s2", above=0.0)),
+            lambda: put(self, "length_scale_m", checked(self.length_scale_m, "length_scale_m", above=0.0)),
+            lambda: put(self, "force_min", frozen(self.force_min, (3,), "force_min")),
+            lambda: put(self, "force_max", frozen(self.force_max, (3,), "force_max")),
+            self._check_schedule,
+        )
+        if np.any(self.com_radius_m < 0.0):
+            raise InvalidInput(f"com_radius_m: expected no negative radius, got {self.com_radius_m.min():g}")
+        if np.any(self.force_min > np.minimum(self.force_max, 0.0)) or np.any(self.force_max < 0.0):
+            raise InvalidInput("force_min, force_max: expected bounds that admit no force at all (a limb in the air)")
+        _ = self.holds  # every limb stands on something from the first frame on
+
+    @classmethod
+    def of_posture(cls, problem: PostureProblem, name: str = "posture") -> Course:
+        """A posture problem as a course of one frame: a foothold a contact, all of them one stance, and no objective.
+
+        Raises InvalidInput where its force bounds differ between contacts, or admit no limb in the air: a course has
+        one pair of bounds, in units of the weight.
+        """
+        scale = float(problem.force_scale_n or problem.weight_n) / problem.weight_n
+        bounds = np.array([[contact.force_min, contact.force_max] for contact in problem.contacts])
+        if np.ptp(bounds, axis=0).max() > 0.0:
+            raise InvalidInput("contacts: expected one force_min and force_max for all in a course, got several")
+        limbs = tuple(Limb(name=c.leg, shoulder_m=c.shoulder_m, reach_m=c.reach_m) for c in problem.contacts)
+        patches = tuple(contact.patch for contact in problem.contacts)
+        return cls(
+            name=name,
+            robot=Robot(name="posture", mass_kg=problem.mass_kg, limbs=limbs),
+            terrain=patches,
+            placements=tuple(
+                Placement(limb=limb.name, frame=0, candidates=(patch,))
+                for limb, patch in zip(limbs, patches, strict=True)
+            ),
+            lifts=((),),
+            com_nominal_m=problem.com_nominal_m[None],
+            com_radius_m=np.array([problem.com_radius_m]),
+            goal_m=problem.com_nominal_m,
+            weights=Weights(goal=0.0, com_step=0.0, toe_step=0.0, tilt=0.0),
+            tilt_limit_rad=problem.tilt_limit_rad,
+            gravity_m_s2=problem.gravity_m_s2,
+            length_scale_m=problem.length_scale_m,
+            force_min=scale * bounds[0, 0],
+            force_max=scale * bounds[0, 1],
+        )
+
+    @property
+    def frames(self) -> int:
+        """M."""
+        return len(self.lifts)
+
+    @property
+    def weight_n(self) -> float:
+        """m·g [N]: also the force scale."""
+        return self.robot.mass_kg * self.gravity_m_s2
+
+    @cached_property
+    def holds(self) -> NDArray[np.int_]:
+        """The placement that each limb stands on at each frame, shape (M, N)."""
+        names = self.robot.limb_names
+        table = np.full((self.frames, len(names)), -1)
+        for index, placement in enumerate(self.placements):
+            table[placement.frame :, names.index(placement.limb)] = index
+        if np.any(table < 0):
+            limb = names[int(np.argwhere(table < 0)[0, 1])]
+            raise InvalidInput(f"placements: expected one at frame 0 for every limb, got none for {limb}")
+        table.setflags(write=False)
+        return table
+
+    @cached_property
+    def stances(self) -> tuple[Stance, ...]:
+        """Every set of limbs that must carry the robot alone, by frame: after the move to the frame, before the next.
+
+        Where all limbs move at once there is nobody left to carry, and all of them must at the frame itself.
+        """
+        names = self.robot.limb_names
+        everybody = tuple(range(len(names)))
+        found = []
+        for k in range(self.frames):
+            moved, moving = self.lifts[k], self.lifts[k + 1] if k + 1 < self.frames else self.next_lift
+            sets = [tuple(i for i in everybody if names[i] not in lifted) for lifted in (moved, moving) if lifted]
+            kept = [limbs for limbs in dict.fromkeys(sets) if limbs]
+            found += [Stance(k, limbs) for limbs in kept or [everybody]]
+        return tuple(found)
+
+    def direction(self, frame: int) -> Array:
+        """Unit vector of the nominal step to ``frame`` from the one before, shape (3,); zero where it does not move."""
+        step = self.com_nominal_m[frame] - self.com_nominal_m[frame - 1]
+        length = float(np.linalg.norm(step))
+        return step / length if length > 1e-9 else np.zeros(3)
+
+    def patch(self, placement: int, choice: Sequence[int] | NDArray[np.int_]) -> Patch:
+        """The patch that was chosen for a placement; choice: candidate's index a placement, shape (P,)."""
+        return self.placements[placement].candidates[int(choice[placement])]
+
+    def posture_problem(self, stance: Stance, choice: Sequence[int] | NDArray[np.int_]) -> PostureProblem:
+        """The posture problem of one stance on the chosen patches."""
+        contacts = []
+        for limb in stance.limbs:
+            owner = self.robot.limbs[limb]
+            patch = self.patch(int(self.holds[stance.frame, limb]), choice)
+            contacts.append(
+                Contact(
+                    leg=owner.name, shoulder_m=owner.shoulder_m, reach_m=owner.reach_m, patch=patch,
+                    force_min=self.force_min, force_max=self.force_max,
+                )
+            )  # fmt: skip
+        return PostureProblem(
+            contacts=tuple(contacts),
+            mass_kg=self.robot.mass_kg,
+            com_nominal_m=self.com_nominal_m[stance.frame],
+            com_radius_m=float(self.com_radius_m[stance.frame]),
+            gravity_m_s2=self.gravity_m_s2,
+            length_scale_m=self.length_scale_m,
+            tilt_limit_rad=self.tilt_limit_rad,
+        )
+
+    def with_choice(self, choice: Sequence[int] | NDArray[np.int_]) -> Course:
+        """The course with one candidate a placement."""
+        return replace(
+            self,
+            placements=tuple(
+                replace(placement, candidates=(placement.candidates[int(chosen)],))
+                for placement, chosen in zip(self.placements, choice, strict=True)
+            ),
+        )
+
+    def _check_schedule(self) -> None:
+        """Raise InvalidInput unless the schedule and the placements say the same."""
+        names = self.robot.limb_names
+        if self.lifts[0]:
+            raise InvalidInput(f"lifts[0]: expected nobody to move before the first frame, got {list(self.lifts[0])}")
+        placed = {(placement.frame, placement.limb) for placement in self.placements}
+        if len(placed) != len(self.placements):
+            raise InvalidInput("placements: expected each limb at most once a frame")
+        wanted = {(0, name) for name in names} | {(k, name) for k, lifted in enumerate(self.lifts) for name in lifted}
+        self.robot.select([name for _, name in sorted(wanted | {(0, name) for name in self.next_lift})])
+        if placed != wanted:
+            frame, limb = sorted(placed ^ wanted)[0]
+            told = "a placement, since it moves there" if (frame, limb) in wanted else "no placement: it stays there"
+            raise InvalidInput(f"placements: frame {frame}, limb {limb}: expected {told}")
+        order = [(placement.frame, names.index(placement.limb)) for placement in self.placements]
+        if order != sorted(order):
+            raise InvalidInput("placements: expected them in order of frame, then limb")
+        if self.modes is not None and len(self.modes) != self.frames:
+            raise InvalidInput(f"modes: expected {self.frames}, one a frame, got {len(self.modes)}")

@@ -1,0 +1,187 @@
+"""The JSON form ``stancekit/course/1`` of a course: explicit and complete, the same to the last bit when read back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, Literal, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from ..errors import InvalidInput
+from ..files.refusals import refusals
+from ..robot.model import Limb, Robot
+from ..terrain.patch import Patch
+from .course import Course, Placement, StepLimits, Weights
+
+FORMAT = "stancekit/course/1"
+
+_PATCH = ("vertices_m", "normal", "shear_reference")
+_ARRAYS = ("com_nominal_m", "com_radius_m", "goal_m", "force_min", "force_max")
+_NUMBERS = ("tilt_limit_rad", "gravity_m_s2", "length_scale_m")
+
+Made = TypeVar("Made")
+
+
+def course_to_json(course: Course) -> dict[str, Any]:
+    """The course as JSON-ready values: robot, every patch of the terrain, every placement with its candidates."""
+    return {
+        "format": FORMAT,
+        "name": course.name,
+        "robot": {
+            "name": course.robot.name,
+            "mass_kg": course.robot.mass_kg,
+            "limbs": [
+                {"name": limb.name, "shoulder_m": limb.shoulder_m.tolist(), "reach_m": limb.reach_m}
+                for limb in course.robot.limbs
+            ],
+        },
+        "terrain": [_patch_to_json(patch) for patch in course.terrain],
+        "placements": [
+            {
+                "limb": placement.limb,
+                "frame": placement.frame,
+                "toe_m": None if placement.toe_m is None else placement.toe_m.tolist(),
+                "candidates": [_patch_to_json(patch) for patch in placement.candidates],
+            }
+            for placement in course.placements
+        ],
+        "lifts": [list(lifted) for lifted in course.lifts],
+        "next_lift": list(course.next_lift),
+        **{name: getattr(course, name).tolist() for name in _ARRAYS},
+        **{name: getattr(course, name) for name in _NUMBERS},
+        "steps": {name: getattr(course.steps, name) for name in _StepsJson.model_fields},
+        "weights": {name: getattr(course.weights, name) for name in _WeightsJson.model_fields},
+        "modes": None if course.modes is None else list(course.modes),
+    }
+
+
+def course_from_json(data: Mapping[str, Any]) -> Course:
+    """Read what ``course_to_json`` wrote. Raises InvalidInput whose message lists every key that is wrong."""
+    if not isinstance(data, Mapping):
+        raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
+    try:
+        raw = _CourseJson.model_validate(data)
+    except ValidationError as error:
+        raise InvalidInput("; ".join(refusals(error))) from None
+    notes = _Notes()
+    robot = notes.made("", partial(_robot, raw.robot))
+    terrain = [notes.made(f"terrain[{i}].", partial(_patch, item)) for i, item in enumerate(raw.terrain)]
+    placements = [_placement(item, f"placements[{i}].", notes) for i, item in enumerate(raw.placements)]
+    steps = notes.made("", partial(StepLimits, **raw.steps.model_dump()))
+    weights = notes.made("", partial(Weights, **raw.weights.model_dump()))
+    if notes.wrong or robot is None or steps is None or weights is None:
+        raise InvalidInput("; ".join(notes.wrong))
+    return Course(
+        name=raw.name, robot=robot, steps=steps, weights=weights,
+        terrain=tuple(patch for patch in terrain if patch),
+        placements=tuple(placement for placement in placements if placement),
+        lifts=tuple(tuple(lifted) for lifted in raw.lifts), next_lift=tuple(raw.next_lift),
+        modes=None if raw.modes is None else tuple(raw.modes),
+        **{name: getattr(raw, name) for name in (*_ARRAYS, *_NUMBERS)},
+    )  # fmt: skip
+
+
+class _Notes:
+    """Makes the parts of a file and keeps what is wrong with them, each with its place."""
+
+    def __init__(self) -> None:
+        self.wrong = list[str]()
+
+    def made(self, place: str, make: Callable[[], Made]) -> Made | None:
+        """What ``make`` returns; None where it refuses."""
+        try:
+            return make()
+        except InvalidInput as error:
+            self.wrong += [f"{place}{text}" for text in str(error).split("; ")]
+            return None
+
+
+def _robot(raw: _RobotJson) -> Robot:
+    limbs = tuple(
+        Limb(name=limb.name, shoulder_m=np.array(limb.shoulder_m), reach_m=limb.reach_m) for limb in raw.limbs
+    )
+    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=limbs)
+
+
+def _placement(raw: _PlacementJson, place: str, notes: _Notes) -> Placement | None:
+    found = [notes.made(f"{place}candidates[{i}].", partial(_patch, item)) for i, item in enumerate(raw.candidates)]
+    candidates = tuple(patch for patch in found if patch)
+    if len(candidates) < len(raw.candidates):
+        return None
+    toe_m = None if raw.toe_m is None else np.array(raw.toe_m)
+    return notes.made(place, lambda: Placement(limb=raw.limb, frame=raw.frame, candidates=candidates, toe_m=toe_m))
+
+
+def _patch(raw: _PatchJson) -> Patch:
+    return Patch(**raw.model_dump())
+
+
+def _patch_to_json(patch: Patch) -> dict[str, Any]:
+    return {**{name: getattr(patch, name).tolist() for name in _PATCH}, "friction": patch.friction}
+
+
+class _Keys(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class _LimbJson(_Keys):
+    name: str
+    shoulder_m: list[float]
+    reach_m: float
+
+
+class _RobotJson(_Keys):
+    name: str
+    mass_kg: float
+    limbs: list[_LimbJson]
+
+
+class _PatchJson(_Keys):
+    vertices_m: list[list[float]]
+    normal: list[float]
+    shear_reference: list[float]
+    friction: float
+
+
+class _PlacementJson(_Keys):
+    limb: str
+    frame: int
+    toe_m: list[float] | None
+    candidates: list[_PatchJson]
+
+
+class _StepsJson(_Keys):
+    com_m: float
+    toe_m: float
+    rotation_rad: float
+    progress_m: float
+
+
+class _WeightsJson(_Keys):
+    goal: float
+    com_step: float
+    toe_step: float
+    tilt: float
+
+
+class _CourseJson(_Keys):
+    format: Literal["stancekit/course/1"]
+    name: str
+    robot: _RobotJson
+    terrain: list[_PatchJson]
+    placements: list[_PlacementJson]
+    lifts: list[list[str]]
+    next_lift: list[str]
+    com_nominal_m: list[list[float]]
+    com_radius_m: list[float]
+    goal_m: list[float]
+    force_min: list[float]
+    force_max: list[float]
+    tilt_limit_rad: float
+    gravity_m_s2: float
+    length_scale_m: float
+    steps: _StepsJson
+    weights: _WeightsJson
+    modes: list[int] | None

@@ -1,0 +1,167 @@
+"""The keys of a course's file: what a person writes, typed, refused where it makes no sense."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+
+from ..errors import InvalidInput
+from ..files.arrays import LARGEST
+from ..robot.model import Limb, Robot, hexapod
+from .course import MOST_FRAMES, StepLimits
+from .course_terrain import AnyTerrain, Length, Point, Positive
+from .posture import TILT_LIMIT_RAD
+
+Least = Annotated[float, Field(ge=0.0, le=LARGEST)]
+
+
+PLAIN, MADE_UP = "(plain)", "(made up)"
+"""Tags of values that a file may either name, or give as a list or as keys of its own; no part of any key."""
+
+
+def _shape(value: Any) -> str:
+    return MADE_UP if isinstance(value, Mapping | list | BaseModel) else PLAIN
+
+
+class _Keys(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class LimbSpec(_Keys):
+    """One limb of a robot that the file brings with it."""
+
+    shoulder_m: Point
+    reach_m: Positive
+
+
+class RobotSpec(_Keys):
+    """A robot that the file brings with it: its mass and its limbs by name."""
+
+    name: str = "robot"
+    mass_kg: Positive
+    limbs: Annotated[dict[str, LimbSpec], Field(min_length=1)]
+
+
+class StanceSpec(_Keys):
+    """Where a limb likes its toe: this far outward from the shoulder, away from the body's axis, and below it [m].
+
+    limbs: other offsets (x, y, z) from the shoulder, in the body frame, of single limbs.
+    """
+
+    outward_m: Length = 0.15
+    down_m: Length = 0.20
+    limbs: dict[str, Point] = {}
+
+
+class ViaSpec(_Keys):
+    """A point that the nominal path goes through; stance: how to stand from there on."""
+
+    at_m: Point
+    stance: StanceSpec | None = None
+
+
+def _point_or_more(value: Any) -> str:
+    return MADE_UP if isinstance(value, Mapping | BaseModel) else PLAIN
+
+
+RobotKey = Annotated[
+    Annotated[Literal["hexapod"], Tag(PLAIN)] | Annotated[RobotSpec, Tag(MADE_UP)], Discriminator(_shape)
+]
+GaitKey = Annotated[
+    Annotated[Literal["all", "tripod", "wave"], Tag(PLAIN)]
+    | Annotated[list[list[str]], Field(min_length=1), Tag(MADE_UP)],
+    Discriminator(_shape),
+]
+ViaKey = Annotated[Annotated[Point, Tag(PLAIN)] | Annotated[ViaSpec, Tag(MADE_UP)], Discriminator(_point_or_more)]
+
+
+class BodySpec(_Keys):
+    """How far the COM may be from its nominal path, and at the first and last frame; and the largest body rotation."""
+
+    com_radius_m: Least = 0.06
+    first_radius_m: Least = 0.02
+    last_radius_m: Least | None = None
+    tilt_limit_rad: Annotated[float, Field(ge=0.0, le=0.5)] = TILT_LIMIT_RAD
+
+
+class CandidateSpec(_Keys):
+    """Which pieces of terrain a toe is offered: the ``count`` nearest surfaces, clipped to a square window about its
+    nominal place, ``margin_m`` away from every border of the surface."""
+
+    count: Annotated[int, Field(ge=1, le=16)] = 1
+    window_m: Annotated[float, Field(ge=0.01, le=10.0)] = 0.26
+    margin_m: Least = 0.02
+
+
+class StepSpec(_Keys):
+    """Largest steps between key frames, see ``StepLimits``."""
+
+    com_m: Positive = 0.15
+    toe_m: Positive = 0.30
+    rotation_rad: Least = 0.15
+    progress_m: Least = 0.0
+
+    @model_validator(mode="after")
+    def _agree(self) -> StepSpec:
+        try:
+            self.limits()
+        except InvalidInput as error:
+            raise InvalidInput(str(error).removeprefix("steps.")) from None
+        return self
+
+    def limits(self) -> StepLimits:
+        """The same as the course wants it. Raises InvalidInput where the limits contradict each other."""
+        return StepLimits(**self.model_dump())
+
+
+class WeightSpec(_Keys):
+    """Of the objective, see ``Weights``."""
+
+    goal: Least = 1.0
+    com_step: Least = 0.2
+    toe_step: Least = 0.05
+    tilt: Least = 0.05
+
+
+class CourseSpec(_Keys):
+    """A course as a person writes it.
+
+    frames: M. gait: which limbs move between frames; a list of sets of limbs is gone through again and again.
+    start_m, via_m, goal_m: the nominal path of the COM, straight between them. stride_m: distance of neighbouring
+    frames along it; the last line is then gone on, or cut short, as the number of frames has it, and where that ends is
+    the goal. Without it the frames are spread evenly from start to goal.
+    """
+
+    name: str
+    robot: RobotKey = "hexapod"
+    frames: Annotated[int, Field(ge=1, le=MOST_FRAMES)]
+    gait: GaitKey = "tripod"
+    start_m: Point
+    via_m: list[ViaKey] = []
+    goal_m: Point
+    stride_m: Positive | None = None
+    stance: StanceSpec = StanceSpec()
+    body: BodySpec = BodySpec()
+    steps: StepSpec = StepSpec()
+    weights: WeightSpec = WeightSpec()
+    candidates: CandidateSpec = CandidateSpec()
+    terrain: AnyTerrain
+
+    def make_robot(self) -> Robot:
+        """The robot of the course."""
+        if isinstance(self.robot, str):
+            return hexapod()
+        limbs = tuple(
+            Limb(name=name, shoulder_m=np.array(limb.shoulder_m), reach_m=limb.reach_m)
+            for name, limb in self.robot.limbs.items()
+        )
+        return Robot(name=self.robot.name, mass_kg=self.robot.mass_kg, limbs=limbs)
+
+    def with_frames(self, frames: int) -> CourseSpec:
+        """The same with another number of key frames. Raises InvalidInput."""
+        if isinstance(frames, bool) or not isinstance(frames, int) or not 1 <= frames <= MOST_FRAMES:
+            raise InvalidInput(f"frames: expected 1 to {MOST_FRAMES} key frames, got {frames!r}")
+        return self.model_copy(update={"frames": frames})

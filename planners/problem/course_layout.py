@@ -1,0 +1,178 @@
+"""From a course's description to the course: nominal path, schedule, and the candidate patches of every placement."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..robot.model import Limb, Robot
+from ..terrain.patch import Patch
+from ..terrain.polygon import STEEP
+from .candidates import Footing
+from .course import Course, Placement, Weights
+from .course_keys import CourseSpec, StanceSpec
+
+TOE_M = 0.02
+"""Two toes do not fit on a patch that is nowhere wider than this [m]."""
+
+
+def lay_out(spec: CourseSpec, folder: Path = Path()) -> Course:
+    """The course that a description means. folder: where relative paths of files begin. Raises InvalidInput."""
+    robot = spec.make_robot()
+    corners, way = _corners(spec)
+    com_m, passed = _walk(corners, way, spec.frames)
+    radius = np.full(spec.frames, spec.body.com_radius_m)
+    radius[-1] = spec.body.com_radius_m if spec.body.last_radius_m is None else spec.body.last_radius_m
+    radius[0] = spec.body.first_radius_m
+    _check_way(com_m, radius, spec)
+    sets = _sets(spec.gait, robot)
+    lifts = ((), *(sets[(k - 1) % len(sets)] for k in range(1, spec.frames)))
+    terrain = spec.terrain.along(corners, folder)
+    placements, placed = _placements(spec, robot, lifts, com_m, passed, Footing(terrain, spec.candidates.margin_m))
+    return Course(
+        name=spec.name, robot=robot, terrain=terrain.patches, placements=placements, lifts=lifts,
+        next_lift=sets[(spec.frames - 1) % len(sets)], com_nominal_m=com_m, com_radius_m=radius, goal_m=com_m[-1],
+        steps=spec.steps.limits(), weights=Weights(**spec.weights.model_dump()),
+        tilt_limit_rad=spec.body.tilt_limit_rad, modes=_modes(placed, spec.frames),
+    )  # fmt: skip
+
+
+def _placements(
+    spec: CourseSpec,
+    robot: Robot,
+    lifts: Sequence[Sequence[str]],
+    com_m: Array,
+    passed: NDArray[np.int_],
+    footing: Footing,
+) -> tuple[tuple[Placement, ...], list[tuple[int, Patch]]]:
+    """Every placement with its candidates, and by placement its frame and the surface nearest to where it likes to be.
+
+    A toe's nominal place is meant for the middle of the frames that it stands through.
+    """
+    placements, placed = list[Placement](), list[tuple[int, Patch]]()
+    alone = dict[str, int]()  # limbs that have one surface only, and its index
+    for frame, limb, until in _schedule(robot, lifts):
+        shoulder = com_m[frame:until].mean(axis=0) + limb.shoulder_m
+        toe = shoulder + _offset(limb, _stance(spec, int(passed[frame])))
+        found = footing.candidates(limb, shoulder, toe, spec.candidates.count, spec.candidates.window_m)
+        if not found:
+            raise InvalidInput(footing.refusal(frame, limb, shoulder))
+        alone.pop(limb.name, None)
+        for other, index in alone.items():
+            if len(found) == 1 and index == found[0][0] and footing.surfaces[index].width_m < TOE_M:
+                raise InvalidInput(
+                    f"frame {frame}, limbs {other} and {limb.name}: expected room for two toes, got nothing but "
+                    f"terrain patch {footing.numbers[index]}, {1e3 * footing.surfaces[index].width_m:.3g} mm wide"
+                )
+        if len(found) == 1:
+            alone[limb.name] = found[0][0]
+        placed.append((frame, footing.surfaces[found[0][0]].patch))
+        placements.append(Placement(limb=limb.name, frame=frame, candidates=tuple(patch for _, patch in found)))
+    return tuple(placements), placed
+
+
+def _corners(spec: CourseSpec) -> tuple[Array, Array]:
+    """The straight lines that the COM is to follow, by their ends, shape (L, 3) [m], and the way to each [m]."""
+    via = [np.array(point if isinstance(point, tuple) else point.at_m) for point in spec.via_m]
+    corners = np.array([spec.start_m, *via, spec.goal_m])
+    way = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(corners, axis=0), axis=1))])
+    if spec.stride_m is None:
+        return corners, way
+    end, last = spec.stride_m * (spec.frames - 1), way[-1] - way[-2]
+    if last < 1e-9:
+        raise InvalidInput("goal_m: expected another point than the one before it, to know where stride_m goes")
+    leg = min(int(np.searchsorted(way, end, side="right")), len(way) - 1)
+    direction = (corners[leg] - corners[leg - 1]) / max(way[leg] - way[leg - 1], 1e-12)
+    corners = np.vstack([corners[:leg], corners[leg - 1] + (end - way[leg - 1]) * direction])
+    return corners, np.append(way[:leg], end)
+
+
+def _walk(corners: Array, way: Array, frames: int) -> tuple[Array, NDArray[np.int_]]:
+    """The nominal COM at every frame, shape (M, 3), and how many via points it has come to, shape (M,)."""
+    at = np.linspace(0.0, way[-1], frames)
+    com_m = np.stack([np.interp(at, way, axis) for axis in corners.T], axis=1)
+    return com_m, np.searchsorted(way[1:-1], at + 1e-9, side="right")
+
+
+def _check_way(com_m: Array, radius: Array, spec: CourseSpec) -> None:
+    """Raise InvalidInput where the step limits and the radii about the nominal path can never get to the goal."""
+    gaps = np.linalg.norm(np.diff(com_m, axis=0), axis=1)
+    far = float(np.linalg.norm(np.array(spec.goal_m) - spec.start_m)) if spec.stride_m is None else 0.0
+    far = max(far, float(np.linalg.norm(com_m[-1] - com_m[0])))
+    most = spec.steps.com_m * (spec.frames - 1) + radius[0] + (radius[-1] if spec.frames > 1 else 0.0)
+    if far > most + 1e-9:
+        raise InvalidInput(
+            f"goal_m: expected a goal within {most:.3g} m ({spec.frames - 1} steps of up to {spec.steps.com_m:g} m "
+            f"and the radii about start and goal), got one {far:.3g} m away: {far - most:.3g} m too far"
+        )
+    for k, gap in enumerate(gaps, 1):
+        room = radius[k - 1] + radius[k]
+        if gap > spec.steps.com_m + room + 1e-9:
+            raise InvalidInput(
+                f"frame {k}: expected a nominal step of at most steps.com_m = {spec.steps.com_m:g} m plus {room:.3g} m "
+                f"of radius, got {gap:.3g} m: {gap - spec.steps.com_m - room:.3g} m too far"
+            )
+        if gap > 1e-9 and spec.steps.progress_m > gap + room + 1e-9:
+            raise InvalidInput(
+                f"steps.progress_m: expected at most {gap + room:.3g} m, the nominal step to frame {k} plus the radii, "
+                f"got {spec.steps.progress_m:g}"
+            )
+
+
+def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str, ...], ...]:
+    """The sets of limbs that move in turn, limbs in the robot's order. Raises InvalidInput."""
+    names = robot.limb_names
+    if not isinstance(gait, str):
+        for index, moving in enumerate(gait):
+            if len(set(moving)) != len(moving) or not set(moving) <= set(names):
+                raise InvalidInput(f"gait[{index}]: expected limbs among {', '.join(names)}, each once, got {moving}")
+        return tuple(tuple(name for name in names if name in moving) for moving in gait)
+    if gait == "all":
+        return (names,)
+    places = {limb.name: limb.shoulder_m for limb in robot.limbs}
+    if gait == "wave":  # from the back to the front, left side first
+        return tuple((name,) for name in sorted(names, key=lambda name: (places[name][1] < 0.0, places[name][0])))
+    if len(names) < 4 or len(names) % 2:
+        raise InvalidInput(f"gait: expected an even number of limbs, four or more, for a tripod gait, got {len(names)}")
+    around = sorted(names, key=lambda name: np.arctan2(places[name][1], places[name][0]))
+    return tuple(tuple(name for name in names if name in around[first::2]) for first in (0, 1))
+
+
+def _schedule(robot: Robot, lifts: Sequence[Sequence[str]]) -> list[tuple[int, Limb, int]]:
+    """Every placement in order: its frame, its limb, and the frame of the limb's next one (M after the last)."""
+    frames = {name: [0] + [k for k, lifted in enumerate(lifts) if name in lifted] for name in robot.limb_names}
+    until = {(k, name): end for name, at in frames.items() for k, end in zip(at, [*at[1:], len(lifts)], strict=True)}
+    each = [(k, limb) for k in range(len(lifts)) for limb in robot.limbs]
+    return [(k, limb, until[k, limb.name]) for k, limb in each if (k, limb.name) in until]
+
+
+def _stance(spec: CourseSpec, passed: int) -> StanceSpec:
+    """How to stand after so many via points."""
+    stance = spec.stance
+    for point in spec.via_m[:passed]:
+        if not isinstance(point, tuple) and point.stance is not None:
+            stance = point.stance
+    return stance
+
+
+def _offset(limb: Limb, stance: StanceSpec) -> Array:
+    """From the shoulder to where the limb likes its toe, body frame, shape (3,) [m]."""
+    if limb.name in stance.limbs:
+        return np.array(stance.limbs[limb.name])
+    out = limb.shoulder_m * [1.0, 1.0, 0.0]
+    length = float(np.linalg.norm(out))
+    return stance.outward_m * out / max(length, 1e-12) - [0.0, 0.0, stance.down_m]
+
+
+def _modes(placed: Sequence[tuple[int, Patch]], frames: int) -> tuple[int, ...]:
+    """By frame 1 where most of the toes put down there, or last put down before, stand on walls, 0 on ground."""
+    modes = list[int]()
+    for frame in range(frames):
+        walls = [abs(patch.normal[2]) < STEEP for at, patch in placed if at == frame]
+        modes.append(modes[-1] if not walls and modes else int(2 * sum(walls) > len(walls)))
+    return tuple(modes)

@@ -1,0 +1,288 @@
+"""Terrains of courses: lists of polygons, meshes, and generators that follow the course's path.
+
+A terrain is asked for its surfaces along a path, the straight lines between the points where the body's centre of mass
+is to go. Generators reach far enough beyond both ends for every toe.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field
+
+from ..errors import InvalidInput
+from ..files.arrays import LARGEST, Array
+from ..terrain.patch import Patch
+from ..terrain.polygon import surface_patch
+
+BEYOND_M = 0.6
+"""How far a generated terrain goes on beyond the ends of the path [m]."""
+MOST_PATCHES = 5000
+
+Length = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(gt=0.0, le=LARGEST)]
+Friction = Annotated[float, Field(ge=0.0, le=10.0)]
+Lean = Annotated[float, Field(ge=-1.0, le=1.0)]
+PanelRow = Annotated[str, Field(pattern=r"^[#.]+$")]
+Point = tuple[Length, Length, Length]
+LEAST_RISE_M = 1e-3
+"""A step lower than this has no riser [m]."""
+
+
+@dataclass(frozen=True)
+class Terrain:
+    """Every patch there is, in order, and which of them a toe may stand on (risers, for one, are only in the way)."""
+
+    patches: tuple[Patch, ...]
+    footing: tuple[bool, ...]
+
+
+class TerrainSpec(BaseModel, ABC):
+    """What all kinds of terrain share: friction μ, and the answer to a path."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    friction: Friction = 1.0
+
+    @abstractmethod
+    def along(self, path_m: Array, folder: Path) -> Terrain:
+        """The terrain along a path, shape (L, 3) [m]; folder: where relative paths of files begin."""
+
+
+class PolygonSpec(BaseModel):
+    """One polygon: its corners in order; the normal by their order unless given; its own friction, where it has one."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    vertices_m: Annotated[list[Point], Field(min_length=3)]
+    normal: Point | None = None
+    shear_reference: Point | None = None
+    friction: Friction | None = None
+    footing: bool = True
+
+
+class Polygons(TerrainSpec):
+    """A list of convex polygons."""
+
+    kind: Literal["polygons"]
+    polygons: Annotated[list[PolygonSpec], Field(min_length=1)]
+
+    def along(self, path_m: Array, folder: Path) -> Terrain:
+        """The polygons, wherever the path goes."""
+        return Terrain(
+            tuple(self._patch(index, polygon) for index, polygon in enumerate(self.polygons)),
+            tuple(polygon.footing for polygon in self.polygons),
+        )
+
+    def _patch(self, index: int, polygon: PolygonSpec) -> Patch:
+        friction = self.friction if polygon.friction is None else polygon.friction
+        try:
+            if polygon.normal is None:
+                patch = surface_patch(np.array(polygon.vertices_m), friction)
+            else:
+                towards = np.mean(polygon.vertices_m, axis=0) + np.array(polygon.normal)
+                patch = surface_patch(np.array(polygon.vertices_m), friction, towards_m=towards)
+                patch = replace(patch, normal=np.array(polygon.normal))
+            if polygon.shear_reference is not None:
+                patch = replace(patch, shear_reference=np.array(polygon.shear_reference))
+        except InvalidInput as error:
+            raise InvalidInput(f"terrain.polygons[{index}].{error}") from None
+        return patch
+
+
+class MeshFile(TerrainSpec):
+    """A mesh file (STL, OBJ, PLY), its coplanar facets merged. unit_m: length of the file's unit; 0.001 for mm."""
+
+    kind: Literal["mesh"]
+    file: str
+    unit_m: Positive = 1.0
+    offset_m: Point = (0.0, 0.0, 0.0)
+
+    def along(self, path_m: Array, folder: Path) -> Terrain:
+        """The patches of the mesh, wherever the path goes."""
+        from ..terrain.mesh import read_mesh
+
+        patches = read_mesh(folder / self.file, unit_m=self.unit_m, offset_m=self.offset_m, friction=self.friction)
+        return Terrain(patches, (True,) * len(patches))
+
+
+class Flat(TerrainSpec):
+    """Level ground at z = 0. width_m: to each side of the path."""
+
+    kind: Literal["flat"]
+    width_m: Positive = 0.7
+
+    def along(self, path_m: Array, folder: Path) -> Terrain:
+        """One rectangle."""
+        low, high = path_m[:, 0].min() - BEYOND_M, path_m[:, 0].max() + BEYOND_M
+        return Terrain((_level(low, high, -self.width_m, self.width_m, 0.0, self.friction),), (True,))
+
+
+class Stairs(TerrainSpec):
+    """Level ground, then steps up along x. first_m: x of the first riser; rises_m: heights of the steps, repeated."""
+
+    kind: Literal["stairs"]
+    first_m: Length = 0.30
+    run_m: Positive = 0.26
+    rises_m: Annotated[list[Length], Field(min_length=1)] = [0.06]
+    width_m: Positive = 0.5
+
+    def along(self, path_m: Array, folder: Path) -> Terrain:
+        """Treads, on which to stand, and risers, in the way."""
+        end = path_m[:, 0].max() + BEYOND_M
+        count = max(0, int(np.ceil(min((end - self.first_m) / self.run_m, MOST_PATCHES))))
+        _check_size(2 * count)
+        start = min(path_m[:, 0].min() - BEYOND_M, self.first_m - 0.1)
+        patches = [_level(start, self.first_m if count else end, -self.width_m, self.width_m, 0.0, self.friction)]
+        footing, height = [True], 0.0
+        for step in range(count):
+            x, rise = self.first_m + step * self.run_m, self.rises_m[step % len(self.rises_m)]
+            if abs(rise) > LEAST_RISE_M:
+                patches.append(self._riser(x, height, height + rise))
+                footing.append(False)
+            height += rise
+            patches.append(_level(x, x + self.run_m, -self.width_m, self.width_m, height, self.friction))
+            footing.append(True)
+        return Terrain(tuple(patches), tuple(footing))
+
+    def _riser(self, x: float, low: float, high: float) -> Patch:
+        w, side = self.width_m, np.array([-1.0 if high > low else 1.0, 0.0, 0.0])
+        corners = np.array([(x, -w, low), (x, w, low), (x, w, high), (x, -w, high)])
+        return surface_patch(corners, self.friction, towards_m=corners.mean(axis=0) + side)
+
+
+class Walls(TerrainSpec):
+    """Two facing walls along x. apart_m: from the middle to each; lean_rad: of the left and the right, inward on top;
+    offset_m: the left and the right one's further distance."""
+
+    kind: Literal["walls"]
+    apart_m: Positive = 0.38
+    lean_rad: tuple[Lean, Lean] = (0.0, 0.0)
+    offset_m: tuple[Length, Length] = (0.0, 0.0)
+
+    def along(self, path_m: Array, folder: Path) -> Terrain:
+        """One tall rectangle a side."""
+        (low, high), (bottom, top) = _span(path_m[:, 0]), _span(path_m[:, 2])
+        patches = [self._panel(side, low, high, bottom, top, path_m[0], self.friction) for side in (0, 1)]
+        return Terrain(tuple(patches), (True, True))
+
+    def _panel(
+        self, side: int, low: float, high: float, bottom: float, top: float, about: Array, friction: float
+    ) -> Patch:
+        """A rectangle of the wall, x in [low, high], z in [bottom, top]; it leans about the height of the start."""
+        sign = (1.0, -1.0)[side]
+        slope = np.tan(self.lean_rad[side])
+
+        def corner(x: float, z: float) -> Point:
+            return x, sign * (self.apart_m + self.offset_m[side] - slope * (z - about[2])), z
+
+        corners = np.array([corner(low, bottom), corner(high, bottom), corner(high, top), corner(low, top)])
+        return surface_patch(corners, friction, towards_m=np.array([0.5 * (low + high), 0.0, 0.5 * (bottom + top)]))
+
+
+class IcyWalls(Walls):
+    """Two walls of square panels, some without friction. left, right: rows from the bottom up, ``#`` grips and ``.`` is
+    ice, one sign a panel along x; rows and signs are repeated. The panels' grid goes through the start."""
+
+    kind: Literal["icy-walls"]  # type: ignore[assignment]
+    panel_m: Positive = 0.30
+    left: Annotated[list[PanelRow], Field(min_length=1)]
+    right: Annotated[list[PanelRow], Field(min_length=1)]
+
+    def along(self, path_m: Array, folder: Path) -> Terrain:
+        """Panels row by row, left wall first."""
+        _check_size(2 * _count(path_m[:, 0], self.panel_m) * _count(path_m[:, 2], self.panel_m))
+        patches = []
+        columns, rows = (_grid(path_m[:, axis], path_m[0, axis], self.panel_m) for axis in (0, 2))
+        for side, pattern in enumerate((self.left, self.right)):
+            for row, bottom in enumerate(rows[:-1]):
+                signs = pattern[row % len(pattern)]
+                for column, low in enumerate(columns[:-1]):
+                    grips = signs[column % len(signs)] == "#"
+                    high, top = low + self.panel_m, bottom + self.panel_m
+                    friction = self.friction if grips else 0.0
+                    patches.append(self._panel(side, low, high, bottom, top, path_m[0], friction))
+        return Terrain(tuple(patches), (True,) * len(patches))
+
+
+class Tube(TerrainSpec):
+    """A vertical tube about the start, of rings of flat facets. leans_rad: of the facets, in turn, inward on top."""
+
+    kind: Literal["tube"]
+    radius_m: Positive = 0.40
+    sides: Annotated[int, Field(ge=3, le=64)] = 6
+    ring_m: Positive = 0.25
+    first_azimuth_rad: Length = np.pi / 6.0
+    leans_rad: Annotated[list[Lean], Field(min_length=1)] = [0.15, -0.1, 0.05, -0.15, 0.1]
+
+    def along(self, path_m: Array, folder: Path) -> Terrain:
+        """Rings from the bottom up, each facet a rectangle tangent to the tube at its middle."""
+        _check_size(self.sides * _count(path_m[:, 2], self.ring_m))
+        levels = _grid(path_m[:, 2], path_m[0, 2], self.ring_m)
+        patches = []
+        for index in range(self.sides * (len(levels) - 1)):
+            ring, side = divmod(index, self.sides)
+            azimuth = self.first_azimuth_rad + 2.0 * np.pi * side / self.sides
+            lean = self.leans_rad[index % len(self.leans_rad)]
+            patches.append(self._facet(path_m[0], azimuth, levels[ring] + 0.5 * self.ring_m, lean))
+        return Terrain(tuple(patches), (True,) * len(patches))
+
+    def _facet(self, about: Array, azimuth: float, height: float, lean: float) -> Patch:
+        out = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        along, up = np.array([-out[1], out[0], 0.0]), np.array([0.0, 0.0, 1.0])
+        centre = np.array([about[0], about[1], height]) + self.radius_m * out
+        half_width = self.radius_m * np.tan(np.pi / self.sides)
+        rise = 0.5 * self.ring_m * (np.cos(lean) * up - np.sin(lean) * out)
+        signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+        corners = np.array([centre + s * half_width * along + t * rise for s, t in signs])
+        return surface_patch(corners, self.friction, towards_m=centre - out)
+
+
+class GroundToWall(Walls):
+    """Level ground at z = 0 between two walls that stand on it."""
+
+    kind: Literal["ground-to-wall"]  # type: ignore[assignment]
+
+    def along(self, path_m: Array, folder: Path) -> Terrain:
+        """The ground, then the left wall, then the right one."""
+        (low, high), (_, top) = _span(path_m[:, 0]), _span(path_m[:, 2])
+        base = np.array([0.0, 0.0, 0.0])
+        left, right = (self.apart_m + self.offset_m[side] for side in (0, 1))
+        patches = [_level(low, high, -right, left, 0.0, self.friction)]
+        patches += [self._panel(side, low, high, 0.0, top, base, self.friction) for side in (0, 1)]
+        return Terrain(tuple(patches), (True,) * 3)
+
+
+AnyTerrain = Annotated[
+    Polygons | MeshFile | Flat | Stairs | Walls | IcyWalls | Tube | GroundToWall, Field(discriminator="kind")
+]
+
+
+def _level(low: float, high: float, right: float, left: float, height: float, friction: float) -> Patch:
+    corners = np.array([(low, right, height), (high, right, height), (high, left, height), (low, left, height)])
+    return surface_patch(corners, friction)
+
+
+def _span(values: Array) -> tuple[float, float]:
+    return float(values.min()) - BEYOND_M, float(values.max()) + BEYOND_M
+
+
+def _grid(values: Array, through: float, spacing: float) -> Array:
+    """Lines a spacing apart, one of them half a spacing off ``through``, from below the values to above them."""
+    low, high = _span(values)
+    first = np.floor((low - through) / spacing - 0.5)
+    last = np.ceil((high - through) / spacing - 0.5)
+    return np.asarray(through + (np.arange(first, last + 1) + 0.5) * spacing)
+
+
+def _count(values: Array, spacing: float) -> int:
+    """How many pieces such a grid has, or up to two fewer."""
+    low, high = _span(values)
+    return int(min((high - low) / spacing, MOST_PATCHES + 1.0))
+
+
+def _check_size(patches: int) -> None:
+    if patches > MOST_PATCHES:
+        raise InvalidInput(f"terrain: expected at most {MOST_PATCHES} patches along the path, got more")

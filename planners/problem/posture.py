@@ -1,0 +1,215 @@
+"""The posture problem (paper E §II), the currency of contact planning, and its JSON form ``stancekit/posture/1``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal, cast
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, frozen, gathered
+from ..files.refusals import refusals
+from ..robot.model import Robot, hexapod
+from ..terrain.patch import Patch
+
+FORMAT = "stancekit/posture/1"
+GRAVITY_M_S2 = 9.81
+TILT_LIMIT_RAD = 0.2618  # 15°, the range of the linearised rotation (paper E §II)
+UP = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contact:
+    """One limb on one patch.
+
+    shoulder_m: shoulder in the body frame, shape (3,) [m]; reach_m: workspace radius [m];
+    force_min, force_max: bounds on (f_n, f_y, f_z), in units of the problem's force scale, shape (3,).
+    """
+
+    leg: str
+    shoulder_m: Array
+    reach_m: float
+    patch: Patch
+    force_min: Array
+    force_max: Array
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        gathered(
+            lambda: put(self, "shoulder_m", frozen(self.shoulder_m, (3,), "shoulder_m")),
+            lambda: put(self, "reach_m", checked(self.reach_m, "reach_m", above=0.0)),
+            lambda: put(self, "force_min", frozen(self.force_min, (3,), "force_min")),
+            lambda: put(self, "force_max", frozen(self.force_max, (3,), "force_max")),
+        )
+        if np.any(self.force_min > self.force_max):
+            raise InvalidInput(
+                f"force_min: expected at most force_max {self.force_max.tolist()}, got {self.force_min.tolist()}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PostureProblem:
+    """Can the robot hold still with these limbs on these patches, and how?
+
+    Unknown are the centre of mass c, a small body rotation Θ, a toe on every patch and a force at every toe.
+    com_nominal_m: shape (3,) [m]; force_scale_n, length_scale_m: characteristic quantities of eqs. 3 and 4.
+    """
+
+    contacts: tuple[Contact, ...]
+    mass_kg: float
+    com_nominal_m: Array
+    com_radius_m: float
+    gravity_m_s2: float = GRAVITY_M_S2
+    force_scale_n: float | None = None
+    length_scale_m: float = 0.6
+    tilt_limit_rad: float = TILT_LIMIT_RAD
+
+    def __post_init__(self) -> None:
+        if not self.contacts:
+            raise InvalidInput("contacts: expected one or more, got none")
+        legs = [contact.leg for contact in self.contacts]
+        if len(set(legs)) != len(legs):
+            raise InvalidInput(f"contacts: expected every leg once, got {legs}")
+        put = object.__setattr__
+        put(self, "contacts", tuple(self.contacts))
+        body = {name: getattr(self, name) for name in _BODY}
+        for name, value in _checked_body(**body).items():
+            put(self, name, value)
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """Names of the limbs in contact, in the order of the contacts."""
+        return tuple(contact.leg for contact in self.contacts)
+
+    @property
+    def weight_n(self) -> float:
+        """m·g [N]."""
+        return self.mass_kg * self.gravity_m_s2
+
+    @property
+    def moment_scale_nm(self) -> float:
+        """Unit of the non-dimensional moment: force scale times length scale [Nm]."""
+        assert self.force_scale_n is not None
+        return self.force_scale_n * self.length_scale_m
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the problem in its JSON form; ``from_json`` gives it back to the last bit."""
+        return {
+            "format": FORMAT,
+            "mass_kg": self.mass_kg,
+            "gravity_m_s2": self.gravity_m_s2,
+            "force_scale_n": self.force_scale_n,
+            "length_scale_m": self.length_scale_m,
+            "com_nominal_m": self.com_nominal_m.tolist(),
+            "com_radius_m": self.com_radius_m,
+            "tilt_limit_rad": self.tilt_limit_rad,
+            "contacts": [
+                {
+                    "leg": contact.leg,
+                    "shoulder_m": contact.shoulder_m.tolist(),
+                    "reach_m": contact.reach_m,
+                    "vertices_m": contact.patch.vertices_m.tolist(),
+                    "normal": contact.patch.normal.tolist(),
+                    "shear_reference": contact.patch.shear_reference.tolist(),
+                    "friction": contact.patch.friction,
+                    "force_min": contact.force_min.tolist(),
+                    "force_max": contact.force_max.tolist(),
+                }
+                for contact in self.contacts
+            ],
+        }
+
+    @classmethod
+    def from_json(cls, data: Mapping[str, Any], *, robot: Robot | None = None) -> PostureProblem:
+        """Read the JSON form; legs must be limbs of ``robot`` (default: the hexapod).
+
+        Raises InvalidInput whose message lists every key that is wrong, separated by "; ".
+        """
+        if not isinstance(data, Mapping):
+            raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
+        try:
+            raw = _PostureJson.model_validate(data)
+        except ValidationError as error:
+            raise InvalidInput("; ".join(refusals(error))) from None
+        known, contacts = robot or hexapod(), list[Contact]()
+        body = raw.model_dump(exclude={"format", "contacts"})
+        gathered(
+            *(lambda i=i, item=item: contacts.append(_contact(item, i, known)) for i, item in enumerate(raw.contacts)),
+            lambda: _checked_body(**body),
+        )
+        return cls(contacts=tuple(contacts), **body)
+
+
+_BODY = (
+    "mass_kg", "gravity_m_s2", "force_scale_n", "length_scale_m", "com_nominal_m", "com_radius_m", "tilt_limit_rad"
+)  # fmt: skip
+
+
+def _checked_body(**values: Any) -> dict[str, Any]:
+    """The numbers of a problem without its contacts. Raises InvalidInput with everything that is wrong with them."""
+    found: dict[str, Any] = {}
+
+    def number(name: str, **limits: float) -> None:
+        found[name] = checked(values[name], name, **limits)
+
+    gathered(
+        lambda: number("mass_kg", above=0.0),
+        lambda: number("gravity_m_s2", above=0.0),
+        lambda: number("length_scale_m", above=0.0),
+        lambda: found.update(com_nominal_m=frozen(values["com_nominal_m"], (3,), "com_nominal_m")),
+        lambda: number("com_radius_m", least=0.0),
+        lambda: number("tilt_limit_rad", least=0.0, most=0.5 * np.pi),
+        lambda: None if values["force_scale_n"] is None else number("force_scale_n", above=0.0),
+    )
+    if values["force_scale_n"] is None:
+        found["force_scale_n"] = found["mass_kg"] * found["gravity_m_s2"]
+    return found
+
+
+def _contact(item: _ContactJson, index: int, robot: Robot) -> Contact:
+    """One contact of the JSON form. Raises InvalidInput with everything that is wrong with it."""
+    surface = item.model_dump(include={"vertices_m", "normal", "shear_reference", "friction"})
+    rest = item.model_dump(include={"leg", "shoulder_m", "reach_m", "force_min", "force_max"})
+    patches = list[Patch]()
+    wrong = []
+    for check in (
+        lambda: robot.select([item.leg]),
+        lambda: patches.append(Patch(**surface)),
+        lambda: Contact(patch=cast(Patch, patches[:1]), **rest),  # the limb's own numbers, whatever the patch
+    ):
+        try:
+            check()
+        except InvalidInput as error:
+            wrong += str(error).split("; ")
+    if wrong:
+        raise InvalidInput("; ".join(f"contacts[{index}].{text}" for text in wrong))
+    return Contact(patch=patches[0], **rest)
+
+
+class _ContactJson(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+    leg: str
+    shoulder_m: list[float]
+    reach_m: float
+    vertices_m: list[list[float]]
+    normal: list[float]
+    shear_reference: list[float]
+    friction: float
+    force_min: list[float]
+    force_max: list[float]
+
+
+class _PostureJson(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+    format: Literal["stancekit/posture/1"]
+    mass_kg: float
+    gravity_m_s2: float
+    force_scale_n: float
+    length_scale_m: float
+    com_nominal_m: list[float]
+    com_radius_m: float
+    tilt_limit_rad: float
+    contacts: list[_ContactJson] = Field(min_length=1)

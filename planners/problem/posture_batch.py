@@ -1,0 +1,110 @@
+"""Posture problems in batches: one robot on B sets of patches, as arrays, validated at once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, frozen
+from ..terrain.patch import contact_frames, polygon_defect
+from .posture import PostureProblem
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PostureBatch:
+    """B problems that differ from ``like`` in their patches alone; ``problem`` gives one of them.
+
+    like: body, limbs, limits, and the shear references of the patches, N contacts.
+    vertices_m: v_u in the world, shape (B, N, U, 3) [m]; normals: unit, shape (B, N, 3); friction: μ ≥ 0, shape (B, N).
+    Raises InvalidInput, under the rules of ``Patch``, for the first patch that is none.
+    """
+
+    like: PostureProblem
+    vertices_m: Array
+    normals: Array
+    friction: Array
+
+    def __post_init__(self) -> None:
+        count = len(self.like.contacts)
+        put = object.__setattr__
+        put(self, "vertices_m", frozen(self.vertices_m, (None, count, None, 3), "vertices_m"))
+        put(self, "normals", frozen(self.normals, (len(self), count, 3), "normals"))
+        put(self, "friction", frozen(self.friction, (len(self), count), "friction"))
+        if self.vertices_m.shape[2] < 3:
+            raise InvalidInput(f"vertices_m: expected 3 or more vertices a patch, got {self.vertices_m.shape[2]}")
+        along = np.abs(np.vecdot(self.normals, self.shear_references)) > 1.0 - 5e-7
+        for wrong, text in (
+            (np.abs(np.vecdot(self.normals, self.normals) - 1.0) > 1e-12, "normal: expected a unit vector"),
+            (along, "shear_reference: expected a direction not along the normal"),
+            (self.friction < 0.0, "friction: expected 0 or more"),
+        ):
+            if wrong.any():
+                raise InvalidInput(f"{self._where(int(wrong.argmax()))}.{text}")
+        size = len(self) * count
+        defect = polygon_defect(
+            self.vertices_m.reshape(size, *self.vertices_m.shape[2:]), self.frames.reshape(size, 3, 3)
+        )
+        if defect:
+            raise InvalidInput(f"{self._where(defect[0])}.{defect[1]}")
+
+    def __len__(self) -> int:
+        return len(self.vertices_m)
+
+    @property
+    def shear_references(self) -> Array:
+        """Of the contacts' patches, shape (N, 3)."""
+        return np.array([contact.patch.shear_reference for contact in self.like.contacts])
+
+    @cached_property
+    def frames(self) -> Array:
+        """R_WC of every patch, columns n, y = z × n, z (eq. 3), shape (B, N, 3, 3)."""
+        frames = contact_frames(self.normals, np.broadcast_to(self.shear_references, self.normals.shape))
+        frames.setflags(write=False)
+        return frames
+
+    def problem(self, index: int) -> PostureProblem:
+        """One of the problems. It is not validated again, and its arrays are views into the batch's."""
+        contacts = []
+        for i, contact in enumerate(self.like.contacts):
+            patch = _with(
+                contact.patch,
+                vertices_m=self.vertices_m[index, i],
+                normal=self.normals[index, i],
+                friction=float(self.friction[index, i]),
+                frame=self.frames[index, i],
+            )
+            contacts.append(_with(contact, patch=patch))
+        return _with(self.like, contacts=tuple(contacts))
+
+    @cached_property
+    def problems(self) -> tuple[PostureProblem, ...]:
+        """All of them."""
+        return tuple(self.problem(index) for index in range(len(self)))
+
+    def select(self, chosen: NDArray[np.intp]) -> PostureBatch:
+        """These problems as a batch, not validated again. chosen: shape (K,)."""
+        parts = {name: getattr(self, name)[chosen] for name in ("vertices_m", "normals", "friction", "frames")}
+        for part in parts.values():
+            part.setflags(write=False)
+        some = _with(self, **parts)
+        vars(some).pop("problems", None)
+        return some
+
+    def _where(self, flat: int) -> str:
+        """The name of a patch."""
+        return "problems[{}].contacts[{}]".format(*divmod(flat, len(self.like.contacts)))
+
+
+def _with(value: Value, **changes: Any) -> Value:
+    """A copy of a value class with other fields, which have been validated before."""
+    copy = object.__new__(type(value))
+    vars(copy).update(vars(value))
+    vars(copy).update(changes)
+    return copy

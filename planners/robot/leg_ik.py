@@ -1,0 +1,173 @@
+"""Closed-form postures of one limb: yaw, hip and roll make a ball at the shoulder, the knee sets the distance.
+
+Four joints have one more than a foot's position needs: the knee can turn around the line from shoulder to foot. This
+family of postures gives ``kinematics`` its seeds and what it is drawn to; it never believes them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ..files.arrays import Array
+from ..terrain.prism import Solid
+from .model import Robot
+from .rotation import rotation_of
+from .urdf import Servo, link_lengths, outward_rad
+
+Clearance = Callable[[Array], Array]
+SWIVELS_RAD = np.linspace(0.0, 2.0 * np.pi, 121)[:-1]
+"""Where the knee may be around the line from shoulder to foot."""
+MARGIN_RAD = 0.15
+SHANK = np.array([0.0, 0.25, 0.5, 0.75, 0.88])
+CLEARANCE_M = np.array([0.03, 0.03, 0.03, 0.026, 0.018])
+"""Points of the shank, as shares of it from the knee, and how far they should keep off the terrain: the last are near
+the foot's own surface."""
+COMFORT = {
+    "approach": 1.0,  # shank not along the approach
+    "up": 0.4,  # knee not above the shoulder
+    "yaw": 0.15,
+    "roll": 0.15,
+    "near": 0.4,  # far from the posture before
+    "limits": 400.0,  # closer than MARGIN_RAD to a limit
+    "beyond": 1e6,  # a limit
+    "clear": 30000.0,  # closer to the terrain than CLEARANCE_M
+    "steep": 60.0,  # thigh nearly along the axis of yaw
+}
+"""Weights of a posture's discomfort."""
+STEEP = 0.9
+
+
+def limb_posture(
+    lengths: Array,
+    target: Array,
+    approach: Array,
+    servo: Servo,
+    *,
+    near: Array | None = None,
+    clearance: Clearance | None = None,
+) -> Array:
+    """The most comfortable posture that puts the foot at ``target``, or the closest to it, shape (4,) [rad].
+
+    lengths: thigh and shank, shape (2,) [m]. target: foot's centre in the limb's frame (x outward, z the body's), shape
+    (3,) [m]. approach: unit vector in the same frame along which the foot should come, into the surface; zeros where it
+    does not matter. near: a posture to stay close to, shape (4,). clearance: how far points of the limb's frame, shape
+    (K, 3), are from the terrain, shape (K,) [m].
+    """
+    family, cost = discomforts(lengths, target, approach, servo, near=near, clearance=clearance)
+    return np.asarray(family[np.argmin(cost)])
+
+
+def discomforts(
+    lengths: Array,
+    target: Array,
+    approach: Array,
+    servo: Servo,
+    *,
+    near: Array | None = None,
+    clearance: Clearance | None = None,
+) -> tuple[Array, Array]:
+    """The family of postures within the limits, shape (K, 4) [rad], and how uncomfortable each is, shape (K,).
+
+    Arguments as of ``limb_posture``.
+    """
+    family = swivels(lengths, target)
+    cost = _discomfort(family, approach, servo, near)
+    if clearance is not None:
+        points = links(lengths, family)
+        short = np.maximum(CLEARANCE_M - clearance(points.reshape(-1, 3)).reshape(len(family), -1), 0.0)
+        cost = cost + COMFORT["clear"] * np.sum(short**2, axis=1)
+    return np.clip(family, servo.lower_rad, servo.upper_rad), cost
+
+
+def limb_postures(
+    robot: Robot,
+    servo: Servo,
+    feet: Array,
+    approach: Array,
+    *,
+    near: Array | None,
+    pose: tuple[Array, Array],
+    obstacles: Sequence[Solid],
+) -> Array:
+    """The most comfortable postures of all limbs, shape (J,) [rad].
+
+    feet, approach: as in ``limb_posture``, in the body frame, shape (N, 3). near: shape (N, 4). pose: of the body in
+    the world, where the obstacles are: its origin, shape (3,) [m], and R_WB.
+    """
+    origin, turn = pose
+    found = list[Array]()
+    for i, limb in enumerate(robot.limbs):
+        frame, shoulder = rotation_of([0.0, 0.0, outward_rad(limb)]), origin + turn @ limb.shoulder_m
+        close = [solid for solid in obstacles if solid.distance(shoulder[None])[0] < 1.3 * limb.reach_m]
+        posture = limb_posture(
+            link_lengths(limb), frame.T @ (feet[i] - limb.shoulder_m), frame.T @ approach[i], servo,
+            near=None if near is None else near[i],
+            clearance=clearance_of(shoulder, turn @ frame, close) if close else None,
+        )  # fmt: skip
+        found.append(posture)
+    return np.concatenate(found)
+
+
+def swivels(lengths: Array, target: Array) -> Array:
+    """The postures that reach ``target``, or come closest to it, one for each of SWIVELS_RAD, shape (K, 4)."""
+    thigh, shank = lengths
+    far = max(float(np.linalg.norm(target)), 1e-6)
+    distance = min(max(far, abs(thigh - shank) + 1e-6), thigh + shank - 1e-6)
+    along = target / far
+    aside = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
+    aside = aside / np.linalg.norm(aside)
+    ahead = (thigh**2 + distance**2 - shank**2) / (2.0 * distance)
+    wide = np.sqrt(max(thigh**2 - ahead**2, 0.0))
+    ring = np.outer(np.cos(SWIVELS_RAD), aside) + np.outer(np.sin(SWIVELS_RAD), np.cross(along, aside))
+    knees = ahead * along + wide * ring
+    upper, lower = knees / thigh, (distance * along - knees) / shank
+    yaw, hip = np.arctan2(upper[:, 1], upper[:, 0]), -np.arcsin(np.clip(upper[:, 2], -1.0, 1.0))
+    across = lower[:, 1] * np.cos(yaw) - lower[:, 0] * np.sin(yaw)  # of the shank, in the thigh's frame
+    above = np.sin(hip) * (lower[:, 0] * np.cos(yaw) + lower[:, 1] * np.sin(yaw)) + np.cos(hip) * lower[:, 2]
+    bend = np.arccos(np.clip((distance**2 - thigh**2 - shank**2) / (2.0 * thigh * shank), -1.0, 1.0))
+    return np.column_stack([yaw, hip, np.arctan2(across, -above), np.full_like(yaw, bend)])
+
+
+def links(lengths: Array, family: Array) -> Array:
+    """Points along the shank, but for its end, which is near the surface, shape (K, 5, 3) [m]."""
+    upper, lower = directions(family)
+    knees = lengths[0] * upper
+    return np.asarray(knees[:, None] + SHANK[:, None] * lengths[1] * lower[:, None])
+
+
+def directions(family: Array) -> tuple[Array, Array]:
+    """Unit vectors along thigh and shank in the limb's frame, shape (K, 3) each, for angles of shape (K, 4)."""
+    (cy, ch, cr, ck), (sy, sh, sr, sk) = np.cos(family).T, np.sin(family).T
+    upper = np.column_stack([cy * ch, sy * ch, -sh])
+    out, across, above = ck * ch - sk * cr * sh, sk * sr, -ck * sh - sk * cr * ch
+    return upper, np.column_stack([cy * out - sy * across, sy * out + cy * across, above])
+
+
+def _discomfort(family: Array, approach: Array, servo: Servo, near: Array | None) -> Array:
+    upper, lower = directions(family)
+    over = np.maximum(family - np.array(servo.upper_rad) + MARGIN_RAD, 0.0)
+    under = np.maximum(np.array(servo.lower_rad) + MARGIN_RAD - family, 0.0)
+    cost = (
+        -COMFORT["approach"] * lower @ approach
+        - COMFORT["up"] * upper[:, 2]
+        + COMFORT["yaw"] * family[:, 0] ** 2
+        + COMFORT["roll"] * family[:, 2] ** 2
+        + COMFORT["limits"] * np.sum(over**2 + under**2, axis=1)
+        + COMFORT["beyond"] * np.any(np.maximum(over, under) > MARGIN_RAD, axis=1)
+        + COMFORT["steep"] * np.maximum(np.abs(upper[:, 2]) - STEEP, 0.0) ** 2
+    )
+    if near is not None:
+        cost = cost + COMFORT["near"] * np.sum((family - near) ** 2, axis=1)
+    return np.asarray(cost)
+
+
+def clearance_of(origin: Array, frame: Array, solids: Sequence[Solid]) -> Clearance:
+    """Distance from the nearest solid of points in a frame."""
+
+    def distance(points: Array) -> Array:
+        world = origin + points @ frame.T
+        return np.asarray(np.min([solid.distance(world) for solid in solids], axis=0))
+
+    return distance

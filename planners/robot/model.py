@@ -1,0 +1,72 @@
+"""What a planner needs to know of a robot: its mass, and where its limbs begin and how far they reach."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, checked_name, frozen
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Limb:
+    """One limb: its shoulder in the body frame (paper E's v, eq. 11) and the radius of its spherical workspace.
+
+    shoulder_m: p_BS, shape (3,) [m]; reach_m: Δ_FK of eq. 11 [m].
+    """
+
+    name: str
+    shoulder_m: Array
+    reach_m: float
+
+    def __post_init__(self) -> None:
+        checked_name(self.name, "limb name")
+        object.__setattr__(self, "shoulder_m", frozen(self.shoulder_m, (3,), f"limb {self.name}: shoulder_m"))
+        object.__setattr__(self, "reach_m", checked(self.reach_m, f"limb {self.name}: reach_m", above=0.0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Robot:
+    """A body with point-contact limbs; its centre of mass stays at the body's origin (paper E §II)."""
+
+    name: str
+    mass_kg: float
+    limbs: tuple[Limb, ...]
+
+    def __post_init__(self) -> None:
+        checked_name(self.name, "robot name")
+        object.__setattr__(self, "mass_kg", checked(self.mass_kg, f"robot {self.name}: mass_kg", above=0.0))
+        names = [limb.name for limb in self.limbs]
+        if len(set(names)) != len(names) or not names:
+            raise InvalidInput(f"robot {self.name}: expected one or more limbs of different names, got {names}")
+
+    @property
+    def limb_names(self) -> tuple[str, ...]:
+        """Names of the limbs, in the robot's order."""
+        return tuple(limb.name for limb in self.limbs)
+
+    def select(self, names: Sequence[str]) -> tuple[Limb, ...]:
+        """Return the limbs of these names, in this order. Raises InvalidInput for a name the robot does not have."""
+        by_name = {limb.name: limb for limb in self.limbs}
+        for name in names:
+            if name not in by_name:
+                raise InvalidInput(f"leg: expected one of {', '.join(by_name)}, got {name!r}")
+        return tuple(by_name[name] for name in names)
+
+
+def hexapod() -> Robot:
+    """The default robot: six four-joint limbs on a hexagon of 0.18 m, 10 kg, 0.35 m of reach (paper E §IV-B)."""
+    radius_m, reach_m = 0.18, 0.35
+    azimuth_deg = {"LF": 30.0, "LM": 90.0, "LR": 150.0, "RF": -30.0, "RM": -90.0, "RR": -150.0}
+    limbs = tuple(
+        Limb(
+            name=name,
+            shoulder_m=radius_m * np.array([np.cos(np.deg2rad(deg)), np.sin(np.deg2rad(deg)), 0.0]),
+            reach_m=reach_m,
+        )
+        for name, deg in azimuth_deg.items()
+    )
+    return Robot(name="hexapod", mass_kg=10.0, limbs=limbs)

@@ -1,0 +1,122 @@
+"""Stretches of a course, planned one after the other: what a planner with a shorter horizon is asked, and the walk that
+its answers make together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..answer.plan import Plan
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..problem.course import Course, Placement
+from ..terrain.patch import Patch
+
+STANDING_M = 1e-4
+"""How far the COM of a robot that stands may be taken from where it is [m]: there a plan may lie on the very border of
+what holds."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Standing:
+    """Where a robot stands at a key frame.
+
+    com_m, rotation_rad: shape (3,); toes_m: shape (N, 3) [m], each on the patch of the same index.
+    """
+
+    com_m: Array
+    rotation_rad: Array
+    toes_m: Array
+    patches: tuple[Patch, ...]
+
+    @classmethod
+    def at_end(cls, plan: Plan) -> Standing:
+        """Where a plan ends."""
+        return cls(
+            com_m=plan.com_m[-1],
+            rotation_rad=plan.rotation_rad[-1],
+            toes_m=plan.toes_at(plan.course.frames - 1),
+            patches=tuple(plan.course.patch(int(index), plan.choice) for index in plan.course.holds[-1]),
+        )
+
+
+def course_window(course: Course, first: int, last: int, standing: Standing | None = None) -> Course:
+    """Key frames ``first`` to ``last`` of a course, as a course.
+
+    standing: the robot at frame ``first``, whose toes stay; without it toes and COM are free there as in the course,
+    and ``first`` is 0. The goal is the course's at its end, else the nominal COM at ``last``. The least progress is
+    asked for as far as a body that stands off its nominal path can make it.
+    Raises InvalidInput for frames that there are not.
+    """
+    if not 0 <= first <= last < course.frames or (standing is None and first > 0):
+        raise InvalidInput(f"window: expected frames within 0 to {course.frames - 1}, got {first} to {last}")
+    window, ends = slice(first, last + 1), last == course.frames - 1
+    com_m, radius_m = np.array(course.com_nominal_m[window]), np.array(course.com_radius_m[window])
+    begun = [placement for placement in course.placements if placement.frame == 0]
+    steps = course.steps
+    if standing is not None:
+        com_m[0], radius_m[0] = standing.com_m, STANDING_M
+        steps = replace(steps, progress_m=min(steps.progress_m, _room(course, first, com_m, radius_m)))
+        each = zip(course.robot.limb_names, standing.toes_m, standing.patches, strict=True)
+        begun = [Placement(limb=limb, frame=0, candidates=(patch,), toe_m=toe) for limb, toe, patch in each]
+    kept = [
+        replace(placement, frame=placement.frame - first)
+        for placement in course.placements
+        if first < placement.frame <= last
+    ]
+    return replace(
+        course,
+        placements=(*begun, *kept),
+        lifts=((), *course.lifts[first + 1 : last + 1]),
+        next_lift=course.next_lift if ends else course.lifts[last + 1],
+        com_nominal_m=com_m,
+        com_radius_m=radius_m,
+        goal_m=course.goal_m if ends else course.com_nominal_m[last],
+        steps=steps,
+        modes=None if course.modes is None else course.modes[window],
+    )
+
+
+def _room(course: Course, first: int, com_m: Array, radius_m: Array) -> float:
+    """How far the first step can go along its line [m]; 0 where the body stands ahead of where it should go next."""
+    if len(com_m) < 2:
+        return np.inf
+    step = com_m[1] - com_m[0]
+    return float(np.linalg.norm(step) + radius_m[1]) if step @ course.direction(first + 1) > 0.0 else 0.0
+
+
+def joined(course: Course, plans: Sequence[Plan]) -> Plan:
+    """The plans of neighbouring windows as one plan of the course, or of its beginning where they stop earlier.
+
+    plans: of windows from frame 0 on, each but the first begun from where the last one ended; what they say of their
+    own first frames is left out. The first may be of frame 0 alone.
+    """
+    names = course.robot.limb_names
+    com, rotation = [plans[0].com_m], [plans[0].rotation_rad]
+    toes, choice = dict[tuple[int, str], Array](), dict[tuple[int, str], int]()
+    forces, first = dict[tuple[int, tuple[int, ...]], Array](), 0
+    for number, plan in enumerate(plans):
+        for index, placement in enumerate(plan.course.placements):
+            if placement.frame > 0 or number == 0:
+                toes[first + placement.frame, placement.limb] = plan.toes_m[index]
+                choice[first + placement.frame, placement.limb] = int(plan.choice[index])
+        for index, stance in enumerate(plan.course.stances):
+            if stance.frame > 0 or number == 0:
+                forces[first + stance.frame, stance.limbs] = plan.forces_n[index]
+        if number:
+            com.append(plan.com_m[1:])
+            rotation.append(plan.rotation_rad[1:])
+        first += plan.course.frames - 1
+    whole = course_window(course, 0, first)
+    order = [(placement.frame, placement.limb) for placement in whole.placements]
+    return Plan(
+        course=whole,
+        com_m=np.vstack(com),
+        rotation_rad=np.vstack(rotation),
+        toes_m=np.array([toes[key] for key in order]),
+        choice=np.array([choice[key] for key in order]),
+        forces_n=np.array([forces[stance.frame, stance.limbs] for stance in whole.stances]).reshape(-1, len(names), 3),
+        provenance={"windows": len(plans)},
+    )

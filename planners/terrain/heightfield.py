@@ -1,0 +1,255 @@
+"""Height fields h(x, y): terrain as a bicubic C² spline, with exact derivatives (paper W §III-B, after eq. 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, frozen
+from .bspline import CubicBasis
+
+if TYPE_CHECKING:
+    import casadi as ca
+
+FEWEST = 4
+"""Grid lines along each axis that a bicubic spline needs."""
+WIDEST_M = 200.0
+"""No terrain of a legged robot spans more [m]; one that does is a file in millimetres."""
+MOST_POINTS = 4_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class HeightField:
+    """Terrain heights on a rectilinear grid, interpolated by a natural bicubic spline.
+
+    x_m: shape (n,) and y_m: shape (m,), increasing [m]; heights_m: shape (n, m), h at (x_i, y_j) [m]; name: what the
+    terrain is called in messages. C² everywhere: beyond the grid the surface goes on along straight lines.
+    Raises InvalidInput for fewer than four grid lines, a hole (NaN), and for more than 200 m along an axis.
+    """
+
+    x_m: Array
+    y_m: Array
+    heights_m: Array
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        where = self.name or "terrain"
+        for axis in ("x_m", "y_m"):
+            object.__setattr__(self, axis, _grid_lines(getattr(self, axis), f"{where}: {axis}"))
+        heights = np.asarray(self.heights_m)
+        shape = (len(self.x_m), len(self.y_m))
+        if heights.size > MOST_POINTS:
+            raise InvalidInput(f"{where}: expected {MOST_POINTS} grid points or fewer, got {heights.size}")
+        if heights.ndim == 2 and heights.dtype.kind == "f" and not np.all(np.isfinite(heights)):
+            raise InvalidInput(_hole(heights, f"{where}: heights_m"))
+        object.__setattr__(self, "heights_m", frozen(heights, shape, f"{where}: heights_m"))
+
+    @property
+    def domain_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
+        """((x0, x1), (y0, y1)), the span of the grid [m]."""
+        return (float(self.x_m[0]), float(self.x_m[-1])), (float(self.y_m[0]), float(self.y_m[-1]))
+
+    @property
+    def even(self) -> bool:
+        """Whether the grid lines are equally far apart along each axis."""
+        return all(float(np.ptp(np.diff(line))) <= 1e-6 * float(line[1] - line[0]) for line in (self.x_m, self.y_m))
+
+    def contains(self, xy: Array) -> Any:
+        """Whether points, shape (…, 2) [m], lie on the grid's domain, shape (…)."""
+        (x0, x1), (y0, y1) = self.domain_m
+        xy = np.asarray(xy, dtype=np.float64)
+        return (xy[..., 0] >= x0) & (xy[..., 0] <= x1) & (xy[..., 1] >= y0) & (xy[..., 1] <= y1)
+
+    @cached_property
+    def _bases(self) -> tuple[CubicBasis, CubicBasis]:
+        return CubicBasis.over(self.x_m), CubicBasis.over(self.y_m)
+
+    @cached_property
+    def _coefficients(self) -> Array:
+        """Control points, shape (n + pads, m + pads) [m]."""
+        along_x, along_y = self._bases
+        half = along_x.interpolate(self.x_m, self.heights_m)
+        return np.ascontiguousarray(along_y.interpolate(self.y_m, half.T).T)
+
+    @property
+    def spline(self) -> tuple[Array, tuple[Array, Array]]:
+        """Control points, component first, shape (1, n + pads, m + pads) [m], and the knots along x and y [m]."""
+        along_x, along_y = self._bases
+        return self._coefficients[None], (along_x.knots, along_y.knots)
+
+    def _derivatives(self, xy: Array, orders: tuple[tuple[int, int], ...]) -> list[Array]:
+        """∂^(a+b) h / ∂x^a ∂y^b at points, shape (…, 2), one array of shape (…) for each (a, b)."""
+        xy = np.asarray(xy, dtype=np.float64)
+        flat = xy.reshape(-1, 2)
+        highest = max(max(pair) for pair in orders)
+        (i, along_x), (j, along_y) = (
+            basis.weights(np.ascontiguousarray(flat[:, k]), highest) for k, basis in enumerate(self._bases)
+        )
+        width = self._coefficients.shape[1]
+        first = i * width + j
+        offsets = (width * np.arange(4)[:, None] + np.arange(4)).ravel()
+        near = self._coefficients.ravel()[first[:, None] + offsets].reshape(-1, 4, 4)
+        rows = {b: np.matmul(near, along_y[b][:, :, None])[:, :, 0] for b in {pair[1] for pair in orders}}
+        return [np.einsum("ni,ni->n", rows[b], along_x[a]).reshape(xy.shape[:-1]) for a, b in orders]
+
+    def height(self, xy: Array) -> Array:
+        """The height at points, shape (…, 2) [m] → (…) [m]."""
+        return self._derivatives(xy, ((0, 0),))[0]
+
+    def gradient(self, xy: Array) -> Array:
+        """∇h, shape (…, 2) → (…, 2)."""
+        return np.stack(self._derivatives(xy, ((1, 0), (0, 1))), axis=-1)
+
+    def height_and_gradient(self, xy: Array) -> tuple[Array, Array]:
+        """The height and ∇h by one look-up, shape (…, 2) → (…), (…, 2)."""
+        value, *slopes = self._derivatives(xy, ((0, 0), (1, 0), (0, 1)))
+        return value, np.stack(slopes, axis=-1)
+
+    def hessian(self, xy: Array) -> Array:
+        """∇²h, shape (…, 2) → (…, 2, 2) [1/m]."""
+        xx, mixed, yy = self._derivatives(xy, ((2, 0), (1, 1), (0, 2)))
+        return np.stack([np.stack([xx, mixed], axis=-1), np.stack([mixed, yy], axis=-1)], axis=-2)
+
+    def normal(self, xy: Array) -> Array:
+        """Upward unit normal (−∇h, 1)/‖·‖ (paper W, after eq. 5), shape (…, 2) → (…, 3)."""
+        slope = self.gradient(xy)
+        up = np.concatenate([-slope, np.ones((*slope.shape[:-1], 1))], axis=-1)
+        return np.asarray(up / np.linalg.norm(up, axis=-1, keepdims=True))
+
+    def frame(self, xy: Array) -> Array:
+        """R_WC, shape (…, 2) → (…, 3, 3): columns t₁ (over the world's x), t₂ = n × t₁ and the normal n."""
+        slope, normal = self.gradient(xy), self.normal(xy)
+        first = np.stack([np.ones(slope.shape[:-1]), np.zeros(slope.shape[:-1]), slope[..., 0]], axis=-1)
+        first = first / np.linalg.norm(first, axis=-1, keepdims=True)
+        return np.stack([first, np.cross(normal, first), normal], axis=-1)
+
+    def symbolic(self) -> ca.Function:
+        """CasADi function h: (2) [m] → (1) [m], C², the same as ``height`` up to 100 m beyond the grid."""
+        import casadi as ca
+
+        at = ca.MX.sym("xy", 2)
+        knots = [basis.knots.tolist() for basis in self._bases]
+        surface = ca.bspline(at, ca.DM(self._coefficients.ravel(order="F")), knots, [3, 3], 1, {})
+        return ca.Function("h", [at], [surface], ["xy"], ["h"])
+
+    @classmethod
+    def from_function(
+        cls,
+        function: Callable[[Array, Array], Array],
+        half_width_m: float = 4.0,
+        spacing_m: float = 0.05,
+        *,
+        name: str = "",
+        tolerance_m: float = 0.005,
+    ) -> HeightField:
+        """Sample ``function(x, y)``, vectorised, on [−half_width, half_width]² every ``spacing_m`` or a little less.
+
+        Raises InvalidInput where the spline then misses the function by more than ``tolerance_m`` between its nodes;
+        the message says by how much.
+        """
+        half = checked(half_width_m, "half_width_m", above=0.0, most=0.5 * WIDEST_M)
+        spacing = checked(spacing_m, "spacing_m", above=0.0, most=half)
+        cells = int(np.ceil(2.0 * half / spacing - 1e-9))
+        if (cells + 1) ** 2 > MOST_POINTS:
+            raise InvalidInput(f"spacing_m: expected {MOST_POINTS} grid points or fewer, got {(cells + 1) ** 2}")
+        lines = np.linspace(-half, half, cells + 1)
+        field = cls(lines, lines, _sampled(function, lines, name), name)
+        middles = 0.5 * (lines[1:] + lines[:-1])
+        grid = np.stack(np.meshgrid(middles, middles, indexing="ij"), axis=-1)
+        missed = np.abs(field.height(grid) - _sampled(function, middles, name))
+        if float(missed.max()) > tolerance_m:
+            i, j = np.unravel_index(int(missed.argmax()), missed.shape)
+            raise InvalidInput(
+                f"{name or 'terrain'}: finer than a spline of {1e3 * spacing:g} mm spacing can hold: it misses by "
+                f"{1e3 * missed.max():.1f} mm at ({middles[i]:.2f}, {middles[j]:.2f}) m, expected "
+                f"{1e3 * tolerance_m:g} mm or less; take a smaller spacing_m, or smooth the terrain"
+            )
+        return field
+
+    @classmethod
+    def from_array(cls, heights_m: Array, spacing_m: float = 0.05, *, name: str = "") -> HeightField:
+        """Heights, shape (n, m), h at x_i and y_j, on a square grid of this spacing with its middle at the origin."""
+        heights = np.asarray(heights_m)
+        if heights.ndim != 2:
+            raise InvalidInput(f"{name or 'terrain'}: expected heights of shape (n, m), got shape {heights.shape}")
+        spacing = checked(spacing_m, "spacing_m", above=0.0)
+        x_m, y_m = (spacing * (np.arange(count) - 0.5 * (count - 1)) for count in heights.shape)
+        return cls(x_m, y_m, heights, name)
+
+    @classmethod
+    def from_file(cls, path: str | Path, **options: Any) -> HeightField:
+        """Read a grid or a mesh: see ``gridfile.read_heights`` for kinds of files and options. Raises InvalidInput."""
+        from .grid_file import read_heights
+
+        return read_heights(path, **options)
+
+    def smoothed(self, sigma_m: float) -> HeightField:
+        """The field under a Gaussian of this deviation; planes stay. Raises InvalidInput where the grid is uneven."""
+        heights: Array = self.heights_m
+        if not self.even:
+            raise InvalidInput(f"{self.name or 'terrain'}: expected an even grid to smooth, got uneven spacing")
+        for axis, lines in enumerate((self.x_m, self.y_m)):
+            sigma = checked(sigma_m, "sigma_m", least=0.0) / float(lines[1] - lines[0])
+            width = int(np.ceil(4.0 * sigma))
+            pads = [(width, width) if k == axis else (0, 0) for k in range(2)]
+            padded = np.pad(heights, pads, mode="reflect", reflect_type="odd")
+            padded = gaussian_filter1d(padded, sigma, axis=axis) if sigma > 0.0 else padded
+            heights = np.take(padded, np.arange(width, width + len(lines)), axis=axis)
+        return HeightField(self.x_m, self.y_m, heights, self.name)
+
+    def scaled(self, factor: float) -> HeightField:
+        """The same terrain, its heights times a factor."""
+        return HeightField(self.x_m, self.y_m, checked(factor, "factor") * self.heights_m, self.name)
+
+    def to_arrays(self) -> dict[str, Array]:
+        """Arrays that ``from_arrays`` reads, for an .npz file."""
+        return {"x_m": self.x_m, "y_m": self.y_m, "heights_m": self.heights_m}
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Array], name: str = "") -> HeightField:
+        """Read what ``to_arrays`` wrote. Raises InvalidInput."""
+        missing = [key for key in ("x_m", "y_m", "heights_m") if key not in arrays]
+        if missing:
+            raise InvalidInput(f"{name or 'terrain'}: {missing[0]}: expected this array, got nothing")
+        return cls(arrays["x_m"], arrays["y_m"], arrays["heights_m"], name)
+
+
+def _grid_lines(lines: Array, where: str) -> Array:
+    lines = frozen(lines, (None,), where)
+    if len(lines) < FEWEST:
+        raise InvalidInput(f"{where}: expected {FEWEST} or more grid lines, got {len(lines)}")
+    if not float(np.diff(lines).min()) > 0.0:
+        raise InvalidInput(f"{where}: expected increasing values, got a step of {np.diff(lines).min():g} m")
+    if lines[-1] - lines[0] > WIDEST_M:
+        raise InvalidInput(
+            f"{where}: expected {WIDEST_M:g} m or less from end to end, got {lines[-1] - lines[0]:g} m; "
+            "a file in millimetres is read with unit_m=0.001"
+        )
+    return lines
+
+
+def _hole(heights: Array, where: str) -> str:
+    holes = np.argwhere(~np.isfinite(heights))
+    row, column = holes[0]
+    return (
+        f"{where}: expected finite heights, got {heights[row, column]} at [{row}, {column}]"
+        + (f" and {len(holes) - 1} more" if len(holes) > 1 else "")
+        + f" of {heights.size}"
+    )
+
+
+def _sampled(function: Callable[[Array, Array], Array], lines: Array, name: str) -> Array:
+    x, y = np.meshgrid(lines, lines, indexing="ij")
+    found = np.asarray(function(x, y), dtype=np.float64)
+    if found.ndim == 0:
+        found = np.full(x.shape, float(found))
+    if found.shape != x.shape:
+        raise InvalidInput(f"{name or 'terrain'}: expected a height for each point {x.shape}, got shape {found.shape}")
+    return found

@@ -1,0 +1,128 @@
+"""A patch: a flat convex piece of terrain on which one toe may stand, with its friction and its contact frame."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, cross, frozen, gathered
+
+FLATNESS = 2e-3
+"""Vertices may leave the plane by this share of the patch's diameter: room for rounded files, not for a bent patch."""
+
+MOST_VERTICES = 512
+"""More make no difference to a foot, and checks of a polygon take the square of their number."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Patch:
+    """A convex planar polygon with a Coulomb friction coefficient (paper E §II, Fig. 2).
+
+    vertices_m: v_u in the world, in order around the border, shape (U, 3) with U ≥ 3 [m].
+    normal: unit normal n, out of the terrain towards the robot, shape (3,).
+    shear_reference: direction whose projection on the patch is the second shear axis z, shape (3,); not along n.
+    friction: μ ≥ 0.
+    Raises InvalidInput for a bent, non-convex or degenerate polygon and for a shear reference along the normal.
+    """
+
+    vertices_m: Array
+    normal: Array
+    shear_reference: Array
+    friction: float
+
+    def __post_init__(self) -> None:
+        put = object.__setattr__
+        gathered(
+            lambda: put(self, "vertices_m", frozen(self.vertices_m, (None, 3), "vertices_m")),
+            lambda: put(self, "normal", _unit(self.normal, "normal")),
+            lambda: put(self, "shear_reference", _unit(self.shear_reference, "shear_reference", any_length=True)),
+            lambda: put(self, "friction", checked(self.friction, "friction", least=0.0)),
+        )
+        if not 3 <= len(self.vertices_m) <= MOST_VERTICES:
+            told = "3 or more vertices" if len(self.vertices_m) < 3 else f"{MOST_VERTICES} vertices or fewer"
+            raise InvalidInput(f"vertices_m: expected {told}, got {len(self.vertices_m)}")
+        if abs(self.normal @ self.shear_reference) > 1.0 - 5e-7:
+            raise InvalidInput(
+                f"shear_reference: expected a direction not along the normal, got {self.shear_reference.tolist()}"
+            )
+        defect = polygon_defect(self.vertices_m[None], self.frame[None])
+        if defect:
+            raise InvalidInput(defect[1])
+
+    @cached_property
+    def frame(self) -> Array:
+        """R_WC, columns n, y = z × n, z: the axes of f_n, f_y, f_z (eq. 3), shape (3, 3)."""
+        axes = contact_frames(self.normal, self.shear_reference)
+        axes.setflags(write=False)
+        return axes
+
+    def with_friction(self, friction: float) -> Patch:
+        """The same surface with another friction; its geometry is not looked at again. Raises InvalidInput."""
+        new = object.__new__(Patch)
+        new.__dict__.update(self.__dict__)
+        object.__setattr__(new, "friction", checked(friction, "friction", least=0.0))
+        return new
+
+    @property
+    def centre_m(self) -> Array:
+        """Mean of the vertices, shape (3,) [m]."""
+        return np.asarray(self.vertices_m.mean(axis=0))
+
+
+def _unit(value: Array, where: str, *, any_length: bool = False) -> Array:
+    vector = frozen(value, (3,), where)
+    length = float(np.linalg.norm(vector))
+    if length < 1e-9 or not (any_length or abs(length - 1.0) < 1e-3):
+        raise InvalidInput(f"{where}: expected a {'non-zero' if any_length else 'unit'} vector, got length {length:g}")
+    return vector if abs(length - 1.0) < 1e-12 else frozen(vector / length, (3,), where)
+
+
+def contact_frames(normals: Array, shear_references: Array) -> Array:
+    """R_WC, columns n, y = z × n, z, for normals and shear references of shape (..., 3); shape (..., 3, 3)."""
+    z = shear_references - np.vecdot(shear_references, normals)[..., None] * normals
+    z = z / np.sqrt(np.vecdot(z, z))[..., None]
+    frames = np.empty((*normals.shape, 3))
+    frames[..., 0], frames[..., 1], frames[..., 2] = normals, cross(z, normals), z
+    return frames
+
+
+def polygon_defect(vertices: Array, frames: Array) -> tuple[int, str] | None:
+    """The first of K polygons, shape (K, U, 3), whose vertices are not in order around a flat convex polygon with an
+    area in the plane of its frame, shape (K, 3, 3); and what is wrong with it."""
+    local = np.matmul(vertices - vertices[:, :1], frames)
+    height, y, z = local[..., 0], local[..., 1], local[..., 2]
+    squares = (y[:, :, None] - y[:, None]) ** 2 + (z[:, :, None] - z[:, None]) ** 2
+    diameter = np.sqrt(squares.max(axis=(1, 2)))
+    off_plane = np.abs(height - height.mean(axis=1, keepdims=True)).max(axis=1)
+    area, turn, rounds = _around(y, z, diameter)
+    defects = (
+        (diameter < 1e-4, "a patch with an area, got one of diameter {0:g} m"),
+        (off_plane > FLATNESS * diameter, "a plane with the given normal, got vertices {1:.3g} mm off it"),
+        (np.abs(area) < 1e-4 * diameter**2, "a patch with an area, got {2:.3g} m² on {0:.3g} m"),
+        ((turn < -1e-6 * diameter**2) | (rounds != 1.0), "a convex polygon, its vertices in order around the border"),
+    )
+    for wrong, text in defects:
+        if wrong.any():
+            k = int(wrong.argmax())
+            return k, f"vertices_m: expected {text.format(diameter[k], 1e3 * off_plane[k], abs(area[k]))}"
+    return None
+
+
+def _around(y: Array, z: Array, diameter: Array) -> tuple[Array, Array, Array]:
+    """Of each border, shape (K, U): area, least turn of a corner towards the inside, and how often it goes round."""
+    ahead = [*range(1, y.shape[1]), 0]
+    dy, dz = y[:, ahead] - y, z[:, ahead] - z
+    double = dy * dy + dz * dz <= (1e-9 * diameter[:, None]) ** 2  # corners that are given twice in a row count once
+    double[:, 0] &= ~double[:, 1:].all(axis=1)
+    if double.any():
+        rows = [_around(y[k : k + 1, ~double[k]], z[k : k + 1, ~double[k]], diameter[k : k + 1]) for k in range(len(y))]
+        area, turn, rounds = np.concatenate(rows, axis=1)
+        return area, turn, rounds
+    area = 0.5 * (y * z[:, ahead] - z * y[:, ahead]).sum(axis=1)
+    turns = dy * dz[:, ahead] - dz * dy[:, ahead]  # of each corner, positive to the left
+    turned = np.arctan2(turns, dy * dy[:, ahead] + dz * dz[:, ahead]).sum(axis=1)
+    least = (turns * np.sign(area)[:, None]).min(axis=1, initial=np.inf)
+    return area, least, np.round(np.abs(turned) / (2.0 * np.pi))

@@ -1,0 +1,168 @@
+"""Convex polygons in their plane, and the pieces of a surface that a toe may be given: clipped, shrunk, nearest.
+
+A plane polygon is an array of shape (U, 2) [m], its corners in order around the border, either way round. Half-planes
+are (normals, offsets), the points with normals · x ≤ offsets. Clipping only adds corners where a border is crossed.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..files.arrays import Array, cross
+from .patch import Patch
+
+SMALLEST_M = 1e-3
+"""What is left of a surface counts as nothing where it is nowhere wider than this [m]."""
+STEEP = 0.7
+"""A surface whose upward share of the normal is below this (45°) is a wall: its shear axis z points up."""
+
+
+def half_planes(polygon: Array) -> tuple[Array, Array]:
+    """The half-planes that a convex polygon is the intersection of: normals, shape (U, 2), and offsets, shape (U,)."""
+    edges = polygon[_following(polygon)] - polygon
+    real = np.hypot(*edges.T) > 1e-12
+    edges, starts = edges[real], polygon[real]
+    outward = np.stack([edges[:, 1], -edges[:, 0]], axis=1) * np.sign(signed_area(polygon))
+    outward /= np.hypot(*outward.T)[:, None]
+    return outward, np.einsum("ij,ij->i", outward, starts)
+
+
+def signed_area(polygon: Array) -> float:
+    """Area of a plane polygon, positive where its corners run to the left [m²]."""
+    x, y = (polygon - polygon[0]).T
+    ahead = _following(polygon)
+    return 0.5 * float(np.sum(x * y[ahead] - y * x[ahead]))
+
+
+def clipped(polygon: Array, normals: Array, offsets: Array) -> Array:
+    """The part of a convex polygon inside all half-planes, shape (V, 2); (0, 2) where nothing with an area is left."""
+    for normal, offset in zip(normals, offsets, strict=True):
+        if len(polygon) == 0:
+            break
+        polygon = _below(polygon, polygon @ normal - offset)
+    return polygon if len(polygon) >= 3 and width(polygon) > SMALLEST_M else np.zeros((0, 2))
+
+
+def shrunk(polygon: Array, margin_m: float) -> Array:
+    """The points of a convex polygon at least ``margin_m`` inside its border, shape (V, 2), maybe (0, 2)."""
+    normals, offsets = half_planes(polygon)
+    return clipped(polygon, normals, offsets - margin_m)
+
+
+def nearest(polygon: Array, point: Array) -> Array:
+    """The point of a convex polygon nearest to a point of the plane, shape (2,)."""
+    edges = polygon[_following(polygon)] - polygon
+    arms = point - polygon
+    turns = edges[:, 0] * arms[:, 1] - edges[:, 1] * arms[:, 0]
+    if np.all(turns >= 0.0) or np.all(turns <= 0.0):  # on the same side of every edge
+        return point
+    shares = np.einsum("ij,ij->i", arms, edges) / np.maximum(np.einsum("ij,ij->i", edges, edges), 1e-24)
+    feet = polygon + np.minimum(np.maximum(shares, 0.0), 1.0)[:, None] * edges
+    return np.asarray(feet[np.argmin(((feet - point) ** 2).sum(axis=1))])
+
+
+def _following(polygon: Array) -> list[int]:
+    """Of each corner the index of the next one."""
+    return [*range(1, len(polygon)), 0]
+
+
+def _below(polygon: Array, heights: Array) -> Array:
+    """The part of a polygon where the heights of its corners, linear between them, are not positive."""
+    if heights.max() <= 0.0:
+        return polygon
+    corners, ahead = list[Array](), _following(polygon)
+    for here, there, h, g in zip(polygon, polygon[ahead], heights.tolist(), heights[ahead].tolist(), strict=True):
+        if h <= 0.0:
+            corners.append(here)
+        if (h < 0.0 < g) or (g < 0.0 < h):
+            corners.append(here + h / (h - g) * (there - here))
+    pairs = zip(corners, [*corners[-1:], *corners[:-1]], strict=True)
+    kept = [corner for corner, before in pairs if abs(corner - before).max() > 1e-9]
+    return np.array(kept) if len(kept) >= 3 else np.zeros((0, 2))
+
+
+def width(polygon: Array) -> float:
+    """Least width of a convex polygon [m]: that across one of its edges."""
+    normals, offsets = half_planes(polygon) if abs(signed_area(polygon)) > 0.0 else (np.zeros((0, 2)), np.zeros(0))
+    if not len(normals):
+        return 0.0
+    return float(np.min(offsets - np.min(normals @ polygon.T, axis=1)))
+
+
+class Surface:
+    """A patch of the terrain with its plane coordinates, made once and asked for many toes.
+
+    polygon: the patch in its plane, shape (U, 2); room: what is left of it ``margin_m`` from its border, maybe (0, 2).
+    """
+
+    def __init__(self, patch: Patch, margin_m: float) -> None:
+        self.patch = patch
+        self._axes = patch.frame[:, 1:]  # y and z of the contact frame
+        self._origin = patch.centre_m
+        self.polygon = self._flat(patch.vertices_m)
+        self.room = shrunk(self.polygon, margin_m)
+
+    @property
+    def empty(self) -> bool:
+        """Nothing is left of it inside the margin."""
+        return len(self.room) == 0
+
+    @property
+    def width_m(self) -> float:
+        """Greatest distance between two corners of what is left inside the margin [m]."""
+        gaps = self.room[:, None] - self.room
+        return float(np.sqrt((gaps**2).sum(axis=-1).max())) if len(self.room) else 0.0
+
+    def height(self, point_m: Array) -> float:
+        """Distance of a point from the plane, positive on the robot's side [m]."""
+        return float((point_m - self._origin) @ self.patch.normal)
+
+    def covers(self, point_m: Array) -> bool:
+        """Whether the patch, margin and all, lies above or below a point."""
+        point = self._flat(point_m)
+        return bool(np.all(nearest(self.polygon, point) == point))
+
+    def nearest(self, point_m: Array) -> Array:
+        """The point of the surface inside the margin nearest to a point, shape (3,) [m]."""
+        return self._world(nearest(self.room, self._flat(point_m)))
+
+    def window(self, centre_m: Array, side_m: float) -> Patch | None:
+        """The part inside the margin and a square about ``centre_m`` along the shear axes; None where there is none."""
+        axes = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        piece = clipped(self.room, axes, axes @ self._flat(centre_m) + 0.5 * side_m)
+        return replace(self.patch, vertices_m=self._world(piece)) if len(piece) else None
+
+    def _flat(self, points_m: Array) -> Array:
+        return np.asarray((points_m - self._origin) @ self._axes)
+
+    def _world(self, points: Array) -> Array:
+        return np.asarray(self._origin + points @ self._axes.T)
+
+
+def surface_patch(vertices_m: Array, friction: float, *, towards_m: Array | None = None) -> Patch:
+    """A patch from its corners alone, shape (U, 3): the normal by their order (seen from the robot: to the left), the
+    shear axis z up on walls and forward on ground.
+
+    towards_m: a point on the robot's side: the normal is turned towards it, whatever the order, shape (3,).
+    Raises InvalidInput for corners that are no convex planar polygon.
+    """
+    vertices = np.asarray(vertices_m, dtype=np.float64)
+    normal = _newell(vertices)
+    if towards_m is not None and (towards_m - vertices.mean(axis=0)) @ normal < 0.0:
+        normal = -normal
+    return Patch(vertices_m=vertices, normal=normal, shear_reference=shear_of(normal), friction=friction)
+
+
+def shear_of(normal: Array) -> Array:
+    """The shear reference of the house's terrains: up on walls, forward on ground, shape (3,)."""
+    return np.array([0.0, 0.0, 1.0]) if abs(normal[2]) < STEEP else np.array([1.0, 0.0, 0.0])
+
+
+def _newell(vertices: Array) -> Array:
+    """Unit normal of a polygon by its corners' order; (0, 0, 1) where it has no area, which Patch then refuses."""
+    about = vertices - vertices.mean(axis=0)
+    total = sum((cross(a, b) for a, b in zip(about, np.roll(about, -1, axis=0), strict=True)), np.zeros(3))
+    length = float(np.linalg.norm(total))
+    return total / length if length > 1e-12 else np.array([0.0, 0.0, 1.0])

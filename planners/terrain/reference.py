@@ -1,0 +1,227 @@
+"""Reference terrains of paper W (Fig. 3) with their tasks (paper W §V), and random families by difficulty and seed.
+
+Paper W gives pictures only; the formulas here are the house's, in metres with r² = x² + y². The world's domain is
+[−4, 4]².
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, frozen
+from .heightfield import HeightField
+
+HALF_WIDTH_M = 4.0
+LEVEL_M = 0.6
+"""Random terrains are level within this distance of the origin, so that a robot can stand there [m]."""
+Shape = Callable[[Array, Array], Array]
+
+
+def ripple(x: Array, y: Array) -> Array:
+    """Waves of 1.6 m, 12 cm high (Fig. 3a)."""
+    k = 2.0 * np.pi / 1.6
+    return np.asarray(0.12 * np.sin(k * x) * np.sin(k * y))
+
+
+def cone(x: Array, y: Array) -> Array:
+    """A blunt cone of slope 31° and 2 m radius (Fig. 3b)."""
+    s = 0.60 * (2.0 - np.sqrt(x**2 + y**2 + 0.15**2))
+    return np.asarray(0.5 * (s + np.sqrt(s**2 + 0.15**2)))
+
+
+def hill(x: Array, y: Array) -> Array:
+    """A mesa 1.5 m high, 60° at its steepest (Fig. 3c)."""
+    return np.asarray(0.75 * (1.0 - np.tanh(2.0 * 1.7 / 1.5 * (np.hypot(x, y) - 1.3))))
+
+
+def pit(gradient: float) -> Shape:
+    """A pit 1 m deep whose wall has this gradient where it is steepest (Fig. 3d)."""
+    return lambda x, y: np.asarray(-0.5 * (1.0 - np.tanh(2.0 * gradient * (np.hypot(x, y) - 1.3))))
+
+
+REFERENCES: dict[str, tuple[Shape, float]] = {
+    "ripple": (ripple, 0.05),
+    "cone": (cone, 0.05),
+    "hill": (hill, 0.05),
+    "pit": (pit(5.0), 0.05),
+    "pit-84": (pit(10.0), 0.025),
+    "pit-87": (pit(20.0), 0.025),
+}
+"""Reference terrains by name: formula and spacing of the spline [m]; the walls of the pits: 79°, 84° and 87°."""
+REFERENCE_TOLERANCE_M = 0.025
+"""What the splines of the references may miss of their formulas: the wall of 87° by 15 mm, the others by under 1 mm."""
+
+
+def reference_terrain(name: str) -> HeightField:
+    """One of paper W's four terrains, or a steeper pit. Raises InvalidInput for another name."""
+    if name not in REFERENCES:
+        raise InvalidInput(f"terrain: expected one of {', '.join(REFERENCES)}, got {name!r}")
+    shape, spacing = REFERENCES[name]
+    return HeightField.from_function(shape, HALF_WIDTH_M, spacing, name=name, tolerance_m=REFERENCE_TOLERANCE_M)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TerrainTask:
+    """One walk: from and to a point, shape (2,) [m], and which feet stick, in the order LF, RF, LH, RH."""
+
+    start_xy_m: Array
+    goal_xy_m: Array
+    adhesive: tuple[bool, bool, bool, bool] = (False, False, False, False)
+
+    def __post_init__(self) -> None:
+        for name in ("start_xy_m", "goal_xy_m"):
+            object.__setattr__(self, name, frozen(getattr(self, name), (2,), name))
+
+
+def reference_tasks(name: str) -> tuple[TerrainTask, ...]:
+    """Paper W's benchmark on a reference terrain (§V): 24 directions on ripple and cone, 15 targets on hill and pits.
+
+    On hill and pits both front feet stick. Raises InvalidInput for another name.
+    """
+    if name not in REFERENCES:
+        raise InvalidInput(f"terrain: expected one of {', '.join(REFERENCES)}, got {name!r}")
+    ways = [np.array([np.sin(turn), np.cos(turn)]) for turn in np.deg2rad(15.0) * np.arange(24)]
+    if name == "ripple":
+        return tuple(TerrainTask(start_xy_m=np.zeros(2), goal_xy_m=2.0 * way) for way in ways)
+    if name == "cone":
+        return tuple(TerrainTask(start_xy_m=-2.0 * way, goal_xy_m=2.0 * way) for way in ways)
+    front = (True, True, False, False)
+    if name == "hill":
+        return tuple(
+            TerrainTask(start_xy_m=np.array([-2.6, 0.0]), goal_xy_m=goal, adhesive=front) for goal in _spread(15, 0.5)
+        )
+    turns = np.deg2rad(24.0) * np.arange(15)
+    goals = 2.2 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
+    return tuple(TerrainTask(start_xy_m=np.zeros(2), goal_xy_m=goal, adhesive=front) for goal in goals)
+
+
+def _spread(count: int, radius_m: float) -> Array:
+    """Points spread evenly over a disc on a golden spiral, shape (count, 2) [m]."""
+    turns = np.pi * (3.0 - np.sqrt(5.0)) * np.arange(count)
+    radii = radius_m * np.sqrt((np.arange(count) + 0.5) / count)
+    return np.stack([radii * np.cos(turns), radii * np.sin(turns)], axis=1)
+
+
+def _rough(difficulty: float, rng: np.random.Generator) -> Shape:
+    """Smooth noise of .5 m wavelength, up to 8 cm deviation."""
+    return _noise(0.08 * difficulty, 0.18, rng)
+
+
+def _waves(difficulty: float, rng: np.random.Generator) -> Shape:
+    """Five wave trains in random directions, .8–2.4 m long, up to 25° steep each."""
+    turns, phases = rng.uniform(0.0, 2.0 * np.pi, (2, 5))
+    k = 2.0 * np.pi / rng.uniform(0.8, 2.4, 5)
+    rise = np.tan(np.deg2rad(25.0)) * difficulty * rng.uniform(0.2, 0.6, 5) / k
+    along = np.stack([np.cos(turns), np.sin(turns)])
+    return lambda x, y: np.asarray(np.sin(k * (np.stack([x, y], axis=-1) @ along) + phases) @ rise)
+
+
+def _stairs(difficulty: float, rng: np.random.Generator) -> Shape:
+    """Straight stairs up and down through the domain, steps up to 22 cm, edges rounded over 10 cm."""
+    turn, tread = rng.uniform(0.0, 2.0 * np.pi), rng.uniform(0.5, 0.8)
+    edges = LEVEL_M + 0.1 + tread * np.arange(int((HALF_WIDTH_M * 1.5) / tread))
+    steps = 0.22 * difficulty * rng.uniform(0.7, 1.0, len(edges)) * rng.choice([1.0, 1.0, -1.0], len(edges))
+
+    def shape(x: Array, y: Array) -> Array:
+        along = np.abs(np.cos(turn) * x + np.sin(turn) * y)
+        return sum(
+            (s * 0.5 * (1.0 + np.tanh((along - e) / 0.06)) for s, e in zip(steps, edges, strict=True)),
+            start=np.zeros_like(x),
+        )
+
+    return shape
+
+
+def _stones(difficulty: float, rng: np.random.Generator) -> Shape:
+    """Stepping stones, tops within 5 cm of level, in a moat up to 40 cm deep; harder ones are smaller."""
+    pitch, depth = 0.7, 0.4 * difficulty
+    lattice = pitch * np.arange(-7, 8)
+    centres = np.stack(np.meshgrid(lattice, lattice, indexing="ij"), axis=-1).reshape(-1, 2)
+    centres = centres + rng.uniform(-0.08, 0.08, centres.shape)
+    radii = rng.uniform(0.36, 0.42, len(centres)) - 0.12 * difficulty
+    tops = depth + 0.05 * difficulty * rng.uniform(-1.0, 1.0, len(centres))
+
+    def shape(x: Array, y: Array) -> Array:
+        height = np.full(x.shape, -depth)
+        for (cx, cy), radius, top in zip(centres, radii, tops, strict=True):
+            height += top * 0.5 * (1.0 - np.tanh((np.hypot(x - cx, y - cy) - radius) / 0.07))
+        return height
+
+    return shape
+
+
+def _ramps(difficulty: float, rng: np.random.Generator) -> Shape:
+    """Planes up to 35° steep that meet in rounded ridges and valleys."""
+    turns, levels = rng.uniform(0.0, 2.0 * np.pi, 3), rng.uniform(0.8, 2.0, 3)
+    slopes = np.tan(np.deg2rad(35.0)) * difficulty * rng.uniform(0.4, 1.0, 3) * rng.choice([-1.0, 1.0], 3)
+
+    def shape(x: Array, y: Array) -> Array:
+        height = np.zeros_like(x)
+        for turn, level, slope in zip(turns, levels, slopes, strict=True):
+            beyond = np.cos(turn) * x + np.sin(turn) * y - level
+            height += 0.5 * slope * (beyond + np.sqrt(beyond**2 + 0.15**2))
+        return height
+
+    return shape
+
+
+FAMILIES: dict[str, Callable[[float, np.random.Generator], Shape]] = {
+    "rough": _rough, "stairs": _stairs, "stones": _stones, "waves": _waves, "ramps": _ramps,
+}  # fmt: skip
+
+
+def random_terrain(family: str, difficulty: float, rng: np.random.Generator) -> HeightField:
+    """A terrain drawn from a family; difficulty in [0, 1], 0 is level ground. Raises InvalidInput."""
+    if family not in FAMILIES:
+        raise InvalidInput(f"terrain: expected a family out of {', '.join(FAMILIES)}, got {family!r}")
+    hard = checked(difficulty, "terrain: difficulty", least=0.0, most=1.0)
+    shape = FAMILIES[family](hard, rng)
+
+    def levelled(x: Array, y: Array) -> Array:
+        share = np.clip((np.hypot(x, y) - LEVEL_M) / LEVEL_M, 0.0, 1.0)
+        return np.asarray(share**3 * (10.0 + share * (6.0 * share - 15.0)) * shape(x, y))
+
+    return HeightField.from_function(levelled, HALF_WIDTH_M, 0.05, name=f"{family}:{hard:g}", tolerance_m=0.01)
+
+
+def _noise(deviation_m: float, length_m: float, rng: np.random.Generator) -> Shape:
+    """White noise under a Gaussian of this length, as a function."""
+    spacing = 0.05
+    count = 2 * int(HALF_WIDTH_M / spacing) + 1
+    drawn = gaussian_filter(rng.standard_normal((count, count)), length_m / spacing)
+    field = HeightField.from_array(deviation_m / float(drawn.std()) * drawn, spacing)
+    return lambda x, y: field.height(np.stack([x, y], axis=-1))
+
+
+def named_terrain(name: str, **options: Any) -> HeightField:
+    """The terrain of a name: a reference, a draw ``family:difficulty:seed`` as in ``rough:0.5:7``, or a file.
+
+    ``options`` are those of ``gridfile.read_heights``, for files. Raises InvalidInput.
+    """
+    if name in REFERENCES:
+        return reference_terrain(name)
+    family, *numbers = name.split(":")
+    if family in FAMILIES and not Path(name).exists():
+        try:
+            hard, drawn = numbers
+            difficulty, seed = float(hard), int(drawn)
+        except ValueError:
+            like = f"{family}:DIFFICULTY:SEED as in {family}:0.5:7"
+            raise InvalidInput(f"terrain: expected {like}, got {name!r}") from None
+        if not 0 <= seed < 2**63:
+            raise InvalidInput(f"terrain: expected a seed of 0 or more, got {seed}")
+        field = random_terrain(family, difficulty, np.random.Generator(np.random.PCG64(seed)))
+        return HeightField(field.x_m, field.y_m, field.heights_m, name)
+    if not Path(name).exists():
+        raise InvalidInput(
+            f"terrain: expected a file, one of {', '.join(REFERENCES)}, "
+            f"or FAMILY:DIFFICULTY:SEED with {', '.join(FAMILIES)}, got {name!r}"
+        )
+    return HeightField.from_file(name, **options)

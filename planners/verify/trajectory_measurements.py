@@ -1,0 +1,286 @@
+"""What a trajectory does between the optimiser's knots, measured from its samples alone.
+
+Derivatives are differences of neighbouring samples, balances are balances of momentum, and the surface under a point
+is known by heights alone, so that no derivative that a planner relied on is believed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..files.arrays import LARGEST, Array
+from ..gait.trajectory import Trajectory
+
+Flags = NDArray[np.bool_]
+
+GRAVITY_M_S2 = 9.81
+FEELER_M = 1e-5
+"""Half the base over which the slope of the surface is felt [m]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """One quantity over time: values, shape (S, C); names of the C columns; times_s, shape (S,) [s]."""
+
+    values: Array
+    names: tuple[str, ...]
+    times_s: Array
+
+    def worst(self) -> tuple[float, str, float]:
+        """The largest value, at least 0, its column's name and its time; (0, "", NaN) of nothing."""
+        if not self.values.size:
+            return 0.0, "", math.nan
+        row, column = divmod(int(self.values.argmax()), len(self.names))
+        return max(float(self.values[row, column]), 0.0), self.names[column], float(self.times_s[row])
+
+    def size(self) -> Series:
+        """The rows' norms, of the whole body."""
+        return Series(np.linalg.norm(self.values, axis=1)[:, None], ("torso",), self.times_s)
+
+    def rms(self) -> float:
+        """Root mean square of the rows' norms."""
+        return float(np.sqrt(np.mean(np.sum(self.values**2, axis=1)))) if self.values.size else 0.0
+
+
+class Motion:
+    """The measurements of one trajectory that has no defect (``defect_of``)."""
+
+    def __init__(self, trajectory: Trajectory) -> None:
+        self.trajectory = trajectory
+        self.robot = trajectory.robot
+        self.feet = tuple(foot.name for foot in self.robot.feet)
+        self.times_s = trajectory.times_s
+        self.step_s = trajectory.step_s
+        self.weight_n = self.robot.mass_kg * GRAVITY_M_S2
+        self.moment_scale_nm = self.weight_n * self.robot.stand_height_m
+
+    # ------------------------------------------------------------------------------------------- balances
+
+    @cached_property
+    def acceleration(self) -> Array:
+        """Of the torso at the inner samples, shape (K − 2, 3) [m/s²]."""
+        return np.diff(self.trajectory.torso_m, 2, axis=0) / self.step_s**2
+
+    @cached_property
+    def spin(self) -> Array:
+        """Rotation vector from each sample to the next over its time, in the torso's axes, shape (K − 1, 3) [rad/s]."""
+        rotation = self.trajectory.rotation
+        turn = np.swapaxes(rotation[:-1], 1, 2) @ rotation[1:]
+        sine = 0.5 * np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0],
+                               turn[:, 1, 0] - turn[:, 0, 1]], axis=1)  # fmt: skip
+        size = np.linalg.norm(sine, axis=1)
+        angle = np.arctan2(size, 0.5 * (np.trace(turn, axis1=1, axis2=2) - 1.0))
+        along = np.where(size[:, None] > 1e-12, sine / np.maximum(size, 1e-300)[:, None], np.eye(3)[0])
+        return np.asarray(angle[:, None] * along / self.step_s)
+
+    def force_residual(self) -> Series:
+        """m (a − g) − Σ f_i at the inner samples (Newton; paper W eq. 2), columns x, y, z [N]."""
+        felt = self.acceleration + np.array([0.0, 0.0, GRAVITY_M_S2])
+        residual = self.robot.mass_kg * felt - self.trajectory.forces_n[1:-1].sum(axis=1)
+        return Series(residual, ("x", "y", "z"), self.times_s[1:-1])
+
+    def moment_residual(self) -> Series:
+        """dL/dt − Σ (p_i − p) × f_i at the inner samples (Euler; paper W eq. 2), world axes [Nm].
+
+        L is the angular momentum about the centre of mass half-way between samples: it changes by what the feet do,
+        and by nothing else, however fast the torso turns.
+        """
+        half = self.trajectory.rotation[:-1] @ _turned(0.5 * self.step_s * self.spin)
+        momentum = np.einsum("kij,jl,kl->ki", half, self.robot.inertia_kgm2, self.spin)
+        arms = self.trajectory.feet_m - self.trajectory.torso_m[:, None]
+        moments = np.cross(arms, self.trajectory.forces_n).sum(axis=1)
+        return Series(np.diff(momentum, axis=0) / self.step_s - moments[1:-1], ("x", "y", "z"), self.times_s[1:-1])
+
+    # ------------------------------------------------------------------------------------------ feet
+
+    @cached_property
+    def _ground(self) -> tuple[Array, Array]:
+        """Of the surface at every foot: distance along its normal, shape (K, E) [m], and the normal, (K, E, 3)."""
+        return self._above(self.trajectory.feet_m)
+
+    def _above(self, points: Array) -> tuple[Array, Array]:
+        """Distance from the surface along its normal, negative below, shape (…) [m], and upward normals, (…, 3)."""
+        xy, terrain = points[..., :2], self.trajectory.terrain
+        steps = FEELER_M * np.array([[1.0, 0.0], [0.0, 1.0]])
+        slope = [(terrain.height(xy + step) - terrain.height(xy - step)) / (2.0 * FEELER_M) for step in steps]
+        up = np.stack([-slope[0], -slope[1], np.ones(xy.shape[:-1])], axis=-1)
+        steep = np.linalg.norm(up, axis=-1)
+        return (points[..., 2] - terrain.height(xy)) / steep, up / steep[..., None]
+
+    @cached_property
+    def _shares(self) -> tuple[Array, Array]:
+        """Normal and tangential size of every contact force at the true normal, each of shape (K, E) [N]."""
+        forces, normals = self.trajectory.forces_n, self._ground[1]
+        normal = np.sum(forces * normals, axis=-1)
+        return normal, np.linalg.norm(forces - normal[..., None] * normals, axis=-1)
+
+    def cone(self) -> Series:
+        """‖(I − n nᵀ) f‖ − ν nᵀ f of standing feet that are not adhesive (paper W eq. 5) [N]."""
+        normal, tangential = self._shares
+        return self._where(tangential - self.trajectory.friction * normal, self._gripping)
+
+    def swing_force(self) -> Series:
+        """‖f‖ of swinging feet [N]."""
+        return self._where(np.linalg.norm(self.trajectory.forces_n, axis=-1), ~self.trajectory.contact)
+
+    def contact_gap(self) -> Series:
+        """Distance of standing feet from the surface, either side [m]."""
+        return self._where(np.abs(self._ground[0]), self.trajectory.contact)
+
+    def penetration(self) -> Series:
+        """Depth of swinging feet in the terrain [m]."""
+        return self._where(-self._ground[0], ~self.trajectory.contact)
+
+    def slip(self) -> Series:
+        """Distance of standing feet from where they came down [m]."""
+        feet, contact = self.trajectory.feet_m, self.trajectory.contact
+        samples = np.arange(len(feet))[:, None]
+        began = contact & ~np.vstack([np.zeros((1, contact.shape[1]), dtype=bool), contact[:-1]])
+        down = np.maximum.accumulate(np.where(began, samples, 0), axis=0)
+        home = np.take_along_axis(feet, down[..., None], axis=0)
+        return self._where(np.linalg.norm(feet - home, axis=-1), contact)
+
+    def reach(self) -> Series:
+        """How far feet are outside their boxes in the torso's frame (paper W eq. 4) [m]."""
+        arms = self.trajectory.feet_m - self.trajectory.torso_m[:, None]
+        local = np.einsum("kji,kej->kei", self.trajectory.rotation, arms)
+        low = np.array([foot.reach_min_m for foot in self.robot.feet])
+        high = np.array([foot.reach_max_m for foot in self.robot.feet])
+        beyond = np.maximum(np.maximum(low - local, local - high), 0.0)
+        return self._where(np.linalg.norm(beyond, axis=-1), np.ones_like(self.trajectory.contact))
+
+    def domain(self) -> Series:
+        """How far feet and torso are outside the terrain's grid [m]."""
+        points = np.concatenate([self.trajectory.feet_m, self.trajectory.torso_m[:, None]], axis=1)[..., :2]
+        low, high = np.array(self.trajectory.terrain.domain_m).T
+        beyond = np.maximum(np.maximum(low - points, points - high), 0.0)
+        return Series(np.linalg.norm(beyond, axis=-1), (*self.feet, "torso"), self.times_s)
+
+    # -------------------------------------------------------------------------------------- body and course
+
+    def trunk(self) -> Series:
+        """Depth of the trunk's box below the surface [m]: its corners, and its lower face every few centimetres."""
+        points = self.trajectory.torso_m[:, None] + np.einsum("kij,nj->kni", self.trajectory.rotation, self._box)
+        depth = self.trajectory.terrain.height(points[..., :2]) - points[..., 2]
+        return Series(depth.max(axis=1, keepdims=True), ("torso",), self.times_s)
+
+    @cached_property
+    def _box(self) -> Array:
+        """Points of the trunk's box in the torso's frame, shape (N, 3) [m]."""
+        half = np.asarray(self.robot.trunk_half_m)
+        x, y = (np.linspace(-side, side, max(2, 1 + math.ceil(2.0 * side / 0.08))) for side in half[:2])
+        lower = np.array([(a, b, -half[2]) for a, b in product(x, y)])
+        return np.concatenate([lower, half * np.array([(a, b, 1.0) for a, b in product((-1.0, 1.0), repeat=2)])])
+
+    def off_rotation(self) -> Series:
+        """Largest entry of |RᵀR − I| and |det R − 1|, non-dimensional."""
+        rotation = self.trajectory.rotation
+        off = np.abs(np.swapaxes(rotation, 1, 2) @ rotation - np.eye(3)).max(axis=(1, 2))
+        values = np.maximum(off, np.abs(np.linalg.det(rotation) - 1.0))
+        return Series(values[:, None], ("torso",), self.times_s)
+
+    def miss(self, sample: int, xy_m: Array) -> Series:
+        """Horizontal distance of the torso from a point at one sample [m]."""
+        away = float(np.linalg.norm(self.trajectory.torso_m[sample, :2] - xy_m))
+        return Series(np.array([[away]]), ("torso",), self.times_s[[sample]])
+
+    def jumps(self) -> Series:
+        """‖x₋ − 2x + x₊‖ of feet and torso at the inner samples [m]."""
+        points = np.concatenate([self.trajectory.feet_m, self.trajectory.torso_m[:, None]], axis=1)
+        return Series(np.linalg.norm(np.diff(points, 2, axis=0), axis=-1), (*self.feet, "torso"), self.times_s[1:-1])
+
+    def foot_speed(self) -> Series:
+        """Speed of the feet between samples [m/s]."""
+        return Series(self._speed(self.trajectory.feet_m), self.feet, self.times_s[1:])
+
+    def torso_speed(self) -> Series:
+        """Speed of the torso between samples [m/s]."""
+        return Series(self._speed(self.trajectory.torso_m[:, None]), ("torso",), self.times_s[1:])
+
+    def turn_rate(self) -> Series:
+        """Angular speed of the torso between samples [rad/s]."""
+        return Series(np.linalg.norm(self.spin, axis=1)[:, None], ("torso",), self.times_s[1:])
+
+    def _speed(self, points: Array) -> Array:
+        return np.asarray(np.linalg.norm(np.diff(points, axis=0), axis=-1) / self.step_s)
+
+    # ------------------------------------------------------------------------------------------- figures
+
+    def figures(self, cone: float) -> dict[str, float]:
+        """Measurements that nothing is judged by. cone: what counts as outside, in units of m·g.
+
+        Accelerations in g, balances in m·g and m·g·stand height; friction_needed: the least ν that holds every
+        standing foot that presses with more than .01 m·g; outside_cone: share of the standing samples.
+        """
+        normal, tangential = self._shares
+        pressing = self._gripping & (normal > 0.01 * self.weight_n)
+        excess = self.cone().values[self._gripping]
+        force, moment = self.force_residual(), self.moment_residual()
+        return {
+            "duration_s": self.trajectory.duration_s,
+            "path_m": float(np.linalg.norm(np.diff(self.trajectory.torso_m, axis=0), axis=1).sum()),
+            "peak_acceleration_g": float(np.linalg.norm(self.acceleration, axis=1).max()) / GRAVITY_M_S2,
+            "force_rms": force.rms() / self.weight_n,
+            "force_peak": float(np.linalg.norm(force.values, axis=1).max()) / self.weight_n,
+            "moment_rms": moment.rms() / self.moment_scale_nm,
+            "moment_peak": float(np.linalg.norm(moment.values, axis=1).max()) / self.moment_scale_nm,
+            "friction_needed": float((tangential[pressing] / normal[pressing]).max(initial=0.0)),
+            "outside_cone": float(np.mean(excess > cone * self.weight_n)) if excess.size else 0.0,
+        }
+
+    @property
+    def _gripping(self) -> Flags:
+        """Standing feet that have a friction cone, shape (K, E)."""
+        return self.trajectory.contact & ~self.trajectory.adhesive
+
+    def _where(self, values: Array, asked: Flags) -> Series:
+        """Values of feet where they are asked for, 0 elsewhere."""
+        return Series(np.where(asked, values, 0.0), self.feet, self.times_s)
+
+
+def defect_of(trajectory: Trajectory, step_s: float) -> str:
+    """What keeps a trajectory from being one at all, so that nothing can be measured; empty when nothing does.
+
+    step_s: the coarsest grid that is believed [s].
+    """
+    count, feet = trajectory.samples, len(trajectory.robot.feet)
+    if count < 3:
+        return f"times_s: expected three samples or more, got {count}"
+    shapes = {
+        "times_s": (count,), "torso_m": (count, 3), "rotation": (count, 3, 3), "feet_m": (count, feet, 3),
+        "forces_n": (count, feet, 3), "contact": (count, feet), "adhesive": (feet,), "start_xy_m": (2,),
+        "goal_xy_m": (2,),
+    }  # fmt: skip
+    for name, shape in shapes.items():
+        array = getattr(trajectory, name)
+        if array.shape != shape:
+            return f"{name}: expected shape {shape}, got {array.shape}"
+        if not np.isfinite(array).all():
+            return f"{name}: expected finite numbers, got {array[~np.isfinite(array)][0]}"
+        if not float(np.abs(array).max()) <= LARGEST:
+            return f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}"
+    steps = np.diff(trajectory.times_s)
+    if not float(steps.min()) > 0.0:
+        return f"times_s: expected increasing times, got a step of {steps.min():g} s"
+    if float(np.ptp(steps)) > 1e-6 * float(steps.max()):
+        return f"times_s: expected a uniform grid, got steps from {steps.min():g} to {steps.max():g} s"
+    if float(steps.max()) > step_s * (1.0 + 1e-6):
+        return f"times_s: expected samples every {step_s:g} s or less, got a step of {steps.max():g} s"
+    if not (math.isfinite(trajectory.friction) and 0.0 <= trajectory.friction <= LARGEST):
+        return f"friction: expected a number of at least 0, got {trajectory.friction:g}"
+    return ""
+
+
+def _turned(vectors: Array) -> Array:
+    """Rotation matrices of rotation vectors, shape (S, 3) [rad] → (S, 3, 3) (Rodrigues)."""
+    angle = np.linalg.norm(vectors, axis=1)[:, None, None]
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    skew = np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=1).reshape(-1, 3, 3)
+    return np.asarray(np.eye(3) + np.sinc(angle / np.pi) * skew + 0.5 * np.sinc(0.5 * angle / np.pi) ** 2 * skew @ skew)

@@ -1,0 +1,125 @@
+"""What may be run: a plan that the verifier accepted, unchanged since, for the robot that the world has.
+
+What an object says of itself counts for nothing: ``proven`` copies the numbers out of it and asks the verifier.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import overload
+
+import numpy as np
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_file import read_plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.gait.trajectory_file import copied
+from stancekit.planners.problem.course_json import course_from_json, course_to_json
+from stancekit.planners.robot import Robot
+from stancekit.planners.robot.kinematics import joint_report
+from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.report import plan_arrays
+from stancekit.planners.verify.trajectories import check_trajectory
+
+from .worlds.world import World
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Accepted:
+    """A plan that may be run. digest: the verifier's; source: where it comes from, for messages."""
+
+    plan: Plan
+    digest: str
+    source: str
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> Accepted:
+        """Read a plan file. Raises InvalidInput for one that was edited since, that the verifier rejected, or that it
+        rejects now: a digest shows that a file is whole, not that it is right."""
+        plan, header = read_plan(path)
+        if not (header["verified"] and header["verdict"]["accepted"]):
+            raise InvalidInput(f"{path}: expected a plan that the verifier accepted, this one it rejected")
+        return cls.verified(plan, str(path))
+
+    @classmethod
+    def verified(cls, plan: Plan, source: str) -> Accepted:
+        """Verify a plan now. Raises InvalidInput for one that is rejected."""
+        report = check_plan(plan)
+        if not report.accepted:
+            raise InvalidInput(f"{source}: expected a plan that the verifier accepts, {report.message}")
+        return cls(plan=plan, digest=report.digest, source=source)
+
+    def check_fits(self, world: World) -> None:
+        """Raise InvalidInput unless the world has the plan's robot, and its joints can take every pose of the plan."""
+        check_joints(self.source, self.plan.course.robot, world)
+        report = joint_report(self.plan, world.servo)
+        if not report.accepted:
+            raise InvalidInput(f"{self.source}: expected joints that can do it, they cannot: {report.message}")
+
+
+@overload
+def proven(content: Plan, digest: str, source: str) -> Plan: ...
+@overload
+def proven(content: Trajectory, digest: str, source: str) -> Trajectory: ...
+def proven(content: Plan | Trajectory, digest: str, source: str) -> Plan | Trajectory:
+    """The same plan, or trajectory, in an object of its own that holds its numbers and nothing else, verified now.
+
+    digest: of the verdict on it. Whatever class ``content`` has and whatever it says of itself, it is read once. Raises
+    InvalidInput where the verifier rejects it now, or where it is not what the digest is of.
+    """
+    try:
+        plain = copied(content) if isinstance(content, Trajectory) else _copied_plan(content)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise InvalidInput(f"{source}: expected a plan or a gait, got what is none: {error!s:.80}") from None
+    gait = isinstance(plain, Trajectory)
+    report = check_trajectory(plain) if isinstance(plain, Trajectory) else check_plan(plain)
+    if not report.accepted:
+        raise InvalidInput(
+            f"{source}: expected a {'gait' if gait else 'plan'} that the verifier accepts, {report.message}"
+        )
+    if report.digest != digest:
+        raise InvalidInput(
+            f"{source}: expected what digest {digest!s:.12} is of, got {report.digest:.12}: changed since"
+        )
+    return plain
+
+
+def _copied_plan(plan: Plan) -> Plan:
+    """As it would be in a file."""
+    course = course_from_json(json.loads(json.dumps(course_to_json(plan.course))))
+    numbers = {name: None if array is None else np.array(array) for name, array in plan_arrays(plan).items()}
+    return Plan(course=course, provenance=dict(plan.provenance), **numbers)  # type: ignore[arg-type]
+
+
+def check_joints(source: str, robot: Robot, world: World) -> None:
+    """Raise InvalidInput unless the world has the robot's joints, in their order, and is for such a robot."""
+    wanted, found = joint_names(robot), world.joints
+    if tuple(found) != wanted:
+        lack, more = sorted(set(wanted) - set(found)), sorted(set(found) - set(wanted))
+        said = "; ".join(
+            f"{word} {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
+            for word, names in (("it lacks", lack), ("it has besides", more)) if names
+        )  # fmt: skip
+        raise InvalidInput(
+            f"{source}: expected world {world.name} to have the robot's {len(wanted)} joints in their order"
+            + (f": {said}" if said else ", it has them in another")
+        )
+    wrong = _differs(robot, world.robot)
+    if wrong:
+        raise InvalidInput(f"{source}: expected the world's robot, the plan is for another: {wrong}")
+
+
+def _differs(plan: Robot, world: Robot) -> str:
+    """The first number in which two robots differ; empty where there is none."""
+    if not np.isclose(plan.mass_kg, world.mass_kg, rtol=1e-6):
+        return f"{plan.mass_kg:g} kg and {world.mass_kg:g} kg"
+    for mine, other in zip(plan.limbs, world.limbs, strict=True):
+        if not np.isclose(mine.reach_m, other.reach_m, rtol=1e-6):
+            return f"limb {mine.name} reaches {mine.reach_m:g} m and {other.reach_m:g} m"
+        if not np.allclose(mine.shoulder_m, other.shoulder_m, atol=1e-6):
+            return f"limb {mine.name} begins at {mine.shoulder_m.tolist()} and {other.shoulder_m.tolist()}"
+    return ""

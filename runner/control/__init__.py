@@ -1,0 +1,1 @@
+"""Control: from a motion and measurements to joint targets, and the closed loop around it."""

@@ -1,0 +1,176 @@
+"""From a motion to joint targets, one control period after the other, with what feet feel on the way.
+
+Only positions are sent: with q + Kp⁻¹ (τ + Kd q̇) as the target and τ = g(q) − Σ Jᵀ f, the position loop presses with
+the planned contact forces f and does not lag behind. Feet are spheres and roll as their limb turns; what they roll is
+added to where they are expected, or the body would be carried along. Three things close the loop, all of them by feet
+that feel forces: a foot that should stand is lowered until it touches, the motion waits for that, and forces that are
+not as planned are summed up into what is commanded, as far as they are internal: they balance each other and leave the
+body where it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stancekit.planners.files.arrays import Array, checked, gathered
+from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from stancekit.planners.robot.urdf import FOOT_RADIUS_M
+
+from ..motion.redundancy import PosturePath
+from ..motion.timeline import Followed, Instant
+
+DRAWN_S = 0.1
+"""Time constant with which joints come back to the posture chosen for them, where feet that feel led them off it."""
+STUCK_M = 1e-3
+"""A foot in the air that inverse kinematics leaves farther than this from its way is looked for anew."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Feel:
+    """What feet that feel do.
+
+    touch_n: a foot that presses this hard on its patch touches it. seek_m_s, seek_m: how fast a foot that should touch
+    and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed up, 0 for never;
+    press_n: most of them a foot.
+    """
+
+    touch_n: float = 1.5
+    seek_m_s: float = 0.02
+    seek_m: float = 0.02
+    press_hz: float = 4.0
+    press_n: float = 40.0
+
+    def __post_init__(self) -> None:
+        gathered(*(lambda n=n: checked(getattr(self, n), f"feel.{n}", least=0.0) for n in self.__annotations__))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Target:
+    """What is sent for one control period, and why; J joints, N limbs.
+
+    targets_rad: shape (J,). instant: what should be at its end. origin_m: of the body's frame, shape (3,); the centre
+    of mass, which should be at instant.com_m, is shift_m away in the body. angles_rad, torques_nm: planned, shape (J,).
+    rolled_m: how far the feet should have rolled since they were put down, shape (N, 3). error_m: of the inverse
+    kinematics, shape (N,).
+    """
+
+    targets_rad: Array
+    instant: Instant
+    origin_m: Array
+    shift_m: Array
+    angles_rad: Array
+    torques_nm: Array
+    rolled_m: Array
+    error_m: Array
+
+
+class Tracker:
+    """Follows one motion once. ``start`` first, then ``next`` until it says that the motion is over."""
+
+    def __init__(self, motion: Followed, kinematics: Kinematics, rate_hz: float, feel: Feel = Feel()) -> None:
+        self._motion, self._kinematics, self._feel, self._period_s = motion, kinematics, feel, 1.0 / rate_hz
+        self._wished = PosturePath(motion, kinematics, near_of(kinematics))
+        limbs = len(kinematics.robot.limbs)
+        self._time_s = 0.0
+        self._depth, self._pressed, self._rolled = np.zeros(limbs), np.zeros((limbs, 3)), np.zeros((limbs, 3))
+        self._angles = self._wish = self._wished.at(0.0)
+        self._drawn = min(1.0, self._period_s / DRAWN_S)
+        self._shift = kinematics.com_offset(self._angles)
+        for _ in range(3):  # the pose and the shift of the centre of mass depend on each other
+            self._angles = self._solved(motion.at(0.0), np.zeros(limbs))[0]
+            self._shift = kinematics.com_offset(self._angles)
+        self._turned = rotation_of(motion.at(0.0).rotation_rad) @ kinematics.foot_frames(self._angles)
+
+    def start(self) -> Target:
+        """Where the robot should be before the first period."""
+        return self._target(self._motion.at(0.0), self._depth)
+
+    def next(self, forces_n: Array) -> Target | None:
+        """The target of the next period; None at the end. forces_n: felt by the feet just now, shape (N, 3) [N]."""
+        if self._time_s >= self._motion.seconds:
+            return None
+        now, then = self._motion.at(self._time_s), self._motion.at(self._time_s + self._period_s)
+        felt, wanted = (np.einsum("ij,ij->i", forces, then.normals) for forces in (forces_n, then.forces_n))
+        stands, lands = np.array(then.placement) >= 0, np.array(now.placement) < 0
+        missing = stands & (lands | (wanted > 4.0 * self._feel.touch_n))
+        missing &= (felt < self._feel.touch_n) & (self._depth < self._feel.seek_m)
+        landing = missing & lands
+        self._depth = np.where(missing, self._depth + self._feel.seek_m_s * self._period_s, self._depth)
+        self._depth = np.where(stands, self._depth, 0.9 * self._depth)
+        self._press(then, forces_n, stands)
+        if not landing.any():
+            self._time_s += self._period_s
+        return self._target(now if landing.any() else then, self._depth)
+
+    def _press(self, instant: Instant, forces_n: Array, stands: NDArray[np.bool_]) -> None:
+        """Sum up what is missing, less its share that moves or turns the body as a whole."""
+        gap = np.where(stands[:, None], instant.forces_n - forces_n, 0.0)
+        arms = instant.feet_m - instant.com_m
+        maps = [np.concatenate([np.eye(3), _skew(arm)]) for arm in arms]
+        whole = np.concatenate(maps, axis=1) * np.repeat(stands, 3)
+        gap = gap - (np.linalg.pinv(whole) @ (whole @ gap.ravel())).reshape(-1, 3)
+        pressed = self._pressed + self._feel.press_hz * self._period_s * gap
+        pressed = np.where(stands[:, None], pressed, 0.9 * self._pressed)
+        self._pressed = np.clip(pressed, -self._feel.press_n, self._feel.press_n)
+
+    def _target(self, instant: Instant, depth: Array) -> Target:
+        angles, error, origin = self._solved(instant, depth)
+        rotation = rotation_of(instant.rotation_rad)
+        planned = self._kinematics.torques(angles, rotation, instant.forces_n)
+        given = self._kinematics.torques(angles, rotation, instant.forces_n + self._pressed)
+        servo = self._kinematics.servo
+        given = given + servo.damping_nms_rad * (angles - self._angles) / self._period_s
+        shift, self._angles = self._shift, angles
+        self._roll(instant, rotation @ self._kinematics.foot_frames(angles))
+        self._shift = self._kinematics.com_offset(angles)
+        return Target(
+            targets_rad=angles + given / servo.stiffness_nm_rad, instant=instant, origin_m=origin, shift_m=shift,
+            angles_rad=angles, torques_nm=planned, rolled_m=self._rolled, error_m=error,
+        )  # fmt: skip
+
+    def _roll(self, instant: Instant, turned: Array) -> None:
+        """A sphere that rolls by a small turn ω moves by ω × r n. turned: orientations of the feet, (N, 3, 3)."""
+        between = turned @ self._turned.transpose(0, 2, 1)
+        turn = 0.5 * (between - between.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]]
+        moved = FOOT_RADIUS_M * np.cross(turn, instant.normals)
+        stands = np.array(instant.placement)[:, None] >= 0
+        self._rolled = np.where(stands, self._rolled + moved, 0.9 * self._rolled)
+        self._turned = turned
+
+    def _solved(self, instant: Instant, depth: Array) -> tuple[Array, Array, Array]:
+        """Angles, errors of the feet and the body's origin."""
+        rotation = rotation_of(instant.rotation_rad)
+        origin = instant.com_m - rotation @ self._shift
+        wish = self._wished.at(self._time_s)
+        feet = (instant.feet_m + self._rolled - depth[:, None] * instant.normals - origin) @ rotation
+        near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
+        self._wish = wish
+        angles, error = self._kinematics.reach(feet, near, near)
+        stuck = (error > STUCK_M) & (np.array(instant.placement) < 0)
+        if stuck.any():  # at a limit on its way: begin again where it should end
+            other, missed = self._kinematics.reach(feet, wish, wish)
+            stuck &= missed < error
+            angles = np.where(np.repeat(stuck, len(angles) // len(stuck)), other, angles)
+            error = np.where(stuck, missed, error)
+        return angles, error, origin
+
+
+class Continued(Kinematics):
+    """Kinematics of a robot that is already somewhere: motions begin at the posture ``near_rad``, shape (J,)."""
+
+    def __init__(self, *arguments: Any, near: Array, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.near_rad = np.array(near, dtype=float)
+
+
+def near_of(kinematics: Kinematics) -> Array | None:
+    """The posture that the robot has already, if it is somewhere."""
+    return kinematics.near_rad if isinstance(kinematics, Continued) else None
+
+
+def _skew(v: Array) -> Array:
+    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

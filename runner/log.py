@@ -1,0 +1,297 @@
+"""The log of a run: MCAP, one JSON message after the other, readable up to the last one whatever ends the process.
+
+Five topics, each with its JSON Schema: ``plan`` (which, its digest, how it was timed), ``command`` (what was asked and
+what was sent), ``measurement`` (the world's state), ``decision`` (what the runner did, and why) and ``verdict`` (how it
+ended). There are no chunks: a message is in the file as soon as it is written.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import io
+import json
+import math
+import os
+import struct
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, fields
+from importlib.util import find_spec
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Any, Protocol, Self
+
+import numpy as np
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.documents import decoded, parse_json, read_bytes
+from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.writing import check_writable
+
+from .worlds.world import State
+
+FORMAT = "stancekit/run/1"
+LARGEST_TIME = 1e9
+"""Of times [s] and rates [Hz] in a log."""
+TOPICS: dict[str, dict[str, str]] = {
+    "plan": {"format": "string", "digest": "string", "course": "string", "joints": "array", "rate_hz": "number"},
+    "command": {"time_s": "number", "asked_rad": "array", "sent_rad": "array", "planned_rad": "array"},
+    "measurement": {"time_s": "number", "angles_rad": "array", "position_m": "array"},
+    "decision": {"what": "string", "why": "string"},
+    "verdict": {"succeeded": "boolean", "message": "string"},
+}
+"""The topics, and what every message of each has at least, by JSON type."""
+ARRAYS_OF = {"joints": str}
+"""What the arrays of messages hold; numbers, or rows of them, where it is not said. What was not finite is null."""
+KINDS: dict[str, Any] = {
+    "string": str, "number": float | int, "boolean": bool, "array": list
+}  # fmt: skip
+
+
+class Log(Protocol):
+    """Where a run writes down what happens."""
+
+    def write(self, topic: str, content: Mapping[str, Any]) -> None:
+        """Write one message."""
+        ...
+
+
+class NoLog:
+    """Forgets everything."""
+
+    def write(self, topic: str, content: Mapping[str, Any]) -> None:
+        """Nothing."""
+
+
+class McapLog:
+    """An MCAP file. A context manager. Raises InvalidInput where it cannot be written, or without the package mcap.
+
+    A log that is there already stays until this one is ended: then this one takes its place, and until then it grows
+    beside it in NAME.partial.mcap. That is where what was written is found after a run that was killed, or that could
+    not write on; the next log of that name begins there anew. Where nothing is there, the log grows in its own place.
+    Two runs at once do not write one log: the second is refused at its first message.
+    clock: of the messages, in nanoseconds since 1970; a clock that is set back is no matter, order is the file's.
+    """
+
+    def __init__(self, path: str | Path, clock: Callable[[], int] = time.time_ns) -> None:
+        if find_spec("mcap") is None:
+            raise InvalidInput("--log: expected mcap, it is not installed: pip install 'stancekit[log]'")
+        self._path, self._clock = Path(path), clock
+        self._target = self._place = check_writable(path)
+        self._counts, self._channels = dict.fromkeys(TOPICS, 0), dict[str, int]()
+        self._stream: IO[bytes] | None = None
+        self._writer: Any = None
+        self._lost = False
+
+    def _begin(self) -> IO[bytes]:
+        """The file, with its head."""
+        from mcap.writer import CompressionType, IndexType, Writer
+
+        if self._target.is_file():
+            os.close(self._claimed(os.O_RDONLY))
+            self._place = self._target.with_suffix(f".partial{self._target.suffix}")
+        self._stream = stream = os.fdopen(self._claimed(os.O_WRONLY | os.O_CREAT), "wb")
+        if self._place.is_file():
+            stream.truncate()
+        self._writer = Writer(stream, use_chunking=False, compression=CompressionType.NONE, index_types=IndexType.NONE)
+        self._writer.start(profile="", library="stancekit")
+        for topic, keys in TOPICS.items():
+            schema = {
+                "title": f"stancekit.{topic}", "type": "object", "required": list(keys),
+                "properties": {key: {"type": kind} for key, kind in keys.items()},
+            }  # fmt: skip
+            number = self._writer.register_schema(f"stancekit.{topic}", "jsonschema", json.dumps(schema).encode())
+            self._channels[topic] = self._writer.register_channel(topic, "json", number)
+        return stream
+
+    def _claimed(self, how: int) -> int:
+        """A descriptor of the file with its lock. Raises InvalidInput where another run has it."""
+        descriptor = os.open(self._place, how, 0o666)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(descriptor)
+            raise InvalidInput(f"{self._path}: expected a log of its own, another run is writing to it") from None
+        except OSError:  # a file system without locks
+            pass
+        return descriptor
+
+    def write(self, topic: str, content: Mapping[str, Any]) -> None:
+        """Write one message, and hand it to the operating system. Numbers that are not finite become null.
+
+        Raises OSError, naming the file, where it cannot be written: what was written before stays, and nothing is
+        written any more, so that an ending is not disturbed by a disk that is full.
+        """
+        if self._lost:
+            return
+        data = json.dumps(_plain(content), allow_nan=False, separators=(",", ":")).encode()
+        with self._named():
+            stream = self._stream or self._begin()
+            now = self._clock()
+            self._counts[topic] += 1
+            self._writer.add_message(self._channels[topic], now, data, now, self._counts[topic])
+            stream.flush()
+
+    def close(self) -> None:
+        """End the file properly, and put it in its place; once is enough. Raises OSError as ``write``."""
+        if self._stream is None or self._stream.closed:
+            return
+        with self._named():
+            self._writer.finish()
+            self._stream.flush()
+            with suppress(OSError):  # a pipe
+                os.fsync(self._stream.fileno())
+            if self._place != self._target:
+                os.replace(self._place, self._target)
+            self._stream.close()
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """An error of the system names the file; it is the end of the log, and of a file without a message."""
+        try:
+            yield
+        except OSError as error:
+            self._lost = True
+            with suppress(OSError):
+                if self._stream is not None:
+                    self._stream.close()
+            if sum(self._counts.values()) <= 1:
+                with suppress(OSError):
+                    self._place.unlink()
+            raise OSError(error.errno, error.strerror, str(self._path)) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Message:
+    """One message of a log. time_ns: since 1970."""
+
+    topic: str
+    time_ns: int
+    content: dict[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """A log that was read. whole: it was ended properly; else the process was, and all that it wrote is here."""
+
+    messages: tuple[Message, ...]
+    whole: bool
+
+    def of(self, topic: str) -> list[dict[str, Any]]:
+        """The contents of a topic's messages, in order."""
+        return [message.content for message in self.messages if message.topic == topic]
+
+
+def read_log(path: str | Path) -> Recorded:
+    """Read a log to its end, or to where its writer was killed. Raises InvalidInput for what is no log of a run."""
+    path = Path(path)
+    try:
+        from mcap.records import Channel, Chunk, Footer
+        from mcap.records import Message as Raw
+    except ImportError:
+        raise InvalidInput(f"{path}: expected mcap to read it, got none: pip install 'stancekit[log]'") from None
+    messages, topics, whole = list[Message](), dict[int, str](), False
+    for record in _records(path):
+        if isinstance(record, Footer):
+            whole = True
+        elif isinstance(record, Channel):
+            topics[record.id] = record.topic
+        elif isinstance(record, Chunk):
+            raise InvalidInput(f"{path}: expected a log as it was written, without chunks")
+        elif isinstance(record, Raw) and topics.get(record.channel_id) in TOPICS:
+            topic, where = topics[record.channel_id], f"{path}: {topics[record.channel_id]}"
+            content = parse_json(decoded(record.data, where), where)
+            _check_message(topic, content, where)
+            messages.append(Message(topic=topic, time_ns=record.log_time, content=content))
+    first = messages[0].content if messages else {}
+    if first.get("format") != FORMAT:
+        found = first.get("format", "no messages")
+        raise InvalidInput(f"{path}: expected a log of format {FORMAT!r}, got {shown(found)}")
+    if messages[0].topic != "plan":
+        raise InvalidInput(f"{path}: expected the topic plan first, got {messages[0].topic}")
+    return Recorded(messages=tuple(messages), whole=whole)
+
+
+def state_json(state: State) -> dict[str, Any]:
+    """A world's state, JSON-ready."""
+    return {item.name: getattr(state, item.name) for item in fields(state)}
+
+
+def state_from_json(content: Mapping[str, Any], where: str) -> State:
+    """What ``state_json`` wrote. Raises InvalidInput."""
+    try:
+        numbers = {item.name: np.array(content[item.name], dtype=float) for item in fields(State)}
+        return State(**{n: float(v) if n in ("time_s", "bump_n") else v for n, v in numbers.items()})  # type: ignore[arg-type]
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise InvalidInput(f"{where}: expected a whole measurement, got {shown(error, 80)}") from None
+
+
+def _check_message(topic: str, content: Any, where: str) -> None:
+    """Raise InvalidInput unless a message is what its topic's are."""
+    wanted = TOPICS[topic]
+    if not isinstance(content, dict) or not set(wanted) <= set(content):
+        raise InvalidInput(f"{where}: expected an object with {', '.join(wanted)}")
+    for name, kind in wanted.items():
+        value: Any = content[name]
+        if not isinstance(value, KINDS[kind]) or (isinstance(value, bool) and kind != "boolean"):
+            raise InvalidInput(f"{where}: {name}: expected {kind}, got {shown(value)}")
+        if kind == "array" and ARRAYS_OF.get(name) is str and not all(isinstance(item, str) for item in value):
+            raise InvalidInput(f"{where}: {name}: expected texts, got {shown(value)}")
+        if kind == "array" and name not in ARRAYS_OF:
+            table(value, (None,), f"{where}: {name}")
+        if kind == "number" and not abs(value) <= LARGEST_TIME:
+            raise InvalidInput(f"{where}: {name}: expected a number up to {LARGEST_TIME:g}, got {shown(value)}")
+
+
+def table(value: Any, shape: tuple[int | None, ...], where: str) -> Array:
+    """Numbers of a message in this shape, None where any length will do; null is NaN. Raises InvalidInput."""
+    try:
+        found = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError):
+        raise InvalidInput(f"{where}: expected numbers, got {shown(value)}") from None
+    if found.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, found.shape, strict=True)):
+        raise InvalidInput(f"{where}: expected numbers of shape {shape}, got {found.shape}")
+    return found
+
+
+def _records(path: Path) -> Iterator[Any]:
+    """The records of a file, as far as they are whole."""
+    from mcap.exceptions import EndOfFile, InvalidMagic
+    from mcap.stream_reader import StreamReader
+
+    content = read_bytes(path)
+    records = StreamReader(io.BytesIO(content), record_size_limit=len(content), emit_chunks=True).records
+    while True:
+        try:
+            record = next(records, None)
+        except (EndOfFile, struct.error):  # the writer was killed
+            return
+        except InvalidMagic:
+            raise InvalidInput(f"{path}: expected an MCAP file, got something else") from None
+        except Exception as error:  # what mcap's readers meet
+            told = " ".join(str(error).split()) or type(error).__name__
+            raise InvalidInput(f"{path}: expected an MCAP file, broken: {told:.120}") from None
+        if record is None:
+            return
+        yield record
+
+
+def _plain(value: Any) -> Any:
+    """JSON-ready: arrays as lists, what is not finite as null."""
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist()) if not np.isfinite(value).all() else value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

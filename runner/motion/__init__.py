@@ -1,0 +1,1 @@
+"""Motions: plans and gaits as functions of time."""

@@ -1,0 +1,247 @@
+"""A plan as a timed motion: load moves to the limbs that stay, the others lift, swing and are put down, the body moves.
+
+Between two key frames one support holds. Body pose and forces run along the straight line between its two stances with
+one common progress, so that every point on the way is in balance as both ends are (toes held, linear in c and f).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array, checked, gathered
+from stancekit.planners.robot.urdf import FOOT_RADIUS_M
+from stancekit.planners.terrain.prism import Solid
+
+from .swing import Swing, clear_swing
+
+KNOTS = 10
+"""Postures are chosen so often in every phase."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Timing:
+    """How long the phases last, and how far feet stay away from surfaces.
+
+    settle_s: at rest before and after. transfer_s: load from one stance to the next. lift_s, place_s: along the
+    patch's normal. foot_m_s, body_m_s, body_rad_s: greatest mean speeds of a swing, which lasts swing_s or longer.
+    clearance_m: how far feet are lifted.
+    """
+
+    settle_s: float = 0.4
+    transfer_s: float = 0.5
+    lift_s: float = 0.25
+    place_s: float = 0.3
+    swing_s: float = 0.6
+    foot_m_s: float = 0.4
+    body_m_s: float = 0.15
+    body_rad_s: float = 0.3
+    clearance_m: float = 0.05
+
+    def __post_init__(self) -> None:
+        gathered(*(lambda n=n: checked(getattr(self, n), f"timing.{n}", above=0.0) for n in self.__annotations__))
+
+    def at_pace(self, pace: float) -> Timing:
+        """The same, faster by this factor."""
+        faster = {item.name: getattr(self, item.name) for item in fields(self)}
+        for name in faster:
+            if name.endswith("_s"):
+                faster[name] *= pace if name in ("foot_m_s", "body_m_s", "body_rad_s") else 1.0 / pace
+        return Timing(**faster)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Instant:
+    """What should be at one time; N limbs.
+
+    com_m, rotation_rad: body; frame: progress in key frames, e.g. 1.5 half way from frame 1 to 2. feet_m: centres of
+    the feet, shape (N, 3). forces_n: on the robot, shape (N, 3). placement: what every limb stands on, −1 in the air.
+    normals: of the surface that a limb stands on, leaves or comes to, shape (N, 3).
+    """
+
+    com_m: Array
+    rotation_rad: Array
+    frame: float
+    feet_m: Array
+    forces_n: Array
+    placement: tuple[int, ...]
+    normals: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Phase:
+    """A stretch of time: body between two frames' poses, forces between two sets, some limbs on a part of a swing."""
+
+    seconds: float
+    frames: tuple[int, int]
+    forces: tuple[Array, Array]
+    placement: tuple[int, ...]
+    swings: dict[int, tuple[Swing, float, float]] = field(default_factory=dict)
+
+
+class Followed(Protocol):
+    """What a tracker can follow. knots_s: times from 0 to its end at which postures of the limbs are chosen, the same
+    moments at every pace; solids: what limbs keep off."""
+
+    solids: tuple[Solid, ...]
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes [s]."""
+        ...
+
+    @property
+    def knots_s(self) -> Array:
+        """shape (T,) [s]."""
+        ...
+
+    def at(self, time_s: float) -> Instant:
+        """What should be at a time; the ends are held."""
+        ...
+
+
+class Motion:
+    """A plan over time. forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None.
+
+    Raises InvalidInput where all limbs lift at once: nobody carries, and no position control can do that.
+    """
+
+    def __init__(self, plan: Plan, timing: Timing = Timing(), forces_n: Array | None = None) -> None:
+        self.plan, self.timing = plan, timing
+        self._forces = plan.forces_n if forces_n is None else forces_n
+        course = plan.course
+        self._names = course.robot.limb_names
+        self._stance = {(stance.frame, stance.limbs): index for index, stance in enumerate(course.stances)}
+        self.solids = tuple(Solid.behind(patch) for patch in course.terrain)
+        normals = np.array([course.patch(p, plan.choice).normal for p in range(len(course.placements))])
+        self.normals = normals
+        self._feet = plan.toes_m + FOOT_RADIUS_M * normals
+
+    @cached_property
+    def phases(self) -> tuple[_Phase, ...]:
+        """All phases in order."""
+        course, timing = self.plan.course, self.timing
+        found, carried = [], self._support_forces(0, self._support(1))
+        found.append(self._still(0, timing.settle_s, carried, carried))
+        for k in range(1, course.frames):
+            support = self._support(k)
+            before, after = self._support_forces(k - 1, support), self._support_forces(k, support)
+            found.append(self._still(k - 1, timing.transfer_s, carried, before))
+            found += self._step(k, before, after)
+            carried = after
+        last = self._support_forces(course.frames - 1, self._support(course.frames))
+        found.append(self._still(course.frames - 1, timing.transfer_s, carried, last))
+        found.append(self._still(course.frames - 1, 2.0 * timing.settle_s, last, last))
+        return tuple(phase for phase in found if phase.seconds > 0.0)
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes [s]."""
+        return float(self._ends[-1])
+
+    def at(self, time_s: float) -> Instant:
+        """What should be at a time; the ends are held."""
+        index = min(int(np.searchsorted(self._ends, time_s, side="left")), len(self.phases) - 1)
+        phase = self.phases[index]
+        passed = (time_s - (self._ends[index] - phase.seconds)) / phase.seconds
+        s = _smooth(min(max(passed, 0.0), 1.0))
+        a, b = phase.frames
+        plan = self.plan
+        feet, normals = (table[plan.course.holds[a]].copy() for table in (self._feet, self.normals))
+        for limb, (swing, start, end) in phase.swings.items():
+            feet[limb] = swing.at(start + s * (end - start))
+            if start > 0.0:
+                normals[limb] = self.normals[plan.course.holds[b][limb]]
+        return Instant(
+            com_m=plan.com_m[a] + s * (plan.com_m[b] - plan.com_m[a]),
+            rotation_rad=plan.rotation_rad[a] + s * (plan.rotation_rad[b] - plan.rotation_rad[a]),
+            frame=a + s * (b - a),
+            feet_m=feet,
+            forces_n=phase.forces[0] + s * (phase.forces[1] - phase.forces[0]),
+            placement=phase.placement,
+            normals=normals,
+        )
+
+    @property
+    def knots_s(self) -> Array:
+        """The same number of times in every phase, and the end, shape (T,) [s]."""
+        starts = self._ends - [phase.seconds for phase in self.phases]
+        parts = np.arange(KNOTS) / KNOTS
+        times = [start + parts * phase.seconds for start, phase in zip(starts, self.phases, strict=True)]
+        return np.concatenate([*times, self._ends[-1:]])
+
+    @cached_property
+    def _ends(self) -> Array:
+        return np.cumsum([phase.seconds for phase in self.phases])
+
+    def _still(self, frame: int, seconds: float, first: Array, last: Array) -> _Phase:
+        """All limbs stand, only the load moves."""
+        placement = tuple(int(p) for p in self.plan.course.holds[frame])
+        return _Phase(seconds=seconds, frames=(frame, frame), forces=(first, last), placement=placement)
+
+    def _step(self, k: int, before: Array, after: Array) -> list[_Phase]:
+        """Lift, swing and place the limbs of frame k; the body moves during the swing."""
+        course, plan, timing = self.plan.course, self.plan, self.timing
+        old, new = course.holds[k - 1], course.holds[k]
+        moving = [self._names.index(name) for name in course.lifts[k]]
+        swings = {limb: self._swing(int(old[limb]), int(new[limb])) for limb in moving}
+        air = tuple(-1 if limb in swings else int(p) for limb, p in enumerate(old))
+        up, across, down = (max((swing.lengths_m[part] for swing in swings.values()), default=0.0) for part in range(3))
+        seconds = max(
+            timing.swing_s,
+            across / timing.foot_m_s,
+            float(np.linalg.norm(plan.com_m[k] - plan.com_m[k - 1])) / timing.body_m_s,
+            float(np.linalg.norm(plan.rotation_rad[k] - plan.rotation_rad[k - 1])) / timing.body_rad_s,
+        )
+        parts = [
+            (timing.lift_s * up / timing.clearance_m, (k - 1, k - 1), (before, before), (0.0, 1.0)),
+            (seconds, (k - 1, k), (before, after), (1.0, 2.0)),
+        ]
+        found = [
+            _Phase(
+                seconds=time, frames=frames, forces=forces, placement=air,
+                swings={limb: (swing, *part) for limb, swing in swings.items()},
+            )
+            for time, frames, forces, part in parts
+        ]  # fmt: skip
+        if swings:
+            landing = {limb: (swing, 2.0, 3.0) for limb, swing in swings.items()}
+            place_s = timing.place_s * down / timing.clearance_m
+            found.append(_Phase(seconds=place_s, frames=(k, k), forces=(after, after), placement=air, swings=landing))
+        return found
+
+    def _swing(self, old: int, new: int) -> Swing:
+        toes = (self._feet[old], self._feet[new])
+        return clear_swing(toes, (self.normals[old], self.normals[new]), self.timing.clearance_m, self.solids)
+
+    def _support(self, frame: int) -> tuple[int, ...]:
+        """The limbs that carry while those of ``frame`` lift; after the last frame, while the next would."""
+        course = self.plan.course
+        lifted = course.lifts[frame] if frame < course.frames else course.next_lift
+        support = tuple(i for i, name in enumerate(self._names) if name not in lifted)
+        if not support:
+            if frame >= course.frames:
+                return tuple(range(len(self._names)))
+            raise InvalidInput(
+                f"frame {frame}: expected limbs that stay and carry the robot, got a schedule that lifts all of them "
+                "at once: no position control can execute that"
+            )
+        return support
+
+    def _support_forces(self, frame: int, support: tuple[int, ...]) -> Array:
+        """Forces at a frame with these limbs only; where all of them stand, the mean of what the plan has there."""
+        index = self._stance.get((frame, support))
+        if index is not None:
+            return np.asarray(self._forces[index])
+        rows = [i for i, stance in enumerate(self.plan.course.stances) if stance.frame == frame]
+        return np.asarray(self._forces[rows].mean(axis=0))
+
+
+def _smooth(s: float) -> float:
+    """From 0 to 1 with no velocity and no acceleration at the ends."""
+    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)

@@ -1,0 +1,124 @@
+"""What came of a run: planned against measured, what was sent, and how it ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .control.tracker import Target
+from .execution import Execution
+from .safety.ending import Ended
+from .safety.guard import SafeWorld
+from .worlds.replay import ReplayWorld
+from .worlds.world import State
+
+if TYPE_CHECKING:
+    from .prepared import Playable
+
+
+@dataclass
+class Rows:
+    """What was recorded while the motion ran. spent_s: from sending to having measured, each; began_s: when."""
+
+    pairs: list[tuple[Target, State]] = field(default_factory=list)
+    spent_s: list[float] = field(default_factory=list)
+    began_s: list[float] = field(default_factory=list)
+
+    def add(self, target: Target, state: State, spent_s: float, began_s: float) -> None:
+        """One control period."""
+        self.pairs.append((target, state))
+        self.spent_s.append(spent_s)
+        self.began_s.append(began_s)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RunReport:
+    """How a run went.
+
+    succeeded: to its end, with joints and, where it is measured, the body where they should be. message: why not.
+    dry: nothing was sent. ended: see ``Ended``. counted: what frames and frames_done, so many of all, count.
+    seconds: of the motion; pace: of that asked for, bound_by what slowed it down. sent, clipped, refused: commands, see
+    ``SafeWorld``.
+    joint_worst_rad, joint_rms_rad: measured against planned angles, NaN, and joint_worst empty, where the motion never
+    began. cycle_s: median and 99th percentile of the control period, from one command to the next. execution: as in a
+    simulation, where body and forces are measured. replay_rad: largest difference of a command from that in the log
+    which is replayed. stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine
+    share, None where it was not; after: commands on their way at that moment, whose write returned up to after_s later.
+    """
+
+    world: str
+    digest: str
+    dry: bool
+    succeeded: bool
+    message: str
+    ended: Ended
+    counted: str
+    frames: float
+    frames_done: float
+    seconds: float
+    pace: float
+    bound_by: str
+    sent: int
+    clipped: int
+    refused: int
+    joint_worst_rad: float
+    joint_worst: str
+    joint_rms_rad: float
+    cycle_s: tuple[float, float]
+    wall_s: float
+    execution: Execution | None
+    replay_rad: float | None = None
+    stopped_s: float | None = None
+    after: int = 0
+    after_s: float = 0.0
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready."""
+        found = {name: value for name, value in self.__dict__.items() if name not in ("ended", "execution", "cycle_s")}
+        numbers = {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in found.items()}
+        return numbers | {
+            "ended": self.ended.to_json(),
+            "cycle_s": [None if not np.isfinite(value) else value for value in self.cycle_s],
+            "execution": None if self.execution is None else self.execution.to_json(),
+        }
+
+
+def reported(prepared: Playable, world: SafeWorld, rows: Rows, ended: Ended, message: str, wall_s: float) -> RunReport:
+    """The report of what was recorded."""
+    execution = None
+    if world.capabilities.has_body_pose and not world.dry and rows.pairs:
+        execution = prepared.execution(world, rows, wall_s)
+        message = message or execution.message
+    angles = np.array([state.angles_rad for _, state in rows.pairs]).reshape(-1, len(world.joints))
+    away = np.abs(angles - np.array([target.angles_rad for target, _ in rows.pairs]).reshape(angles.shape))
+    latch = world.latch
+    cycles = np.diff(rows.began_s) if len(rows.began_s) > 1 else np.array([np.nan])
+    return RunReport(
+        world=world.name,
+        digest=prepared.digest,
+        dry=world.dry,
+        succeeded=not message,
+        message=message,
+        ended=ended,
+        counted=prepared.counted,
+        frames=prepared.total + 1,
+        frames_done=float(rows.pairs[-1][0].instant.frame) if rows.pairs else 0.0,
+        seconds=float(rows.pairs[-1][1].time_s - rows.pairs[0][1].time_s) if rows.pairs else 0.0,
+        pace=prepared.pace,
+        bound_by=prepared.bound_by,
+        sent=world.sent,
+        clipped=world.clipped,
+        refused=world.refused,
+        joint_worst_rad=float(away.max()) if away.size else float("nan"),
+        joint_worst=world.joints[int(np.argmax(away.max(axis=0)))] if away.size else "",
+        joint_rms_rad=float(np.sqrt(np.mean(away**2))) if away.size else float("nan"),
+        cycle_s=(float(np.median(cycles)), float(np.percentile(cycles, 99.0))),
+        wall_s=wall_s,
+        execution=execution,
+        replay_rad=world.world.worst_rad if isinstance(world.world, ReplayWorld) else None,
+        stopped_s=latch.time_s if latch.tripped else None,
+        after=latch.after,
+        after_s=latch.after_s,
+    )

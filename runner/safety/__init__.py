@@ -1,0 +1,1 @@
+"""Safety: the stop latch, limits, watchdogs, the heartbeat monitor, and how runs end."""

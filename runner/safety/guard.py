@@ -1,0 +1,262 @@
+"""Every world behind the same guard: clipping, refusal of what is no number, the stop latch, the watchdog, deviation.
+
+What was really sent comes back in ``State.sent_rad``. After a stop nothing is sent any more; what is asked for then is
+counted and refused. What is real is armed for a plan only, and the plan is verified then, from its own numbers.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import NoReturn, Protocol, Self, runtime_checkable
+
+import numpy as np
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.files.arrays import Array, checked, gathered
+from stancekit.planners.gait.trajectory import Trajectory
+
+from ..acceptance import proven
+from ..worlds.capabilities import WorldCapabilities
+from ..worlds.dry_run import NullWorld
+from ..worlds.world import State, Terrain, World
+from .heartbeat import Guardian
+from .latch import Source, StopLatch, Stopped
+from .watchdog import Watchdog
+
+__all__ = ["Actuator", "Limits", "SafeWorld", "Stoppable", "WorldCapabilities", "capabilities_of"]
+
+
+@runtime_checkable
+class Stoppable(Protocol):
+    """A world that can be left in a state: standing as it is, or without torque."""
+
+    def hold(self) -> None:
+        """Send nothing any more; the joints keep what they were told last.
+
+        Where an arming was interrupted, it makes sure that the torque is as it was before, or raises HardwareFault.
+        """
+        ...
+
+    def relax(self) -> None:
+        """Torque off everywhere."""
+        ...
+
+
+@runtime_checkable
+class Actuator(Stoppable, Protocol):
+    """A world that moves something real: it takes no step unless armed."""
+
+    armed: bool
+
+    def torque(self, on: bool) -> None:
+        """Arm, at the measured pose; or let go. An arming that is interrupted, by whatever it raises, leaves no torque
+        on that was off before."""
+        ...
+
+
+@runtime_checkable
+class _Capable(Protocol):
+    capabilities: WorldCapabilities
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limits:
+    """What the guard lets through, and when it stops.
+
+    margin_rad: distance kept from the joints' limits. velocity_share: of the joints' greatest velocity. step_rad: most
+    that a target may change in one control period. path_rad, path_s: a joint that is farther than this from what it
+    was sent, for this long, stops the run. silent_s: the longest time between two commands to something real; pauses
+    of a simulation harm nobody.
+    """
+
+    margin_rad: float = 0.0
+    velocity_share: float = 1.0
+    step_rad: float = 0.1
+    path_rad: float = 0.3
+    path_s: float = 0.1
+    silent_s: float = 0.25
+
+    def __post_init__(self) -> None:
+        gathered(
+            lambda: checked(self.margin_rad, "limits.margin_rad", least=0.0),
+            lambda: checked(self.velocity_share, "limits.velocity_share", above=0.0, most=1.0),
+            *(
+                lambda n=n: checked(getattr(self, n), f"limits.{n}", above=0.0)
+                for n in ("step_rad", "path_rad", "silent_s")
+            ),
+            lambda: checked(self.path_s, "limits.path_s", least=0.0),
+        )
+
+
+class SafeWorld:
+    """A world with a guard, itself a world. It owns the world, and closes it.
+
+    dry: nothing is sent to anything real; a ``NullWorld`` answers what would have been sent. A simulation is nothing
+    real. latch: the world's. sources: asked before every command. sent, clipped, refused: numbers of commands that went
+    through, that were changed on the way, and that came after the stop. armed: an arming came to its end, or none is
+    needed. guardian: told of every command.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        *,
+        limits: Limits = Limits(),
+        dry: bool = True,
+        sources: Sequence[Source] = (),
+        clock: Callable[[], float] = time.monotonic,
+        guardian: Guardian | None = None,
+    ) -> None:
+        self.world, self.limits = world, limits
+        self.latch: StopLatch = world.latch
+        self.name, self.robot, self.servo = world.name, world.robot, world.servo
+        self.joints, self.rate_hz = world.joints, world.rate_hz
+        self.capabilities = capabilities_of(world)
+        self.real = isinstance(world, Actuator)
+        self.dry = dry and self.real
+        self.sent = self.clipped = self.refused = 0
+        self.armed = not self.real
+        self.watchdog = Watchdog(world.latch, limits.silent_s if self.real else float("inf"), clock, guardian)
+        self.latch.listen(*sources, self.watchdog.look)
+        self._to: World = world
+        self._last: Array | None = None
+        self._away = 0
+
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+        """As the world's; what is real is measured, and moves not. Raises Stopped, InvalidInput, HardwareFault."""
+        self._ask()
+        state = self.world.reset(terrain, angles_rad, position_m, rotation)
+        self._check_measured(state)
+        self._to = NullWorld(self.world, state) if self.dry else self.world
+        self._last, self._away = np.array(state.angles_rad, dtype=float), 0
+        return state
+
+    @property
+    def last_rad(self) -> Array:
+        """What was sent last, or measured where nothing was sent, shape (J,). Raises InvalidInput before ``reset``."""
+        if self._last is None:
+            raise InvalidInput("world: expected reset before anything else")
+        return self._last
+
+    def arm(self, content: Plan | Trajectory, digest: str) -> None:
+        """Let something real move: its torque is switched on at the pose where it is. Nothing to do for others.
+
+        content: what is going to move it; digest: of the verdict on it. Raises InvalidInput unless the verifier accepts
+        it now, as the digest says, whatever object it comes in; Stopped, HardwareFault, after which no torque is on
+        that was off before.
+        """
+        proven(content, digest, "arming")
+        self._ask()
+        if isinstance(self._to, Actuator):
+            self.watchdog.guard()
+            try:
+                self._to.torque(True)
+            finally:
+                self.armed = self._to.armed
+
+    def step(self, targets_rad: Array) -> State:
+        """Send what of the targets is within limits. Raises Stopped after a stop, and with the command that causes one;
+        HardwareFault where the world does."""
+        last = self.last_rad
+        self._ask()
+        targets = np.asarray(targets_rad, dtype=float)
+        if targets.shape != last.shape or not np.isfinite(targets).all():
+            self.trip(f"command refused: expected {len(last)} finite targets, got {_wrong(targets, self.joints)}")
+        given = self.within(targets)
+        self.watchdog.kick()
+        try:
+            state = self._to.step(given)
+            self._check_measured(state)
+        except Stopped:
+            self.refused += 1
+            raise
+        except HardwareFault as error:
+            self.latch.trip(str(error))
+            raise
+        self.armed = True
+        self.sent += 1
+        self.clipped += int(np.any(np.abs(given - targets) > 1e-9))
+        self._last = np.array(state.sent_rad, dtype=float)
+        self._check_deviation(state)
+        return state
+
+    def trip(self, reason: str) -> NoReturn:
+        """Stop for this reason, and raise Stopped."""
+        self.latch.trip(reason)
+        raise Stopped(self.latch.reason)
+
+    def within(self, targets_rad: Array) -> Array:
+        """The targets within the limits of position, velocity and step, shape (J,) [rad]."""
+        can, limits, last = self.capabilities, self.limits, self.last_rad
+        most = np.minimum(limits.velocity_share * can.velocity_rad_s / self.rate_hz, limits.step_rad)
+        middle = 0.5 * (can.lower_rad + can.upper_rad)
+        lower = np.minimum(can.lower_rad + limits.margin_rad, middle)
+        upper = np.maximum(can.upper_rad - limits.margin_rad, middle)
+        # a joint that begins beyond its limits comes back no faster than any other moves
+        return np.asarray(np.clip(np.clip(targets_rad, lower, upper), last - most, last + most))
+
+    def close(self) -> None:
+        """Close the world."""
+        self.watchdog.rest()
+        self.world.close()
+
+    def __enter__(self) -> Self:
+        self.watchdog.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.watchdog.__exit__(kind, error, trace)
+        self.close()
+
+    def _ask(self) -> None:
+        """Raise Stopped where somebody wants it."""
+        try:
+            self.latch.check()
+        except Stopped:
+            self.refused += 1
+            raise
+
+    def _check_measured(self, state: State) -> None:
+        for name in ("angles_rad", "rates_rad_s", "forces_n", "position_m"):
+            if not np.isfinite(getattr(state, name)).all():
+                raise HardwareFault(f"world {self.name}: expected finite measurements, got others in {name}")
+
+    def _check_deviation(self, state: State) -> None:
+        """Stop where a joint does not go where it is sent."""
+        away = np.abs(state.angles_rad - state.sent_rad)
+        worst = int(np.argmax(away))
+        self._away = self._away + 1 if away[worst] > self.limits.path_rad else 0
+        if self._away > self.limits.path_s * self.rate_hz + 1e-6:
+            limit = f"more than {self.limits.path_rad:g} rad for {self.limits.path_s:g} s"
+            self.trip(f"joint {self.joints[worst]}: {away[worst]:.3f} rad from where it was sent, {limit}")
+
+
+def capabilities_of(world: World) -> WorldCapabilities:
+    """What the world says that it can do; of a simulation, what its servos can, and that it feels everything."""
+    if isinstance(world, _Capable):
+        return world.capabilities
+    limbs = len(world.robot.limbs)
+    joints = len(world.joints)
+    return WorldCapabilities(
+        joints=world.joints,
+        rate_hz=world.rate_hz,
+        lower_rad=np.tile(world.servo.lower_rad, limbs),
+        upper_rad=np.tile(world.servo.upper_rad, limbs),
+        velocity_rad_s=np.full(joints, world.servo.velocity_rad_s),
+        torque_nm=np.full(joints, world.servo.torque_nm),
+        has_body_pose=True,
+        has_contact_forces=True,
+    )
+
+
+def _wrong(targets: Array, joints: Sequence[str]) -> str:
+    if targets.shape != (len(joints),):
+        return f"shape {targets.shape}"
+    index = int(np.flatnonzero(~np.isfinite(targets))[0])
+    return f"{targets[index]} for {joints[index]}"

@@ -1,0 +1,31 @@
+"""What a world can do, for those who must know before they send anything."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from stancekit.planners.files.arrays import Array, checked, frozen
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WorldCapabilities:
+    """Limits and senses of a world; J joints.
+
+    joints: names, in the order of all arrays. rate_hz: of the targets. lower_rad, upper_rad, velocity_rad_s,
+    torque_nm: limits of the joints, shape (J,). has_body_pose, has_contact_forces: whether it measures them; where it
+    does not, a ``State`` repeats the assumed pose and has zeros.
+    """
+
+    joints: tuple[str, ...]
+    rate_hz: float
+    lower_rad: Array
+    upper_rad: Array
+    velocity_rad_s: Array
+    torque_nm: Array
+    has_body_pose: bool
+    has_contact_forces: bool
+
+    def __post_init__(self) -> None:
+        checked(self.rate_hz, "capabilities.rate_hz", above=0.0)
+        for name in ("lower_rad", "upper_rad", "velocity_rad_s", "torque_nm"):
+            object.__setattr__(self, name, frozen(getattr(self, name), (len(self.joints),), f"capabilities.{name}"))

@@ -1,0 +1,283 @@
+"""A robot of DYNAMIXEL X-series servos as a world (extra ``dynamixel``): targets by sync write, angles by sync read.
+
+Servos run in current-based position control, so that their current, and with it their torque, is limited. Each has its
+bus watchdog set: when nothing is heard of the host for a while, it stops where it is and holds, whatever has happened
+to the host. After a stop no packet leaves but those that read, and those that switch the torque off.
+"""
+
+from __future__ import annotations
+
+import time
+from contextlib import suppress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot import Robot
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.urdf import Servo, joint_names
+
+from ..capabilities import WorldCapabilities
+from ..world import LatchedWorld, State, Terrain
+from . import control_table as table
+from .bus import ServoBus, signed
+from .calibration import Calibration, Turning
+from .setup import check_servos, configure
+
+REST_RAD = 0.35
+"""A robot at rest, its torque off, has its joints this near to where the calibration says."""
+CATCH_UP = 3
+"""So many late periods are made up for by shorter ones, so that a plan keeps its time."""
+SLACK_RAD = 0.05
+"""A joint measured this far beyond its limits is at its stop; one that is farther beyond is calibrated wrong."""
+
+
+class DynamixelWorld(LatchedWorld):
+    """Servos on a bus. ``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves; not thread-safe.
+
+    The body is not measured: ``State`` repeats the pose given to ``reset``, the feet are where that pose and the
+    measured angles have them, and forces are zero. Torques are what the measured current stands for, roughly. ``late``
+    counts how often more time was lost than is caught up, ``bus_s`` is what talking took in the last one. Raises
+    InvalidInput for a calibration that lacks joints, and without the SDK or pinocchio.
+    """
+
+    name = "dynamixel"
+
+    def __init__(
+        self, robot: Robot, calibration: Calibration, servo: Servo = Servo(), *, rate_hz: float = 50.0
+    ) -> None:
+        super().__init__()
+        self.robot, self.servo, self.rate_hz, self.calibration = robot, servo, rate_hz, calibration
+        self.joints = joint_names(robot)
+        calibration.check(self.joints)
+        self._servos = calibration.ordered(self.joints)
+        self._turning, self._kind = Turning(self._servos), calibration.kind
+        self._current = np.array([round(each.current_a / table.AMPERE) for each in self._servos])
+        ids = [each.id for each in self._servos]
+        self.bus = ServoBus(
+            calibration.port, calibration.baud, ids, self.joints, latency_ms=calibration.latency_ms, latch=self.latch
+        )
+        self.capabilities, self._kinematics = self._capable(), Kinematics(robot, servo)
+        self.armed, self.late, self.bus_s = False, 0, 0.0
+        self._open, self._sent = False, np.zeros(len(self.joints))
+        self._found: NDArray[np.bool_] | None = None  # which torques were on before an arming that did not end well
+
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+        """Connect, check every servo, measure; nothing moves, and the torque stays as it was.
+
+        angles_rad: not used, the measured ones come back. position_m, rotation: where the body is taken to be. Raises
+        InvalidInput for a port that is absent or busy, servos of another model, angles beyond their limits, and a robot
+        without torque that is not at rest as calibrated; HardwareFault for silent servos and those in error.
+        """
+        self.armed = False
+        if not self._open:
+            self.bus.open()
+            self._open = True
+        self._pose = np.array(position_m, dtype=float), np.array(rotation, dtype=float)
+        with self.bus.patient():
+            check_servos(self.bus, self._kind)
+            configure(self.bus, self._current)
+            self._start_s = self._due_s = time.monotonic()
+            rows = self._watched()
+        state = self._measured(rows)
+        self._check_angles(state.angles_rad)
+        if not rows[:, 0].any():
+            self._check_rest(state.angles_rad)
+        self._sent = state.angles_rad.copy()
+        return state
+
+    def torque(self, on: bool) -> None:
+        """Arm: hold the measured pose, with current limits and watchdogs set; or let go of the robot.
+
+        A servo in a shutdown stays off and raises HardwareFault. Arming clears watchdogs that have stopped their servo.
+        The latch is asked for every packet, and after the last. However an arming is interrupted, the torque is off
+        afterwards; only a robot that was held before, all of it, is held on. ``hold`` makes sure of that.
+        """
+        if not on:
+            self.relax()
+            return
+        if not self._open:
+            raise InvalidInput("world: expected reset before torque")
+        with self.bus.patient():
+            self._found = self._watched()[:, 0] > 0
+            try:
+                self._arm()
+                self._found, self._due_s = None, time.monotonic()
+            except BaseException:
+                self.armed = False
+                with suppress(HardwareFault):  # what goes wrong now goes wrong in ``hold``, too, and is told there
+                    self._disarm()
+                raise
+
+    def step(self, targets_rad: Array) -> State:
+        """Send targets, wait for the end of the control period, measure.
+
+        Targets are clipped to limits and to what a joint can turn in a period, and rounded to ticks; ``sent_rad`` says
+        what was sent. Raises InvalidInput for targets that are not finite, and where the world is not armed;
+        HardwareFault with the joint's name for whatever a device does wrong. After a fault the world is not armed.
+        """
+        if not self.armed:
+            raise InvalidInput("world: expected torque(True) before step")
+        targets = np.asarray(targets_rad, dtype=float)
+        if targets.shape != self._sent.shape or not np.all(np.isfinite(targets)):
+            raise InvalidInput(f"targets_rad: expected {len(self.joints)} finite numbers")
+        try:
+            begin = time.monotonic()
+            self._send(self.sendable(targets))
+            sent = time.monotonic()
+            self._wait()
+            asked = time.monotonic()
+            rows = self._watched()
+            self.bus_s = sent - begin + time.monotonic() - asked
+            return self._measured(rows)
+        except HardwareFault:
+            self.armed = False
+            raise
+
+    def sendable(self, targets_rad: Array) -> Array:
+        """The targets as ``step`` would send them now, but for rounding."""
+        can = self.capabilities
+        most = can.velocity_rad_s / self.rate_hz
+        return np.asarray(
+            np.clip(np.clip(targets_rad, self._sent - most, self._sent + most), can.lower_rad, can.upper_rad)
+        )
+
+    def hold(self) -> None:
+        """Send nothing any more: servos keep the last target they were sent, and no step is taken until armed again.
+
+        A goal of its own would only give up what the servos lean on; their watchdogs hold them where they are. After an
+        arming that was interrupted the torque is as ``torque`` says; raises HardwareFault where it is not.
+        """
+        self.armed = False
+        if self._found is not None:
+            self._disarm()
+
+    def relax(self) -> None:
+        """Torque off everywhere, and make sure of it. Raises HardwareFault that names those that did not say so."""
+        self.armed = False
+        if not self._open:
+            return
+        for again in (True, False):
+            self._everywhere(table.TORQUE_ENABLE, 0, stopping=True)
+            try:
+                rows = self.bus.read_all(table.TORQUE_ENABLE.address, 1, alerts=False)
+            except HardwareFault:
+                if not again:
+                    raise
+            else:
+                if not rows.any():
+                    self._found = None
+                    return
+        self.bus.refuse(rows[:, 0] > 0, "its torque did not go off")
+
+    def close(self) -> None:
+        """Give the port back. Torque stays as it is, and a servo whose torque is on is stopped by its watchdog."""
+        self.armed = self._open = False
+        self.bus.close()
+
+    def _capable(self) -> WorldCapabilities:
+        limbs = len(self.robot.limbs)
+        lower, upper = np.tile(self.servo.lower_rad, limbs), np.tile(self.servo.upper_rad, limbs)
+        torque = np.array([each.current_a for each in self._servos]) * self._kind.nm_a
+        if self.calibration.desk:
+            torque = np.full(len(lower), self.servo.torque_nm)  # of the robot that is planned for: here it is no load
+        return WorldCapabilities(
+            joints=self.joints, rate_hz=self.rate_hz,
+            lower_rad=np.maximum(lower, [each.lower_rad for each in self._servos]),
+            upper_rad=np.minimum(upper, [each.upper_rad for each in self._servos]),
+            velocity_rad_s=np.full(len(lower), min(self.servo.velocity_rad_s, self._kind.velocity_rad_s)),
+            torque_nm=np.minimum(torque, self.servo.torque_nm), has_body_pose=False, has_contact_forces=False,
+        )  # fmt: skip
+
+    def _arm(self) -> None:
+        units = self.calibration.watchdog_units
+        self._everywhere(table.BUS_WATCHDOG, 0)
+        self.bus.write_all(table.GOAL_CURRENT, self._current)
+        self._everywhere(table.PROFILE_ACCELERATION, 0)
+        self._everywhere(table.PROFILE_VELOCITY, int(self.capabilities.velocity_rad_s[0] / table.RAD_S))
+        state = self._measured(self._watched())
+        self._check_angles(state.angles_rad)
+        self._send(state.angles_rad)
+        self._everywhere(table.BUS_WATCHDOG, units)  # before the torque: a host that dies here leaves none without
+        rows = self._watched()
+        self.bus.refuse(rows[:, 2] != units, f"expected a bus watchdog of {20 * units} ms, got another")
+        self._everywhere(table.TORQUE_ENABLE, 1)
+        self.armed = True
+        self._watched()
+        self.latch.check()
+
+    def _disarm(self) -> None:
+        """Torque off after an arming that was interrupted; a robot that was held before goes on holding."""
+        if self._found is None or not self._found.all():
+            self.relax()
+            return
+        units = self.calibration.watchdog_units
+        self._everywhere(table.BUS_WATCHDOG, units, stopping=True)
+        rows = self.bus.read_all(table.BUS_WATCHDOG.address, 1, alerts=False)
+        self.bus.refuse(rows[:, 0] != units, "its bus watchdog could not be set")
+        self._found = None
+
+    def _check_angles(self, angles: Array) -> None:
+        can = self.capabilities
+        for index in np.flatnonzero((angles < can.lower_rad - SLACK_RAD) | (angles > can.upper_rad + SLACK_RAD)):
+            raise InvalidInput(
+                f"{self.bus.label(int(index))}: expected an angle in [{can.lower_rad[index]:.2f}, "
+                f"{can.upper_rad[index]:.2f}] rad, measured {angles[index]:.2f}: is its calibration right?"
+            )
+
+    def _check_rest(self, angles: Array) -> None:
+        for index, each in enumerate(self._servos):
+            if each.rest_rad is not None and abs(angles[index] - each.rest_rad) > REST_RAD:
+                raise InvalidInput(
+                    f"{self.bus.label(index)}: expected its rest at {each.rest_rad:.2f} rad, measured "
+                    f"{angles[index]:.2f}: is its calibration right, and the robot at rest?"
+                )
+
+    def _send(self, angles: Array) -> None:
+        ticks = self._turning.ticks(angles)
+        self.bus.write_all(table.GOAL_POSITION, ticks)
+        self._sent = self._turning.angles(ticks)
+
+    def _wait(self) -> None:
+        """Until the period is over; what was late is caught up, but for more than a few periods."""
+        self._due_s += 1.0 / self.rate_hz
+        left = self._due_s - time.monotonic()
+        if left > 0.0:
+            time.sleep(left)
+        elif left < -CATCH_UP / self.rate_hz:
+            self.late += 1
+            self._due_s = time.monotonic()
+
+    def _watched(self) -> NDArray[np.uint8]:
+        """What is read in every period, shape (J, 13), after a look at what the servos say of themselves."""
+        rows = self.bus.read_all(table.INDIRECT_DATA.address, table.WATCHED_BYTES)
+        for index in np.flatnonzero(rows[:, 1]):
+            raise HardwareFault(f"{self.bus.label(int(index))}: {table.hardware_errors(int(rows[index, 1]))}")
+        if self.armed:
+            self.bus.refuse(rows[:, 2] == table.TRIPPED, "its bus watchdog stopped it: the host was silent")
+            self.bus.refuse(rows[:, 0] == 0, "its torque went off: was its power gone?")
+        return rows
+
+    def _measured(self, rows: NDArray[np.uint8]) -> State:
+        current, rate = signed(rows[:, 3:5]), signed(rows[:, 5:9])
+        turned = self._turning.direction
+        position, rotation = self._pose
+        angles = self._turning.angles(signed(rows[:, 9:13]))
+        return State(
+            time_s=time.monotonic() - self._start_s,
+            position_m=position.copy(),
+            rotation=rotation.copy(),
+            velocity=np.zeros(6),
+            angles_rad=angles,
+            rates_rad_s=np.asarray(turned * rate * table.RAD_S, dtype=np.float64),
+            torques_nm=np.asarray(turned * current * table.AMPERE * self._kind.nm_a, dtype=np.float64),
+            feet_m=position + self._kinematics.feet(angles) @ rotation.T,
+            forces_n=np.zeros((len(self.robot.limbs), 3)),
+            bump_n=0.0,
+            sent_rad=self._sent.copy(),
+        )
+
+    def _everywhere(self, register: table.Register, value: int, *, stopping: bool = False) -> None:
+        self.bus.write_all(register, np.full(len(self.joints), value), stopping=stopping)

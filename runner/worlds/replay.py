@@ -1,0 +1,81 @@
+"""A world that replays a log: it answers every command with what was measured then."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot import Robot
+from stancekit.planners.robot.urdf import Servo, joint_names
+
+from .capabilities import WorldCapabilities
+from .world import LatchedWorld, State, Terrain
+
+
+class ReplayWorld(LatchedWorld):
+    """The measurements of a log, one a step. Nothing moves; commands are compared with those of the log.
+
+    worst_rad: largest difference between a command and what was sent at that step of the log. Raises InvalidInput for a
+    log of another robot.
+    """
+
+    name = "replay"
+
+    def __init__(self, path: str | Path, robot: Robot, servo: Servo = Servo()) -> None:
+        from ..log import read_log, state_from_json, table
+
+        super().__init__()
+        recorded = read_log(path)
+        plan: dict[str, Any] = recorded.of("plan")[0]
+        self.robot, self.servo, self.rate_hz = robot, servo, _rate(plan["rate_hz"], path)
+        self.joints = joint_names(robot)
+        if tuple(plan["joints"]) != self.joints:
+            raise InvalidInput(f"{path}: expected a log of a robot with joints {self.joints[0]} …, got another's")
+        self.digest, self.whole = str(plan["digest"]), recorded.whole
+        self._states = [state_from_json(each, f"{path}: measurement") for each in recorded.of("measurement")]
+        count = len(self.joints)
+        self._sent = [table(each["sent_rad"], (count,), f"{path}: sent_rad") for each in recorded.of("command")]
+        for state in self._states:
+            shapes = (state.angles_rad.shape, state.torques_nm.shape, state.forces_n.shape, state.position_m.shape)
+            if shapes != ((count,), (count,), (len(robot.limbs), 3), (3,)):
+                raise InvalidInput(f"{path}: measurement: expected numbers of {count} joints, got shapes {shapes}")
+        if not self._states:
+            raise InvalidInput(f"{path}: expected measurements, got none: the run ended before it began")
+        self._sees = bool(plan.get("sees", True))
+        self._row = 0
+        self.worst_rad = 0.0
+        limbs = len(robot.limbs)
+        self.capabilities = WorldCapabilities(
+            joints=self.joints, rate_hz=self.rate_hz, lower_rad=np.tile(servo.lower_rad, limbs),
+            upper_rad=np.tile(servo.upper_rad, limbs), velocity_rad_s=np.full(len(self.joints), servo.velocity_rad_s),
+            torque_nm=np.full(len(self.joints), servo.torque_nm), has_body_pose=self._sees,
+            has_contact_forces=self._sees,
+        )  # fmt: skip
+
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+        """The first measurement of the log."""
+        self._row, self.worst_rad = 0, 0.0
+        return self._states[0]
+
+    def step(self, targets_rad: Array) -> State:
+        """The next measurement. Raises HardwareFault where the log ends."""
+        self._row += 1
+        if self._row >= len(self._states) or self._row > len(self._sent):
+            raise HardwareFault(f"replay: the log ends after {self._row - 1} commands")
+        away = float(np.abs(np.asarray(targets_rad) - self._sent[self._row - 1]).max())
+        with self.latch.sending():
+            self.worst_rad = max(self.worst_rad, away)
+        return self._states[self._row]
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+
+def _rate(value: float, path: str | Path) -> float:
+    if not 1.0 <= value <= 1000.0:
+        raise InvalidInput(f"{path}: rate_hz: expected 1 to 1000, got {value:g}")
+    return float(value)

@@ -1,0 +1,159 @@
+"""One connection to a rosbridge (``roslibpy``): what is said over it, and what is wrong with what comes back.
+
+A connection that is lost stays lost. roslibpy would connect again by itself and then send what had been waiting, which
+for targets of a robot is the last thing wanted. What it cannot read it only logs; here that is a fault.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import socket
+import threading
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from stancekit.planners.errors import HardwareFault, InvalidInput
+
+from ...safety.latch import StopLatch
+
+Answer = TypeVar("Answer")
+Message = dict[str, Any]
+SILENT = logging.NullHandler()
+"""What comes while a connection is closed is nobody's fault, and not for standard error either."""
+
+
+def roslibpy() -> Any:
+    """The module. Raises InvalidInput where it is not installed."""
+    try:
+        import roslibpy as module
+    except ImportError:
+        raise InvalidInput("world: expected roslibpy, it is not installed: pip install 'stancekit[ros]'") from None
+    return module
+
+
+class RosLink:
+    """A connection; ``open`` first. Callbacks run in roslibpy's thread."""
+
+    def __init__(self, host: str, port: int, timeout_s: float) -> None:
+        self._module = roslibpy()
+        self.url, self._address, self._timeout_s = f"ws://{host}:{port}", (host, port), timeout_s
+        self._lost, self._wrong = threading.Event(), list[str]()
+        self._topics: dict[str, Any] = {}
+        self._ears = _Complaints(self.complain, self._lost.set)
+        self.ros: Any = None
+
+    def open(self) -> None:
+        """Connect. Raises InvalidInput where nobody answers, or somebody who does not speak WebSocket."""
+        try:
+            socket.create_connection(self._address, timeout=self._timeout_s).close()
+        except OSError as error:
+            raise InvalidInput(f"rosbridge {self.url}: expected a rosbridge, nobody is there: {error}") from None
+        for name in ("roslibpy", "autobahn"):
+            logging.getLogger(name).addHandler(SILENT)
+        logging.getLogger("roslibpy").addHandler(self._ears)
+        self.ros = self._module.Ros(*self._address, transport="asyncio")
+        self.ros.factory.maxRetries = 0
+        self.ros.on("close", lambda _: self._lost.set())
+        try:
+            self.ros.run(timeout=self._timeout_s)
+        except self._module.core.RosTimeoutError:
+            self.close()
+            raise InvalidInput(
+                f"rosbridge {self.url}: expected a rosbridge, what answers there does not speak WebSocket"
+            ) from None
+
+    def trouble(self) -> str | None:
+        """What is wrong with the connection, None if nothing is."""
+        if self._wrong:
+            return f"rosbridge {self.url}: {self._wrong[0]}"
+        if self.ros is None or self._lost.is_set() or not self.ros.is_connected:
+            return f"rosbridge {self.url}: the connection is lost"
+        return None
+
+    def subscribe(self, topic: str, kind: str, callback: Callable[[Message], None]) -> None:
+        """Call back for every message. A callback that refuses one with InvalidInput makes it a trouble."""
+
+        def heard(message: Message) -> None:
+            try:
+                callback(message)
+            except InvalidInput as error:
+                self.complain(f"{topic}: {error}")
+
+        self._topics[topic] = self._module.Topic(self.ros, topic, kind, queue_length=1, reconnect_on_close=False)
+        self._topics[topic].subscribe(heard)
+
+    def publish(self, topic: str, kind: str, message: Message) -> None:
+        """Send a message; nothing is sent, and nothing kept for later, where the connection is lost."""
+        if self.trouble() is not None:
+            return
+        if topic not in self._topics:
+            self._topics[topic] = self._module.Topic(self.ros, topic, kind, queue_size=1, reconnect_on_close=False)
+        self._topics[topic].publish(message)
+
+    def through(self, latch: StopLatch, hand_over: Callable[[], Answer]) -> Answer:
+        """Hand over what moves the robot, and wait until it was written. Raises Stopped, and HardwareFault in time.
+
+        roslibpy writes from a thread of its own, in order, at its next turn. The latch is asked there, at the last
+        moment, and held until that turn is over.
+        """
+
+        given_up = threading.Event()
+
+        async def sent() -> Answer:
+            with latch.sending():
+                if given_up.is_set():  # nobody waits for it any more
+                    raise TimeoutError
+                answer = hand_over()
+                await asyncio.sleep(0)
+                return answer
+
+        future = asyncio.run_coroutine_threadsafe(sent(), self.ros.factory.manager.loop)
+        try:
+            return future.result(self._timeout_s)
+        except TimeoutError:
+            given_up.set()  # or it would be sent whenever that thread goes on
+            raise HardwareFault(f"rosbridge {self.url}: nothing could be sent for {self._timeout_s:g} s") from None
+
+    def send(self, message: Message) -> None:
+        """Send an operation as it is; nothing where the connection is lost."""
+        if self.trouble() is None:
+            self.ros.send_on_ready(self._module.Message(message))
+
+    def call(self, service: str, kind: str, request: Message) -> Message:
+        """Call a service and wait. Raises InvalidInput where it refuses or does not answer in time."""
+        asked = self._module.Service(self.ros, service, kind, reconnect_on_close=False)
+        try:
+            return dict(asked.call(self._module.ServiceRequest(request), timeout=self._timeout_s))
+        except Exception as error:  # roslibpy raises its own, and what the service said
+            raise InvalidInput(f"{service}: expected an answer, got {error!s:.80}") from None
+
+    def close(self) -> None:
+        """Disconnect; once is enough."""
+        if self.ros is not None and self.ros.is_connected:
+            self.ros.close(timeout=self._timeout_s)
+        self.ros = None
+        logging.getLogger("roslibpy").removeHandler(self._ears)
+
+    def complain(self, what: str) -> None:
+        """Take note of a trouble; the first one is what ``trouble`` says."""
+        if len(self._wrong) < 10:
+            self._wrong.append(what)
+
+
+class _Complaints(logging.Handler):
+    """What roslibpy logs about messages that it could not read, or not send: then the connection was just lost."""
+
+    def __init__(self, complain: Callable[[str], None], lose: Callable[[], None]) -> None:
+        super().__init__(level=logging.ERROR)
+        self._say, self._lose = complain, lose
+
+    def emit(self, record: logging.LogRecord) -> None:
+        error = record.exc_info[1] if record.exc_info else None
+        if record.getMessage().startswith("Failed to send"):
+            self._lose()
+        elif error is not None and '"status"' in str(error):
+            self._say("it reported an error of its own; roslibpy does not pass on which: see the rosbridge's log")
+        else:
+            what = f"{type(error).__name__}: {error}" if error is not None else record.getMessage()
+            self._say(f"expected a rosbridge message, got one that cannot be read ({' '.join(what.split()):.80})")

@@ -1,0 +1,261 @@
+"""A robot behind a rosbridge as a world (extra ``ros``), driven by a joint trajectory controller of ROS 1 or 2.
+
+``step`` streams: every period it publishes a trajectory of one point, the target, to be reached ``lead_s`` later, on
+the controller's topic, and each replaces the one before. A lost connection, or a host that died, leaves the controller
+with one point less than ``lead_s`` away: it goes there and holds. (An action goal a period would not do: a rosbridge
+keeps a client and a thread for each.) ``run_trajectory`` hands a whole trajectory over as one action goal, which the
+controller itself keeps within tolerances; nobody can stop that when the connection is lost, so it may only be short.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+
+from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.files.arrays import Array, frozen
+from stancekit.planners.robot import Robot
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.urdf import Servo, joint_names
+
+from ..capabilities import WorldCapabilities
+from ..world import LatchedWorld, State, Terrain
+from .follow import Follower
+from .robot import RosRobot
+from .setup import RosSetup
+
+SLACK_RAD = 0.05
+"""A joint measured this far beyond its limits is taken for one at its stop, farther for one that is mapped wrong."""
+
+
+class RosWorld(LatchedWorld):
+    """``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves. ``hold`` may come from another thread.
+
+    The body is not measured: ``State`` repeats the pose given to ``reset``, the feet are where that pose and the
+    measured angles have them, and forces are zero. Torques are the efforts that ROS reports. ``late`` counts periods
+    that began late by more than a period. Raises InvalidInput for a setup that lacks joints, and without roslibpy or
+    pinocchio.
+    """
+
+    name = "ros"
+
+    def __init__(self, robot: Robot, setup: RosSetup, servo: Servo = Servo(), *, rate_hz: float = 50.0) -> None:
+        super().__init__()
+        self.robot, self.servo, self.rate_hz, self.setup = robot, servo, rate_hz, setup
+        self.joints = joint_names(robot)
+        self._kinematics = Kinematics(robot, servo)
+        self.capabilities = self._capable()
+        self._robot, self._open = RosRobot(setup, self.joints, self.latch), False
+        self._follower = Follower(self._robot)
+        self.armed, self.late = False, 0
+        self._switched = False  # on, by an arming that did not end well
+        self._sent = np.zeros(len(self.joints))
+
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+        """Connect, check the controller's joints, measure; nothing is sent that could move the robot.
+
+        angles_rad: not used, the measured ones come back. position_m, rotation: where the body is taken to be. Raises
+        InvalidInput where no rosbridge is, where it answers nonsense, for joints that do not match, angles beyond
+        limits, and an e-stop that is pressed.
+        """
+        self.close()
+        self._robot = RosRobot(self.setup, self.joints, self.latch)
+        self._follower = Follower(self._robot)
+        try:
+            self._robot.connect()
+        except InvalidInput:
+            self._robot.link.close()
+            raise
+        self._open = True
+        self._pose = np.array(position_m, dtype=float), np.array(rotation, dtype=float)
+        self._start_s = self._due_s = time.monotonic()
+        self._sent = self._robot.states.read()[0]
+        self._check_angles(self._sent, "measured", SLACK_RAD, ": is its name or offset right?")
+        return self._state()
+
+    @property
+    def estopped(self) -> bool:
+        """Whether the e-stop of the setup's topic was pressed since the reset."""
+        return self._robot.pressed
+
+    def torque(self, on: bool) -> None:
+        """Arm: hold the measured pose, the controller switched on if the setup names its manager; or switch it off.
+
+        However an arming is interrupted, the controller is off again if it was switched on; ``hold`` makes sure of it.
+        """
+        if not on:
+            self.relax()
+            return
+        if not self._open:
+            raise InvalidInput("world: expected reset before torque")
+        self._check()
+        try:
+            self._arm()
+        except BaseException:
+            with suppress(HardwareFault):  # what goes wrong now goes wrong in ``hold``, too, and is told there
+                self.hold()
+            raise
+        self.armed, self._switched, self._due_s = True, False, time.monotonic()
+
+    def step(self, targets_rad: Array) -> State:
+        """Stream targets, wait for the end of the control period, measure.
+
+        Targets are clipped to limits and to what a joint can turn in a period; ``sent_rad`` says what was sent. Raises
+        InvalidInput for targets that are not finite, and where the world is not armed; HardwareFault when the
+        connection is lost, for nonsense, measurements that are too old, and the e-stop. Then the world is not armed.
+        """
+        if not self.armed:
+            raise InvalidInput("world: expected torque(True) before step")
+        targets = np.asarray(targets_rad, dtype=float)
+        if targets.shape != self._sent.shape or not np.all(np.isfinite(targets)):
+            raise InvalidInput(f"targets_rad: expected {len(self.joints)} finite numbers")
+        self._check()
+        self._sent = self.sendable(targets)
+        try:
+            self._robot.stream(self._sent)
+        except HardwareFault:
+            self.armed = False
+            raise
+        self._wait()
+        self._check()
+        return self._state()
+
+    def sendable(self, targets_rad: Array) -> Array:
+        """The targets as ``step`` would send them now."""
+        can = self.capabilities
+        most = can.velocity_rad_s / self.rate_hz
+        near = np.clip(targets_rad, self._sent - most, self._sent + most)
+        return np.asarray(np.clip(near, can.lower_rad, can.upper_rad))
+
+    def run_trajectory(self, times_s: Array, angles_rad: Array, heard: Callable[[State], None] | None = None) -> State:
+        """Hand a whole trajectory over, from the pose held now, and wait for its end, where the robot is at rest.
+
+        times_s: shape (T,), from the start, increasing from above 0; angles_rad: shape (T, J). heard: gets a state for
+        every feedback. Before the first one a goal that holds the pose is sent and cancelled, to see
+        that it can be. Raises InvalidInput, before any motion, for a trajectory beyond limits or longer than the
+        setup's alone_s, and where goals cannot be cancelled; HardwareFault for one that did not succeed: a trouble on
+        the way, or ``hold``, cancels it.
+        """
+        if not self.armed:
+            raise InvalidInput("world: expected torque(True) before run_trajectory")
+        times = frozen(times_s, (None,), "times_s")
+        angles = frozen(angles_rad, (len(times), len(self.joints)), "angles_rad")
+        self._check_trajectory(times, angles)
+        self._check()
+        self._due_s = time.monotonic()
+        try:
+            self._follower.follow(
+                self._sent, times, angles, lambda: heard(self._state()) if heard is not None else None
+            )
+        except HardwareFault:
+            self.armed = False
+            raise
+        self._sent = angles[-1].copy()
+        return self._state()
+
+    def hold(self) -> None:
+        """Cancel a trajectory that is on its way; otherwise send nothing: the controller holds its last target.
+
+        After an arming that was interrupted it is switched off; raises HardwareFault where that cannot be done.
+        """
+        self.armed = False
+        self._follower.stop()
+        if self._switched:
+            self._robot.switch(False)
+            self._switched = False
+
+    def relax(self) -> None:
+        """Switch the controller off. Raises HardwareFault where that cannot be done."""
+        self.armed = False
+        self._follower.stop()
+        if self._open:
+            self._robot.switch(False)
+            self._switched = False
+
+    def close(self) -> None:
+        """Disconnect; the robot holds."""
+        self.armed = self._open = False
+        self._follower.stop()
+        self._robot.link.close()
+
+    def _capable(self) -> WorldCapabilities:
+        count, limbs = len(self.joints), len(self.robot.limbs)
+        return WorldCapabilities(
+            joints=self.joints, rate_hz=self.rate_hz, lower_rad=np.tile(self.servo.lower_rad, limbs),
+            upper_rad=np.tile(self.servo.upper_rad, limbs), velocity_rad_s=np.full(count, self.servo.velocity_rad_s),
+            torque_nm=np.full(count, self.servo.torque_nm), has_body_pose=False, has_contact_forces=False,
+        )  # fmt: skip
+
+    def _arm(self) -> None:
+        if self.setup.controller_manager is not None:
+            self.latch.check()
+            self._switched = True
+            self._robot.switch(True)
+        self._sent = self._robot.states.read()[0]
+        self._follower.ready()
+        self._robot.stream(self._sent)
+        self.latch.check()
+
+    def _check(self) -> None:
+        """Raise HardwareFault for whatever is wrong now; the world is not armed then."""
+        trouble = self._robot.trouble()
+        if trouble is not None:
+            self.armed = False
+            raise HardwareFault(trouble)
+
+    def _check_angles(self, angles: Array, came: str, slack_rad: float, hint: str = "") -> None:
+        can = self.capabilities
+        for index in np.flatnonzero((angles < can.lower_rad - slack_rad) | (angles > can.upper_rad + slack_rad)):
+            raise InvalidInput(
+                f"{self.joints[index]}: expected an angle in [{can.lower_rad[index]:.2f}, {can.upper_rad[index]:.2f}] "
+                f"rad, {came} {angles[index]:.2f}{hint}"
+            )
+
+    def _check_trajectory(self, times: Array, angles: Array) -> None:
+        if not len(times) or np.any(np.diff(times, prepend=0.0) <= 0.0):
+            raise InvalidInput("times_s: expected times that increase from above 0")
+        if times[-1] > self.setup.alone_s:
+            raise InvalidInput(
+                f"times_s: expected up to {self.setup.alone_s:g} s (alone_s), got {times[-1]:g}: nobody can stop a "
+                "trajectory when the connection is lost; stream it by step"
+            )
+        for row in angles:
+            self._check_angles(row, "got", 1e-9)
+        rates = np.diff(angles, axis=0, prepend=self._sent[None, :]) / np.diff(times, prepend=0.0)[:, None]
+        worst = np.abs(rates).max(axis=0) - self.capabilities.velocity_rad_s
+        if worst.max() > 1e-9:
+            index = int(np.argmax(worst))
+            raise InvalidInput(
+                f"{self.joints[index]}: expected up to {self.servo.velocity_rad_s:g} rad/s, got "
+                f"{np.abs(rates[:, index]).max():.3g}"
+            )
+
+    def _wait(self) -> None:
+        """Until the period is over; one that is late by more than a period starts the count anew."""
+        self._due_s += 1.0 / self.rate_hz
+        left = self._due_s - time.monotonic()
+        if left > 0.0:
+            time.sleep(left)
+        elif left < -1.0 / self.rate_hz:
+            self.late += 1
+            self._due_s = time.monotonic()
+
+    def _state(self) -> State:
+        angles, rates, torques = self._robot.states.read()
+        position, rotation = self._pose
+        return State(
+            time_s=time.monotonic() - self._start_s,
+            position_m=position.copy(),
+            rotation=rotation.copy(),
+            velocity=np.zeros(6),
+            angles_rad=angles,
+            rates_rad_s=rates,
+            torques_nm=torques,
+            feet_m=position + self._kinematics.feet(angles) @ rotation.T,
+            forces_n=np.zeros((len(self.robot.limbs), 3)),
+            bump_n=0.0,
+            sent_rad=self._sent.copy(),
+        )

@@ -1,0 +1,123 @@
+"""Whole trajectories as goals: sent, watched, and cancelled whatever happens on the way."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.files.arrays import Array
+
+from .bridge import RosLink
+from .goal import Goal, followed, speeds, trajectory
+from .robot import POLL_S, RosRobot
+
+PROBE_S = 3.0
+"""Length of the goal that is cancelled before any other is sent."""
+AGAIN_S = 0.1
+"""A cancel that comes before its goal is lost: it is sent again so often until the goal has ended."""
+
+
+class Follower:
+    """Sends goals to one robot, one at a time. ``stop`` may be called from another thread."""
+
+    def __init__(self, robot: RosRobot) -> None:
+        self._robot = robot
+        self._stop, self._fed, self._cancels = threading.Event(), threading.Event(), False
+
+    def ready(self) -> None:
+        """Take goals again after ``stop``."""
+        self._stop.clear()
+
+    def stop(self) -> None:
+        """Let the goal that is on its way be cancelled, and send none until ``ready``."""
+        self._stop.set()
+
+    def follow(self, first_rad: Array, times_s: Array, angles_rad: Array, heard: Callable[[], None]) -> None:
+        """Send a trajectory and wait for its end. first_rad: where the robot is held now, shape (J,).
+
+        heard: called after feedback. Raises InvalidInput where the robot does not cancel goals, HardwareFault
+        for one that did not succeed, after cancelling it; Stopped after a stop, before it was sent.
+        """
+        if not self._cancels:
+            self._probe(first_rad)
+        if self._stop.is_set():
+            raise HardwareFault("trajectory: stopped before it was sent")
+        goal = self._send(times_s, angles_rad, speeds(times_s, angles_rad, first_rad))
+        setup = self._robot.setup
+        end = time.monotonic() + float(times_s[-1]) + setup.goal_s + setup.timeout_s
+        while not goal.done.wait(POLL_S):
+            if self._fed.is_set():
+                self._fed.clear()
+                heard()
+            why = self._robot.trouble()
+            if why is None and self._robot.latch.tripped:
+                why = self._robot.latch.reason
+            if why is None and self._stop.is_set():
+                why = "trajectory: stopped on the way"
+            if why is None and time.monotonic() > end:
+                why = f"trajectory: not at its end {setup.goal_s + setup.timeout_s:g} s after it should be"
+            if why is not None:
+                raise HardwareFault(f"{why}; {self._cancelled(goal)}")
+        if goal.ended != "succeeded":
+            raise HardwareFault(f"trajectory: {goal.ended}")
+
+    def _probe(self, first_rad: Array) -> None:
+        """Send a goal that holds the pose and cancel it: some rosbridges read no cancel while a goal is on its way."""
+        goal = self._send(np.array([PROBE_S]), first_rad[None, :], np.zeros((1, len(first_rad))))
+        begin = time.monotonic()
+        self._cancel(goal, self._robot.link)
+        took = time.monotonic() - begin
+        if (goal.ended or "").startswith("rejected"):
+            raise InvalidInput(f"{self._robot.setup.controller}: a goal that holds the measured pose was {goal.ended}")
+        if not goal.done.is_set() or took > 0.5 * PROBE_S:
+            raise InvalidInput(
+                f"rosbridge {self._robot.setup.url}: expected a cancelled goal to end at once, it did not: start the "
+                "rosbridge with send_action_goals_in_new_thread:=true"
+            )
+        self._cancels = True
+
+    def _send(self, times_s: Array, angles_rad: Array, rates: Array) -> Goal:
+        robot, setup = self._robot, self._robot.setup
+        told, turned = robot.mapping.to_ros(angles_rad), robot.mapping.direction * rates
+        path = trajectory(robot.mapping.names, times_s, told, turned, setup.ros)
+
+        def fed(feedback: Any) -> None:
+            try:
+                robot.states.actual(feedback)
+            except InvalidInput as error:
+                robot.link.complain(f"feedback: {error}")
+            else:
+                self._fed.set()
+
+        goal = followed(path, robot.mapping.names, setup.path_rad, setup.goal_rad, setup.goal_s, setup.ros)
+        return robot.link.through(robot.latch, lambda: robot.goals.send(goal, fed))
+
+    def _cancelled(self, goal: Goal) -> str:
+        """Cancel, over a new connection if the old one is of no use; what to say of that."""
+        setup = self._robot.setup
+        if self._robot.link.trouble() is None:
+            self._cancel(goal, self._robot.link)
+            return "it is cancelled" if goal.done.is_set() else "the robot did not confirm the cancel"
+        again = RosLink(setup.host, setup.port, min(setup.timeout_s, 1.0))
+        try:
+            again.open()
+        except InvalidInput:
+            return "it could not be cancelled"
+        try:
+            for _ in range(2):
+                goal.cancel(again)
+                time.sleep(AGAIN_S)
+        finally:
+            again.close()
+        return "a cancel was sent over a new connection"
+
+    def _cancel(self, goal: Goal, link: RosLink) -> None:
+        end = time.monotonic() + self._robot.setup.timeout_s
+        while not goal.done.is_set() and time.monotonic() < end and link.trouble() is None:
+            goal.cancel(link)
+            goal.done.wait(AGAIN_S)

@@ -1,0 +1,138 @@
+"""Files ``stancekit/ros/1``: where a rosbridge is, which controller moves the robot, and what it calls the joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Final, Literal
+
+import numpy as np
+import yaml
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.documents import read_yaml
+from stancekit.planners.files.refusals import refusals, shown
+from stancekit.planners.files.writing import write_text
+
+FORMAT: Final = "stancekit/ros/1"
+Name = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/]+$")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class RosJoint:
+    """What ROS calls a joint, and how it counts: ros = direction · angle + offset_rad."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    name: Annotated[str, Field(min_length=1)]
+    direction: Literal[-1, 1] = 1
+    offset_rad: Annotated[float, Field(ge=-6.3, le=6.3)] = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RosSetup:
+    """A robot behind a rosbridge.
+
+    robot: its name; a plan for another one is refused. None says nothing. host, port: of the rosbridge. ros: 1
+    (actionlib topics) or 2 (actions of the rosbridge protocol). controller: a joint trajectory controller.
+    joint_states: where angles are published. estop: topic of std_msgs/Bool, true for pressed; None for none.
+    controller_manager: switches the controller off, as near as ROS comes to torque off.
+
+    lead_s: a streamed target should be reached so long after it is sent; motion lags by it, and goes on no longer when
+    the connection is lost. stale_s: oldest measurement that is good enough. alone_s: longest trajectory that is handed
+    over as a whole: when the connection is lost nobody can stop it. timeout_s: for answers.
+    path_rad, goal_rad: how far a joint may be off on the way and at the end of a whole trajectory; goal_s: how long
+    after its end it may still arrive.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    format: Literal["stancekit/ros/1"] = FORMAT
+    robot: Annotated[str | None, Field(min_length=1)] = None
+    host: Annotated[str, Field(min_length=1)] = "127.0.0.1"
+    port: Annotated[int, Field(ge=1, le=65535)] = 9090
+    ros: Literal[1, 2] = 2
+    controller: Name = "/joint_trajectory_controller"
+    joint_states: Name = "/joint_states"
+    estop: Name | None = None
+    controller_manager: Name | None = None
+    lead_s: Annotated[float, Field(ge=0.01, le=0.5)] = 0.06
+    stale_s: Annotated[float, Field(ge=0.01, le=1.0)] = 0.2
+    alone_s: Annotated[float, Field(gt=0.0, le=60.0)] = 5.0
+    timeout_s: Annotated[float, Field(ge=0.1, le=30.0)] = 3.0
+    path_rad: Annotated[float, Field(gt=0.0, le=1.0)] = 0.2
+    goal_rad: Annotated[float, Field(gt=0.0, le=1.0)] = 0.05
+    goal_s: Annotated[float, Field(ge=0.0, le=10.0)] = 1.0
+    joints: Annotated[dict[str, RosJoint], Field(min_length=1)]
+
+    def __post_init__(self) -> None:
+        owner, wrong = dict[str, str](), list[str]()
+        for joint, told in self.joints.items():
+            if told.name in owner:
+                wrong.append(
+                    f"joints.{joint}.name: expected a name of its own, got {told.name}, which {owner[told.name]} has"
+                )
+            owner.setdefault(told.name, joint)
+        if wrong:
+            raise InvalidInput("; ".join(wrong))
+
+    @property
+    def url(self) -> str:
+        """Where the rosbridge is."""
+        return f"ws://{self.host}:{self.port}"
+
+    def check(self, joints: Sequence[str]) -> None:
+        """Raise InvalidInput unless it has exactly these joints."""
+        missing = [name for name in joints if name not in self.joints]
+        unknown = [name for name in self.joints if name not in joints]
+        wrong = [f"expected joint {', '.join(missing)}, got nothing"] if missing else []
+        wrong += [f"unknown joint {', '.join(unknown)}"] if unknown else []
+        if wrong:
+            raise InvalidInput("joints: " + "; ".join(wrong))
+
+    @classmethod
+    def from_yaml(cls, path: str | Path, joints: Sequence[str] | None = None) -> RosSetup:
+        """Read a file, YAML or JSON, for a robot with these joints. Raises InvalidInput with all that is wrong."""
+        data = read_yaml(path)
+        if data.get("format") != FORMAT:
+            raise InvalidInput(f"{path}: format: expected {FORMAT}, got {shown(data.get('format'), 40)}")
+        try:
+            found = TypeAdapter(cls).validate_python(data)
+            if joints is not None:
+                found.check(joints)
+        except ValidationError as error:
+            raise InvalidInput(f"{path}: " + "; ".join(refusals(error))) from None
+        except InvalidInput as error:
+            raise InvalidInput(f"{path}: {error}") from None
+        return found
+
+    def write(self, path: str | Path) -> None:
+        """Write a file that ``from_yaml`` reads."""
+        write_text(path, yaml.safe_dump(asdict(self), sort_keys=False))
+
+
+def same_names(joints: Sequence[str], **settings: Any) -> RosSetup:
+    """A setup whose controller calls the joints as the robot does, e.g. ``LF_yaw``, and counts the same way."""
+    return RosSetup(joints={name: RosJoint(name=name) for name in joints}, **settings)
+
+
+class Mapping:
+    """Between joint angles [rad] in the robot's order and what ROS says; J joints."""
+
+    def __init__(self, setup: RosSetup, joints: Sequence[str]) -> None:
+        setup.check(joints)
+        told = [setup.joints[name] for name in joints]
+        self.names = tuple(each.name for each in told)
+        self.direction = np.array([float(each.direction) for each in told])
+        self.offset = np.array([each.offset_rad for each in told])
+
+    def to_ros(self, angles_rad: Array) -> Array:
+        """What ROS is told, shape (…, J)."""
+        return np.asarray(self.direction * angles_rad + self.offset)
+
+    def from_ros(self, told: Array) -> Array:
+        """Joint angles, shape (…, J)."""
+        return np.asarray(self.direction * (told - self.offset))

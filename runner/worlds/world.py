@@ -1,0 +1,129 @@
+"""What a world is: joints under position control on a terrain, one control period a step."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, Self
+
+import numpy as np
+
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot import Robot
+from stancekit.planners.robot.urdf import Servo
+from stancekit.planners.terrain import Patch
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.prism import Solid
+
+from ..safety.latch import StopLatch
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class State:
+    """What a world says after a control period; J joints, N limbs.
+
+    time_s: since the reset. position_m, rotation: of the body's frame in the world, shape (3,), (3, 3).
+    velocity: linear [m/s] and angular [rad/s], world frame, shape (6,). angles_rad, rates_rad_s, torques_nm: of the
+    joints, shape (J,). feet_m: centres of the feet, shape (N, 3). forces_n: contact forces on the feet, world frame,
+    mean over the period, shape (N, 3) [N]. bump_n: mean force of the terrain on anything but feet [N].
+    sent_rad: the targets that were really sent, after limits, shape (J,).
+    """
+
+    time_s: float
+    position_m: Array
+    rotation: Array
+    velocity: Array
+    angles_rad: Array
+    rates_rad_s: Array
+    torques_nm: Array
+    feet_m: Array
+    forces_n: Array
+    bump_n: float
+    sent_rad: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Ground:
+    """Terrain as heights, with one friction coefficient."""
+
+    heights: HeightField
+    friction: float
+
+    def distance(self, points: Array) -> Array:
+        """From the ground, along its normal where it is even, shape (…, 3) [m] → (…); negative inside."""
+        xy = points[..., :2]
+        return np.asarray((points[..., 2] - self.heights.height(xy)) * self.heights.normal(xy)[..., 2])
+
+    def even(self, spacing_m: float) -> tuple[Array, Array, Array]:
+        """Its heights on even grid lines at most so far apart: x, y and heights, shape (n,), (m,), (n, m) [m]."""
+        x, y = (np.linspace(a, b, int(np.ceil((b - a) / spacing_m)) + 1) for a, b in self.heights.domain_m)
+        return x, y, self.heights.height(np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1))
+
+
+Solids = Sequence[Solid | Ground]
+"""What has a ``distance``."""
+Terrain = Sequence[Patch] | Ground
+"""Flat patches, each a solid body behind its surface; or heights."""
+SPACING_M = 0.025
+"""Of the grid that simulators get of heights."""
+
+
+class World(Protocol):
+    """Three verbs, and what it can do. A context manager; ``reset`` may be called again.
+
+    latch: what it sends to the robot goes through ``latch.sending()``; tripped, it sends nothing any more.
+    """
+
+    name: str
+    latch: StopLatch
+    robot: Robot
+    servo: Servo
+    joints: tuple[str, ...]
+    rate_hz: float
+
+    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+        """Put the robot, at rest, into this pose over this terrain."""
+        ...
+
+    def step(self, targets_rad: Array) -> State:
+        """One control period with these position targets, shape (J,) [rad]."""
+        ...
+
+    def close(self) -> None:
+        """Give everything back; once is enough."""
+        ...
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+
+class LatchedWorld(ABC):
+    """What the worlds here have in common: a latch, and that they close at the end of a ``with`` block."""
+
+    def __init__(self) -> None:
+        self.latch = StopLatch()
+
+    @abstractmethod
+    def close(self) -> None:
+        """Give everything back; once is enough."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def sendable(targets: Array, before: Array, servo: Servo, period_s: float) -> Array:
+    """Targets as a servo takes them: within the joints' limits, and no farther from the last ones than it can turn."""
+    step = servo.velocity_rad_s * period_s
+    limbs = len(targets) // len(servo.lower_rad)
+    kept = np.clip(targets, np.tile(servo.lower_rad, limbs), np.tile(servo.upper_rad, limbs))
+    return np.asarray(np.clip(kept, before - step, before + step))

@@ -1,0 +1,246 @@
+"""WarpedGait-v0 keeps Gymnasium's contract, and says of an attempt what the optimiser and the verifier say of it."""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.utils.env_checker import data_equivalence as same
+
+from stancekit.envs.warped_gait import (
+    HEIGHTS,
+    NOISES,
+    PATCH,
+    PATCH_M,
+    GaitRewardWeights,
+    SampledTasks,
+    WarpedGaitEnv,
+    observe,
+)
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.gait.attempt import Attempt, Workbench
+from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.verify.trajectories import check_trajectory
+
+PLAIN = HeightField.from_function(lambda x, y: 0.1 * x - 0.05 * y, 3.0, 0.25, name="plain")
+WALK = GaitTask(robot=anymal(), terrain=PLAIN, start_xy_m=[0.0, 0.0], goal_xy_m=[0.2, 0.1], duration_s=2.0)
+SHORT = SampledTasks(duration_s=2.0, distance_m=(0.1, 0.3), difficulty=(0.1, 0.4))
+FEW = GaitSettings(max_iterations=4)
+
+
+def on_plain(_rng):
+    """The same short walk every time."""
+    return WALK
+
+
+def made(**settings):
+    return WarpedGaitEnv(**{"tasks": on_plain, "charts": ("decoupled", "ambient"), **settings})
+
+
+@pytest.fixture(scope="module")
+def stepped():
+    """One step on the plain: environment, observation, reward and info."""
+    env = made()
+    env.reset(seed=4)
+    observation, reward, terminated, truncated, info = env.step(np.array([0, 0, 0]))
+    return env, observation, reward, terminated, truncated, info
+
+
+# ----------------------------------------------------------------------------------------------------- contract
+
+
+def test_gymnasiums_checker_has_nothing_to_say():
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(made(charts=("decoupled",), settings=FEW), skip_render_check=True)
+
+
+def test_stable_baselines_checker_has_nothing_to_say():
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(made(charts=("decoupled",), settings=FEW))
+
+
+def test_a_seed_reproduces_an_episode_exactly():
+    def played(seed):
+        env = WarpedGaitEnv(tasks=SHORT, charts=("decoupled", "ambient"), settings=FEW)
+        return [env.reset(seed=seed), env.step(np.array([1, 0, 1])), env.reset()]
+
+    first = played(5)
+    assert same(first, played(5), exact=True)
+    assert not same(first[0], WarpedGaitEnv(tasks=SHORT).reset(seed=6))
+
+
+def test_observations_lie_in_their_space_and_info_is_finite_numbers(stepped):
+    env, observation, reward, terminated, truncated, info = stepped
+    assert env.observation_space.contains(observation)
+    assert all(type(s) is gymnasium.spaces.Box and s.dtype == np.float32 for s in env.observation_space.values())
+    assert [type(value) for value in (reward, terminated, truncated)] == [float, bool, bool]
+    assert (terminated, truncated) == (True, False)
+    assert all(np.isfinite(value) and np.ndim(value) == 0 for value in info.values())
+
+
+def test_reset_is_needed_first():
+    env = made(render_mode="rgb_array")
+    for use in (lambda: env.step(np.zeros(3, dtype=int)), env.render):
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            use()
+
+
+@pytest.mark.parametrize("action", [[0, 0], [2, 0, 0], [0, len(HEIGHTS), 0], [0, 0, len(NOISES)], [-1, 0, 0], 1])
+def test_a_bad_action_is_refused(action):
+    env = made()
+    env.reset(seed=0)
+    with pytest.raises(InvalidInput, match=r"^action: expected three indices in \(0–1, 0–2, 0–2\), got "):
+        env.step(np.array(action))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"charts": ()}, "charts: expected some of ambient, shear, decoupled, warped, warped-exact, got []"),
+        ({"charts": ("polar",)}, "charts: expected some of .*, got \\['polar'\\]"),
+        ({"render_mode": "human"}, "render_mode: expected one of \\['rgb_array'\\], got 'human'"),
+        ({"weights": GaitRewardWeights(seconds=0.1)}, "weights: expected timing with seconds, whose weight is 0.1"),
+    ],
+)
+def test_bad_settings_are_refused(settings, message):
+    with pytest.raises(InvalidInput, match=message.replace("[]", r"\[\]")):
+        made(**settings)
+
+
+def test_terrains_have_names():
+    with pytest.raises(InvalidInput, match=r"^terrain: expected one of mixed, rough, .*, got 'lava'$"):
+        WarpedGaitEnv("lava")
+    with pytest.raises(InvalidInput, match=r"^difficulty: expected 0 ≤ low ≤ high ≤ 1, got 0.5 and 0.2$"):
+        SampledTasks(difficulty=(0.5, 0.2))
+
+
+# ----------------------------------------------------------------------------------------------- what is said
+
+
+def test_a_step_says_what_the_optimiser_and_the_verifier_say(stepped):
+    _, _, reward, _, _, info = stepped
+    found = Workbench(on_plain(None), GaitSettings(max_iterations=50)).run(Attempt(chart="decoupled"))
+    verdict = check_trajectory(found.trajectory)
+    assert (info["verified"], info["feasible"], info["iterations"]) == (1, 1, found.iterations)
+    assert verdict.accepted
+    assert info["force_rms"] == verdict.figures["force_rms"]
+    assert info["violation"] == found.solution.violation < 1e-4
+    assert reward == pytest.approx(1.0 + 0.25 - 0.25 * found.iterations / 50)
+    assert info["seconds"] == 0.0
+
+
+def test_reward_terms_add_up_and_time_counts_only_where_it_is_asked_for():
+    env = made(timing=True, weights=GaitRewardWeights(verified=2.0, feasible=0.5, iterations=1.0, seconds=0.1))
+    env.reset(seed=0)
+    _, reward, _, _, info = env.step(np.array([0, 0, 0]))
+    assert reward == pytest.approx(sum(value for name, value in info.items() if name.startswith("reward_")))
+    assert info["seconds"] > 0.0
+    assert info["reward_seconds"] == pytest.approx(-0.1 * info["seconds"])
+    assert (info["reward_verified"], info["reward_feasible"]) == (2.0, 0.5)
+
+
+def test_a_solve_that_fails_is_worth_less_than_nothing():
+    env = made(settings=GaitSettings(max_iterations=1))
+    env.reset(seed=0)
+    _, reward, _, _, info = env.step(np.array([0, 0, 2]))
+    assert (info["verified"], info["feasible"]) == (0, 0)
+    assert reward == -0.25
+    assert info["violation"] > 1e-4
+
+
+def test_homotopy_solves_one_height_after_another():
+    env = made()
+    env.reset(seed=0)
+    plain = env.step(np.array([1, 0, 0]))[4]
+    env.reset(seed=0)
+    stages = env.step(np.array([1, 2, 0]))[4]
+    assert (plain["feasible"], stages["feasible"]) == (1, 1)
+    assert stages["iterations"] > plain["iterations"]
+
+
+def test_a_noisy_guess_hangs_on_the_seed_of_the_episode():
+    env = made(settings=GaitSettings(max_iterations=1))
+
+    def violation(seed):
+        env.reset(seed=seed)
+        return env.step(np.array([0, 0, 2]))[4]["violation"]
+
+    assert violation(1) == violation(1) != violation(2)
+
+
+# --------------------------------------------------------------------------------------------- what is observed
+
+
+def test_heights_are_those_of_the_terrain_in_a_frame_that_looks_from_start_to_goal():
+    task = on_plain(None)
+    seen = observe(task)
+    heights = seen["heights"].reshape(PATCH, PATCH).astype(float)
+    step = PATCH_M / (PATCH - 1)
+    ahead = np.array([0.2, 0.1]) / np.hypot(0.2, 0.1)
+    assert np.allclose(np.diff(heights, axis=0), step * ahead @ [0.1, -0.05], atol=1e-6)
+    assert np.allclose(np.diff(heights, axis=1), step * np.array([-ahead[1], ahead[0]]) @ [0.1, -0.05], atol=1e-6)
+    assert np.allclose(seen["goal"], [0.5 * np.hypot(0.2, 0.1), 0.0], atol=1e-7)
+    assert np.allclose(seen["start"], -seen["goal"])
+    assert np.allclose(seen["facing"], [ahead[0], -ahead[1]], atol=1e-7)
+    assert seen["friction"] == np.float32(0.75)
+    assert seen["adhesive"].tolist() == [0.0] * 4
+
+
+def test_the_observation_does_not_depend_on_where_north_is():
+    turned = HeightField.from_function(lambda x, y: 0.1 * y + 0.05 * x, 3.0, 0.25, name="turned")
+    task = on_plain(None)
+    other = replace(task, terrain=turned, goal_xy_m=[-0.1, 0.2], start_yaw_rad=0.5 * np.pi)
+    here, there = observe(task), observe(other)
+    assert here.keys() == there.keys()
+    for name in here:
+        assert np.allclose(here[name], there[name], atol=1e-6), name
+
+
+def test_walks_on_reference_terrains_are_the_papers():
+    rng = np.random.default_rng(3)
+    task = SampledTasks(terrain="hill")(rng)
+    assert task.adhesive == (True, True, False, False)
+    assert task.start_xy_m.tolist() == [-2.6, 0.0]
+    assert observe(task)["adhesive"].tolist() == [1.0, 1.0, 0.0, 0.0]
+
+
+def test_walks_are_drawn_within_their_ranges_until_the_robot_can_stand():
+    rng = np.random.default_rng(0)
+    tasks = SampledTasks(distance_m=(0.4, 0.6), difficulty=(0.5, 1.0))
+    drawn = [tasks(rng) for _ in range(6)]
+    assert len({task.terrain.name for task in drawn}) > 3
+    for task in drawn:
+        way = task.goal_xy_m - task.start_xy_m
+        assert 0.4 <= np.linalg.norm(way) <= 0.6
+        assert np.allclose(way / np.linalg.norm(way), [np.cos(task.start_yaw_rad), np.sin(task.start_yaw_rad)])
+
+
+def test_a_robot_that_can_stand_nowhere_is_said_so():
+    feet = [
+        replace(foot, reach_min_m=foot.nominal_m - 1e-6, reach_max_m=foot.nominal_m + 1e-6) for foot in anymal().feet
+    ]
+    steep = replace(anymal(), feet=tuple(feet))
+    waves = SampledTasks(terrain="waves", difficulty=(1.0, 1.0), robot=steep)
+    with pytest.raises(PlanningFailed, match=r"^no walk was found on waves in 100 draws; the last: start_xy_m: "):
+        waves(np.random.default_rng(0))
+
+
+# ------------------------------------------------------------------------------------------------ what is shown
+
+
+def test_the_picture_shows_the_guess_and_then_the_motion(stepped):
+    env = made(render_mode="rgb_array")
+    env.reset(seed=4)
+    before = env.render()
+    env.step(np.array([0, 0, 0]))
+    after = env.render()
+    assert before.shape == after.shape == (900, 1200, 3)
+    assert before.dtype == np.uint8
+    assert not np.array_equal(before, after)

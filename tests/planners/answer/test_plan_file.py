@@ -1,0 +1,272 @@
+"""Plan files: the same to the last bit when read back, and refused in one line after any change."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.plan_file import check_file, is_plan_file, read_plan, write_plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_json import course_to_json
+from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.report import plan_arrays, plan_digest
+
+
+@pytest.fixture
+def written(walk, tmp_path):
+    plan = walk(4)
+    write_plan(tmp_path / "plan.json", plan, check_plan(plan))
+    return plan, tmp_path / "plan.json"
+
+
+def edited(path, change):
+    """The header changed by hand."""
+    data = json.loads(path.read_text())
+    change(data)
+    path.write_text(json.dumps(data))
+
+
+def stored(data):
+    """The arrays in a plan's file."""
+    with np.load(io.BytesIO(base64.b64decode(data["arrays"]["npz"]))) as arrays:
+        return dict(arrays)
+
+
+def archive(arrays):
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def seal(data):
+    """The file with the sum that its content has."""
+    content = {name: value for name, value in data.items() if name != "sha256"}
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"))
+    return json.dumps(content | {"sha256": hashlib.sha256(text.encode()).hexdigest()})
+
+
+def resealed(path, change_header=lambda data: None, change_arrays=lambda arrays: None):
+    """A file that a program changed, sums and all, so that only a look at the content can refuse it."""
+    data = json.loads(path.read_text())
+    arrays = stored(data)
+    change_arrays(arrays)
+    data["arrays"]["npz"] = base64.b64encode(archive(arrays)).decode()
+    change_header(data)
+    path.write_text(seal(data))
+
+
+@pytest.fixture
+def pair(written):
+    """The same plan as ``stancekit/plan/1`` had it: a header, and its numbers beside it."""
+    path = written[1]
+    data = json.loads(path.read_text())
+    content = archive(stored(data))
+    path.with_suffix(".npz").write_bytes(content)
+    data["format"] = "stancekit/plan/1"
+    data["arrays"] = {"file": "plan.npz", "sha256": hashlib.sha256(content).hexdigest()}
+    path.write_text(seal(data))
+    return written
+
+
+def test_a_plan_is_the_same_to_the_last_bit_when_read_back(written):
+    plan, path = written
+    again, header = read_plan(path)
+    for name, array in plan_arrays(plan).items():
+        assert np.array_equal(array, getattr(again, name)) if array is not None else getattr(again, name) is None
+    assert course_to_json(again.course) == course_to_json(plan.course)
+    assert again.provenance == plan.provenance
+    assert (header["format"], header["verified"]) == ("stancekit/plan/2", True)
+    assert header["verdict"]["digest"] == check_plan(again).digest
+    assert os.listdir(path.parent) == ["plan.json"]
+
+
+def test_modes_come_back_where_there_are_any(walk, tmp_path):
+    plan = replace(walk(3), modes=[0, 1, 1])
+    write_plan(tmp_path / "a.json", plan, check_plan(plan))
+    assert read_plan(tmp_path / "a.npz")[0].modes.tolist() == [0, 1, 1]
+
+
+def test_the_same_plan_gives_the_same_bytes(walk, tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        plan = walk(3)
+        write_plan(tmp_path / name / "plan.json", plan, check_plan(plan))
+    assert (tmp_path / "a/plan.json").read_bytes() == (tmp_path / "b/plan.json").read_bytes()
+
+
+def test_a_rejected_plan_is_written_as_such(walk, tmp_path):
+    plan = walk(3)
+    plan = replace(plan, com_m=plan.com_m + np.array([0.0, 0.01, 0.0]))
+    write_plan(tmp_path / "a.json", plan, check_plan(plan))
+    assert read_plan(tmp_path / "a.json")[1]["verified"] is False
+    check = check_file(tmp_path / "a.json", joints=False)
+    assert (check.accepted, check.same) == (False, True)
+    assert check.message.startswith("rejected: worst is moment_balance (frame ")
+
+
+def test_a_report_on_another_plan_is_refused(walk, tmp_path):
+    with pytest.raises(InvalidInput, match=r"expected the verifier's report on this plan"):
+        write_plan(tmp_path / "a.json", walk(3), check_plan(walk(3)))
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda data: data["course"].update(goal_m=[9.0, 0.0, 0.2]),
+        lambda data: data["course"]["placements"][7]["candidates"][1].update(friction=0.9),
+        lambda data: data.update(verified=False),
+        lambda data: data["verdict"].update(accepted=False),
+        lambda data: data["verdict"].update(tolerance=1.0),
+        lambda data: data["provenance"].update(method="by hand"),
+        lambda data: data["arrays"].update(npz="UEsDBA=="),
+        lambda data: data.update(sha256=None),
+    ],
+)
+def test_a_header_that_was_edited_by_hand_is_refused(change, written):
+    path = written[1]
+    edited(path, change)
+    with pytest.raises(InvalidInput) as refused:
+        read_plan(path)
+    assert str(refused.value) == f"{path}: digest mismatch: the file was changed after it was written"
+
+
+def test_an_older_pair_is_read_as_ever(pair):
+    plan, path = pair
+    again, header = read_plan(path)
+    assert header["format"] == "stancekit/plan/1"
+    for name, array in plan_arrays(plan).items():
+        assert np.array_equal(array, getattr(again, name)) if array is not None else getattr(again, name) is None
+    assert check_file(path, joints=False).accepted
+    assert is_plan_file(path)
+
+
+def test_a_pair_that_is_written_over_is_one_file_and_what_was_beside_it_stays(pair):
+    plan, path = pair
+    beside = path.with_suffix(".npz").read_bytes()
+    write_plan(path, plan, check_plan(plan))
+    assert read_plan(path)[1]["format"] == "stancekit/plan/2"
+    assert path.with_suffix(".npz").read_bytes() == beside
+
+
+def test_numbers_of_a_pair_that_were_edited_by_hand_are_refused(pair):
+    path = pair[1].with_suffix(".npz")
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(InvalidInput, match=r"plan\.npz: digest mismatch: these are not the numbers"):
+        read_plan(pair[1])
+
+
+def test_numbers_of_a_pair_that_are_missing_are_named(pair):
+    pair[1].with_suffix(".npz").unlink()
+    with pytest.raises(InvalidInput, match=r"plan\.npz: expected the plan's numbers beside its \.json, found nothing"):
+        read_plan(pair[1])
+
+
+@pytest.mark.parametrize("name", ["/etc/passwd", "../plan.npz", "other.npz", "/dev/zero"])
+def test_the_name_that_a_pair_gives_its_numbers_leads_nowhere(pair, name):
+    data = json.loads(pair[1].read_text())
+    data["arrays"]["file"] = name
+    pair[1].write_text(seal(data))
+    assert np.array_equal(read_plan(pair[1])[0].com_m, pair[0].com_m)  # of plan.npz, whatever name stands there
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("????", "plan.json: arrays: expected base64 text: "),
+        ("é", "plan.json: arrays: expected base64 text: "),
+        ("", "plan.json: arrays: expected arrays without pickle: File is not a zip file"),
+        ("bm8gYXJjaGl2ZQ==", "plan.json: arrays: expected arrays without pickle: File is not a zip file"),
+    ],
+)
+def test_numbers_that_are_no_archive_are_refused_even_under_right_sums(text, message, written):
+    resealed(written[1], change_header=lambda data: data["arrays"].update(npz=text))
+    with pytest.raises(InvalidInput) as refused:
+        read_plan(written[1])
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda a: a.update(com_m=a["com_m"][:-1]), r"com_m: expected numbers of shape \(4, 3\), got float64 of"),
+        (lambda a: a.update(choice=a["choice"] + 0.5), r"choice: expected whole numbers of shape \(15,\)"),
+        (lambda a: a["toes_m"].__setitem__((0, 0), np.nan), "toes_m: expected finite numbers"),
+        (lambda a: a.pop("forces_n"), "expected the arrays com_m, "),
+        (lambda a: a.update(more=np.zeros(1)), "expected the arrays com_m, "),
+        (lambda a: a.update(com_m=np.array([None], dtype=object)), "expected arrays without pickle: "),
+        (lambda a: a["com_m"].__setitem__((0, 0), 0.001), "digest mismatch: course, numbers or verdict are not what"),
+    ],
+)
+def test_numbers_that_do_not_fit_are_refused_even_under_right_sums(change, message, written):
+    resealed(written[1], change_arrays=change)
+    with pytest.raises(InvalidInput, match=message) as refused:
+        read_plan(written[1])
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(format="stancekit/plan/3"), "expected format 'stancekit/plan/2', got 'stancekit/plan/3'"),
+        (lambda d: d.update(format=["stancekit/plan/2"]), "expected format 'stancekit/plan/2', got .'stancekit/pl"),
+        (lambda d: d.update(format="stancekit/plan/1"), "arrays: expected an object with file, sha256"),
+        (lambda d: d.update(verdict={}), "verdict: expected an object with accepted, tolerance, digest"),
+        (lambda d: d.update(arrays=[]), "arrays: expected an object with npz"),
+        (lambda d: d.update(provenance=3), "provenance: expected an object with any keys"),
+        (lambda d: d["course"].pop("goal_m"), "course: goal_m: "),
+        (lambda d: d.update(course=None), "course: "),
+        (lambda d: d.pop("verified"), "missing or unknown: verified"),
+        (lambda d: d.update(more=1), "missing or unknown: more"),
+        (lambda d: d["verdict"].update(accepted=False), "digest mismatch: course, numbers or verdict are not what"),
+    ],
+)
+def test_a_header_that_does_not_fit_is_refused_even_under_right_sums(change, message, written):
+    resealed(written[1], change_header=change)
+    with pytest.raises(InvalidInput, match=message) as refused:
+        read_plan(written[1])
+    assert "\n" not in str(refused.value)
+
+
+def test_a_file_that_is_none_is_told(tmp_path):
+    for text, message in (("", "the file is empty"), ("{", "expected JSON, broken"), ("[]", "expected format")):
+        (tmp_path / "a.json").write_text(text)
+        with pytest.raises(InvalidInput, match=message):
+            read_plan(tmp_path / "a.json")
+    for name, message in (("b.json", "found nothing there"), ("b.txt", r"expected a plan's name to end in \.json")):
+        with pytest.raises(InvalidInput, match=message):
+            read_plan(tmp_path / name)
+
+
+def test_a_forged_verdict_is_found_by_looking_again(walk, tmp_path):
+    plan = walk(3)
+    plan = replace(plan, com_m=plan.com_m + np.array([0.0, 0.01, 0.0]))
+    write_plan(tmp_path / "a.json", plan, check_plan(plan))
+
+    def forge(data):
+        data["verdict"].update(accepted=True, digest=plan_digest(plan, data["verdict"]["tolerance"], True))
+        data["verified"] = True
+
+    resealed(tmp_path / "a.json", change_header=forge)
+    check = check_file(tmp_path / "a.json", joints=False)
+    assert (check.accepted, check.same) == (False, False)
+    assert check.message.endswith("the file claims another verdict")
+    assert check.to_json()["verdict"] == "refused"
+
+
+def test_a_plan_file_is_known_by_its_format(written, tmp_path):
+    assert is_plan_file(written[1])
+    (tmp_path / "b.json").write_text('{"format": "stancekit/posture/1"}')
+    (tmp_path / "c.json").write_text("no JSON")
+    assert is_plan_file(written[1].with_suffix(".npz"))
+    assert not any(is_plan_file(tmp_path / name) for name in ("b.json", "c.json", "none.json", "plan", "."))

@@ -1,0 +1,94 @@
+"""Proof files: the same to the last bit when read back, checked anew whatever they say, refused in one line if odd."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.proof_file import check_proof_file, read_proof, write_proof
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.course_json import course_to_json
+from stancekit.planners.search.friction_margin import slippery
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_certificate
+
+
+@pytest.fixture(scope="module")
+def proved():
+    """Two icy walls between which no tripod can hang, and the certificate."""
+    course = slippery(read_course("walls", frames=2), 0.3)
+    return course, TwoStageCoursePlanner().solve(course).certificate
+
+
+@pytest.fixture
+def written(proved, tmp_path):
+    write_proof(tmp_path / "proof.json", *proved)
+    return tmp_path / "proof.json"
+
+
+def changed(path, **parts):
+    path.write_text(json.dumps(json.loads(path.read_text()) | parts))
+
+
+def test_a_proof_is_the_same_to_the_last_bit_when_read_back(proved, written):
+    course, certificate = read_proof(written)
+    assert course_to_json(course) == course_to_json(proved[0])
+    assert np.array_equal(certificate.tree, proved[1].tree)
+    assert np.array_equal(certificate.multipliers, proved[1].multipliers)
+    check = check_proof_file(written)
+    assert check.accepted
+    assert check.proof == check_certificate(*proved)
+    assert check.message.startswith("walls: infeasible: with all else as it is, friction ")
+
+
+def test_a_proof_of_another_course_is_refused(proved, written):
+    grippy = slippery(proved[0], 4.0)
+    changed(written, subject=course_to_json(grippy))
+    assert TwoStageCoursePlanner().solve(grippy).plan is not None
+    check = check_proof_file(written)
+    assert not check.accepted
+    assert check.to_json()["verdict"] == "refused"
+
+
+def test_odd_files_are_refused_in_one_line(proved, written):
+    tree, rows = proved[1].tree.tolist(), proved[1].multipliers.tolist()
+    nothing = course_to_json(replace(proved[0], name="")) | {"frames": 0}
+    for parts, told in (
+        ({"format": "stancekit/plan/1"}, "expected format 'stancekit/proof/1'"),
+        ({"more": 1}, "expected the keys format, subject, tree, multipliers; missing or unknown: more"),
+        ({"tree": [["0", 1, 0, 0, 0]]}, "tree: expected a table of numbers"),
+        ({"tree": tree[0]}, "tree: expected a table of numbers"),
+        ({"tree": [[0, 1, 0]]}, "certificate: expected a tree of shape (K, 5) and multipliers of shape"),
+        ({"multipliers": [[1.0], [1.0, 2.0]]}, "multipliers: expected a table of numbers"),
+        ({"multipliers": [["a"] * len(rows[0])]}, "multipliers: expected a table of numbers"),
+        ({"subject": nothing}, "subject: "),
+    ):
+        before = written.read_text()
+        changed(written, **parts)
+        with pytest.raises(InvalidInput) as error:
+            read_proof(written)
+        assert str(error.value).startswith(f"{written}: {told}")
+        assert "\n" not in str(error.value)
+        written.write_text(before)
+
+
+def test_multipliers_that_prove_nothing_are_refused_and_never_raise(proved, written):
+    rows = proved[1].multipliers
+    for table in (np.zeros_like(rows), -rows, rows[:, :-1], np.vstack([rows, rows])):
+        changed(written, multipliers=table.tolist())
+        assert not check_proof_file(written).accepted
+
+
+def test_the_older_format_of_courses_is_still_read(proved, tmp_path):
+    course, certificate = proved
+    tree = [(-1, -1) if kind == 0 else (int(i), int(j)) for kind, i, j, _, _ in certificate.tree]
+    old = {"format": "stancekit/no-plan/1", "course": course_to_json(course), "tree": tree}
+    (tmp_path / "old.json").write_text(json.dumps(old | {"multipliers": certificate.multipliers.tolist()}))
+    check = check_proof_file(tmp_path / "old.json")
+    assert check.accepted
+    assert check.to_json()["kind"] == "no-plan"
+    assert np.array_equal(read_proof(tmp_path / "old.json")[1].tree, certificate.tree)

@@ -1,0 +1,84 @@
+"""Documents in bounds: YAML, JSON and what is shown of a value, each against what it must cost and say."""
+
+import time
+
+import pytest
+import yaml
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import DEEPEST, MOST_YAML_VALUES, parse_json, parse_yaml, read_bytes
+from stancekit.planners.files.refusals import shown
+from tests.damage import bombs
+
+
+def refusal(call, *arguments):
+    with pytest.raises(InvalidInput) as caught:
+        call(*arguments)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+def test_yaml_with_a_few_aliases_is_read_as_ever():
+    text = "a: &a {x: 1, y: [1, 2]}\nb: *a\nc: {<<: *a, x: 3}\n"
+    assert parse_yaml(text, "f") == yaml.safe_load(text)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (bombs.aliases().decode(), f"f: expected {MOST_YAML_VALUES} values or fewer, aliases replaced, got more"),
+        (bombs.endless_yaml().decode(), "f: expected an anchor before its alias, got *a"),
+        (bombs.deep_yaml().decode(), f"f: expected {DEEPEST} levels of nesting or fewer, got more"),
+        ("a: &a0 [[[[[[[[[[]]]]]]]]]]\n" + "".join(f"b{k}: &a{k + 1} [[[[[[*a{k}]]]]]]\n" for k in range(20)),
+         f"f: expected {DEEPEST} levels of nesting or fewer, got more"),
+        ("[1, 2]", "f: expected keys and values, got list"),
+    ],
+)  # fmt: skip
+def test_yaml_that_grows_is_refused_at_once(text, said):
+    began = time.process_time()
+    assert refusal(parse_yaml, text, "f") == said
+    assert time.process_time() - began < 1.0
+
+
+@pytest.mark.parametrize(
+    "text", ["a: 1\na: 2\n", "a: 2001-99-99\n", "a: !!int ''\n", "a: !!timestamp x\n", "{[1]: 2}", "? {}\n: 1\n",
+             "a: *b\n",
+             "a: !!python/object:os.system {}\n", "a: 1\n---\nb: 2\n", "a: " + "9" * 9999, "\x00"],
+)  # fmt: skip
+def test_yaml_that_is_broken_in_any_way_is_one_line(text):
+    assert refusal(parse_yaml, text, "f").startswith("f: expected ")
+
+
+def test_what_is_as_deep_as_may_be_is_read_and_no_deeper():
+    assert parse_json("[" * DEEPEST + "]" * DEEPEST, "f")
+    assert "levels of nesting" in refusal(parse_json, "[" * (DEEPEST + 2) + "]" * (DEEPEST + 2), "f")
+    assert parse_yaml("a: " + "[" * (DEEPEST - 1) + "]" * (DEEPEST - 1), "f")
+    assert "levels of nesting" in refusal(parse_yaml, "a: " + "[" * DEEPEST + "]" * DEEPEST, "f")
+
+
+@pytest.mark.parametrize("text", ['{"a": NaN}', "[Infinity]", "-Infinity", '"\\ud800"', '{"\\udc00": 1}', "1" * 5000])
+def test_what_is_no_json_for_others_is_none_here(text):
+    assert refusal(parse_json, text, "f").startswith("f: expected ")
+
+
+def test_pairs_of_surrogates_are_a_letter():
+    assert parse_json('"\\ud83d\\ude00"', "f") == "\U0001f600"
+
+
+def test_a_file_without_end_is_refused():
+    assert refusal(read_bytes, "/dev/zero", 1000) == "/dev/zero: expected a file of 1000 bytes or fewer, got more"
+
+
+@pytest.mark.parametrize("value", [[1, 2], {"a": [1.5, None]}, "text", ("a", {1}), [], {}, -3, None])
+def test_a_small_value_is_shown_as_python_writes_it(value):
+    assert shown(value) == repr(value)
+
+
+def test_what_is_cut_off_costs_nothing():
+    value = ["x" * 10_000] * 10
+    for _ in range(30):
+        value = [value] * 10
+    began = time.process_time()
+    assert len(shown(value)) == 60
+    assert shown([[10**5000] * 3] * 3, 30) == "[[an integer of 16610 bits, an"
+    assert time.process_time() - began < 0.05

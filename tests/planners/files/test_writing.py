@@ -1,0 +1,222 @@
+"""Files are replaced whole or not at all: under a full disk or a kill at every call, and with two writers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from stancekit.planners.answer.plan_file import check_file, write_plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.writing import (
+    TEMPORARY,
+    check_writable,
+    remove_leftovers,
+    replaced,
+    write_bytes,
+    write_text,
+)
+from stancekit.planners.verify import check_plan
+from tests.emulators.faulty_disk import Ended, ended
+
+FULL = "No space left on device"
+
+
+def leftovers(folder: Path) -> list[str]:
+    return [name for name in os.listdir(folder) if TEMPORARY.fullmatch(name)]
+
+
+def told(work) -> int:
+    """What the command does with bad input."""
+    try:
+        work()
+    except InvalidInput as error:
+        sys.stderr.write(f"{error}\n")
+        return 2
+    return 0
+
+
+@pytest.fixture
+def planned(walk, tmp_path):
+    """``planned(4)`` writes a plan of four key frames over climb.json, whose plan has three."""
+    file = tmp_path / "climb.json"
+
+    def write(frames):
+        plan = walk(frames)
+        write_plan(file, plan, check_plan(plan))
+
+    write(3)
+    return file, lambda: told(lambda: write(4))
+
+
+def test_a_plan_is_one_file_with_few_calls(planned):
+    file, write = planned
+    clean = ended(write, file.parent)
+    assert clean.code == 0
+    calls = ["open", "reopen", "write", "fsync", "rename", "fsync", "remove"]
+    assert [call.split()[0] for call in clean.calls] == calls
+    assert os.listdir(file.parent) == ["climb.json"]
+
+
+@pytest.mark.parametrize("call", range(1, 8))
+def test_a_disk_that_is_full_from_any_call_on_harms_no_older_plan(planned, call):
+    file, write = planned
+    before = file.read_bytes()
+    done = ended(write, file.parent, call)
+    assert os.listdir(file.parent) == ["climb.json"]
+    if call <= 5:  # up to the rename; the folder's own fsync may fail
+        assert (done.code, done.said) == (2, f"{file}: cannot be written: {FULL}\n")
+        assert file.read_bytes() == before
+    else:
+        assert (done.code, done.said) == (0, "")
+        assert file.read_bytes() != before
+    assert check_file(file, joints=False).accepted
+
+
+@pytest.mark.parametrize("call", range(1, 8))
+def test_a_kill_before_any_call_leaves_the_older_plan_or_the_new_one_and_the_next_run_clears_up(planned, call):
+    file, write = planned
+    before = file.read_bytes()
+    assert ended(write, file.parent, call, "killed").code == -signal.SIGKILL
+    assert (file.read_bytes() == before) == (call <= 5)
+    assert check_file(file, joints=False).accepted
+    assert len(leftovers(file.parent)) == (2 <= call <= 5)
+    again = ended(write, file.parent)
+    assert again.code == 0
+    assert os.listdir(file.parent) == ["climb.json"]
+    assert file.read_bytes() != before
+
+
+@pytest.mark.parametrize("call", [1, 2])
+def test_a_kill_while_leftovers_are_removed_leaves_them_to_the_next_run(planned, call):
+    file, write = planned
+    ended(write, file.parent, 4, "killed")
+    sweep = ended(write, file.parent, call, "killed")
+    assert [line.split()[0] for line in sweep.calls] == ["reopen", "remove"][:call]
+    assert len(leftovers(file.parent)) == 1
+    assert ended(write, file.parent).code == 0
+    assert os.listdir(file.parent) == ["climb.json"]
+
+
+def test_what_a_living_writer_writes_stays(tmp_path):
+    file = tmp_path / "a.json"
+    with replaced(file) as temporary:
+        temporary.write_text("mine")
+        done = ended(lambda: told(lambda: write_text(file, "theirs")), tmp_path)  # another process, at the same time
+        assert (done.code, file.read_text()) == (0, "theirs")
+        assert os.listdir(tmp_path).count(temporary.name) == 1
+    assert file.read_text() == "mine"
+    assert os.listdir(tmp_path) == ["a.json"]
+
+
+def test_two_processes_that_write_one_file_all_the_time_leave_it_whole(tmp_path):
+    file = tmp_path / "a.txt"
+    code = (
+        "import sys\nfrom stancekit.planners.files.writing import write_text\n"
+        "for _ in range(150): write_text(sys.argv[1], sys.argv[2] * 20000)\n"
+    )
+    both = [subprocess.Popen([sys.executable, "-c", code, str(file), letter]) for letter in "ab"]
+    seen = set()
+    while any(process.poll() is None for process in both):
+        if file.exists():
+            text = file.read_text()
+            seen.add((text[:1], text == text[:1] * 20000))
+        time.sleep(0.001)
+    assert [process.returncode for process in both] == [0, 0]
+    assert {letter for letter, _ in seen} == {"a", "b"}
+    assert all(whole for _, whole in seen)
+    assert os.listdir(tmp_path) == ["a.txt"]
+
+
+def test_leftovers_of_other_targets_and_files_of_other_kinds_stay(tmp_path):
+    others = [".b.json.99-0123abcd.tmp", ".a.json.tmp", ".a.json.x-0123abcd.tmp", "a.json.99-0123abcd.tmp", ".a.json"]
+    for name in [*others, ".a.json.99-0123abcd.tmp", ".a.json.99.tmp"]:
+        (tmp_path / name).write_text("half")
+    write_text(tmp_path / "a.json", "whole")
+    assert sorted(os.listdir(tmp_path)) == sorted([*others, "a.json"])
+
+
+def test_a_leftover_that_is_a_link_a_pipe_or_locked_harms_nothing(tmp_path):
+    (tmp_path / "mine").write_text("mine")
+    (tmp_path / ".a.1-00000000.tmp").symlink_to("mine")
+    os.mkfifo(tmp_path / ".a.2-00000000.tmp")
+    write_text(tmp_path / "a", "whole")
+    assert (tmp_path / "mine").read_text() == "mine"
+    assert os.path.lexists(tmp_path / ".a.1-00000000.tmp")
+    assert (tmp_path / "a").read_text() == "whole"
+
+
+@pytest.mark.parametrize("name", ["a b.json", "ä\n.json", "-a.json", "[a]*.json", "..json", "\udcff.json"])
+def test_odd_names_are_written_and_cleared_up(tmp_path, name):
+    file = tmp_path / name
+    write = lambda: told(lambda: write_text(file, "new"))  # noqa: E731
+    assert ended(write, tmp_path, 4, "killed").code == -signal.SIGKILL
+    assert len(leftovers(tmp_path)) == 1
+    assert ended(write, tmp_path).code == 0
+    assert os.listdir(tmp_path) == [name]
+
+
+def test_the_longest_name_is_written_and_one_letter_more_refused_before_any_work(tmp_path):
+    longest = "n" * (255 - len("..4194304-01234567.tmp"))
+    write_text(tmp_path / longest, "x")
+    with pytest.raises(InvalidInput, match="cannot be written: File name too long"):
+        check_writable(tmp_path / f"{longest}n")
+
+
+def test_a_folder_takes_the_place_of_an_empty_one_or_nothing_changes(tmp_path):
+    (tmp_path / "set").mkdir()
+
+    def write() -> int:
+        def fill() -> None:
+            with replaced(tmp_path / "set", folder=True) as temporary:
+                (temporary / "a").mkdir()
+                write_bytes(temporary / "a" / "b", b"content")
+
+        return told(fill)
+
+    clean = ended(write, tmp_path)
+    assert (clean.code, (tmp_path / "set" / "a" / "b").read_bytes()) == (0, b"content")
+    for at in range(1, len(clean.calls) + 1):
+        for fault in ("full", "killed"):
+            subprocess.run(["rm", "-r", tmp_path / "set"], check=True)
+            (tmp_path / "set").mkdir()
+            done: Ended = ended(write, tmp_path, at, fault)
+            assert os.listdir(tmp_path / "set") in ([], ["a"])
+            if fault == "full":
+                assert os.listdir(tmp_path) == ["set"]
+                assert done.code == 0 or FULL in done.said
+            subprocess.run(["rm", "-r", tmp_path / "set"], check=True)
+            assert ended(write, tmp_path).code == 0
+            assert os.listdir(tmp_path) == ["set"]
+
+
+def test_a_device_is_no_target_of_what_is_put_in_its_place(tmp_path):
+    (tmp_path / "film.mp4").symlink_to("/dev/null")
+    film = tmp_path / "film.mp4"
+    with pytest.raises(InvalidInput, match="expected a file, found a device or a pipe"), replaced(film):
+        pass
+    assert os.path.exists("/dev/null")
+    assert not os.path.isfile("/dev/null")
+
+
+def test_a_full_device_is_told_in_one_line():
+    with pytest.raises(InvalidInput, match=f"^/dev/full: cannot be written: {FULL}$"):
+        write_text("/dev/full", "text")
+
+
+def test_a_folder_that_is_gone_has_no_leftovers(tmp_path):
+    remove_leftovers(tmp_path / "none", lambda name: True)
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_folder_that_takes_no_files_is_one_line_and_no_endless_search():
+    if not Path("/proc/self").is_dir():
+        return
+    with pytest.raises(InvalidInput) as refused:
+        write_text("/proc/stancekit.json", "x")
+    assert str(refused.value) == "/proc/stancekit.json: cannot be written: No such file or directory"

@@ -1,0 +1,173 @@
+"""Inverse kinematics and torques, against rotations by scipy, finite differences and virtual work."""
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.leg_ik import directions, swivels
+from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, link_lengths, outward_rad
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+
+pytest.importorskip("pinocchio")
+from stancekit.planners.robot.kinematics import Kinematics, joint_report, plan_angles, rotation_of
+
+ROBOT = hexapod()
+SHOULDERS = np.array([limb.shoulder_m for limb in ROBOT.limbs])
+OUTWARD = SHOULDERS / np.linalg.norm(SHOULDERS, axis=1)[:, None]
+
+
+@pytest.fixture(scope="module")
+def kinematics() -> Kinematics:
+    return Kinematics(ROBOT)
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    outcome = TwoStageCoursePlanner().solve(read_course("walls", frames=3))
+    assert outcome.plan is not None
+    return outcome.plan
+
+
+def foot_by_hand(limb: int, angles: np.ndarray) -> np.ndarray:
+    """The foot's centre in the body frame: shoulder, then yaw about z, hip about y, roll about x, knee about y."""
+    owner = ROBOT.limbs[limb]
+    thigh, shank = link_lengths(owner)
+    yaw, hip, roll, knee = angles
+    upper = Rotation.from_euler("ZYX", [yaw + outward_rad(owner), hip, roll])
+    return owner.shoulder_m + upper.apply([thigh, 0, 0]) + (upper * Rotation.from_euler("Y", knee)).apply([shank, 0, 0])
+
+
+def test_feet_are_where_the_joints_put_them(kinematics: Kinematics) -> None:
+    angles = np.random.default_rng(0).uniform(-1.5, 1.5, 24)
+    by_hand = [foot_by_hand(i, angles[4 * i : 4 * i + 4]) for i in range(6)]
+    np.testing.assert_allclose(kinematics.feet(angles), by_hand, atol=1e-12)
+
+
+def test_every_posture_of_a_family_reaches_its_target() -> None:
+    rng, lengths = np.random.default_rng(1), link_lengths(ROBOT.limbs[0])
+    for _ in range(40):
+        target = rng.normal(size=3)
+        target *= rng.uniform(0.02, 0.37) / np.linalg.norm(target)
+        upper, lower = directions(swivels(lengths, target))
+        np.testing.assert_allclose(lengths[0] * upper + lengths[1] * lower, np.tile(target, (len(upper), 1)), atol=1e-9)
+
+
+def test_the_workspace_away_from_the_body_and_not_steeply_above_the_shoulder_is_reached(kinematics: Kinematics) -> None:
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        way = rng.normal(size=(6, 3))
+        way *= rng.uniform(0.08, 0.35, (6, 1)) / np.linalg.norm(way, axis=1)[:, None]
+        way = np.where(np.einsum("ij,ij->i", way, OUTWARD)[:, None] < 0.0, -way, way)
+        way[:, 2] = np.where(way[:, 2] > 0.8 * np.linalg.norm(way, axis=1), -way[:, 2], way[:, 2])
+        turn = rng.uniform(-0.2618, 0.2618, 3)
+        toes = [0.3, -0.2, 0.5] + (SHOULDERS + way) @ rotation_of(turn).T
+        answer = kinematics.solve([0.3, -0.2, 0.5], turn, toes)
+        assert answer.within_limits
+        by_hand = [foot_by_hand(i, answer.angles[4 * i : 4 * i + 4]) for i in range(6)]
+        np.testing.assert_allclose(rotation_of(turn) @ np.transpose(by_hand), (toes - [0.3, -0.2, 0.5]).T, atol=1e-6)
+
+
+def test_a_foot_below_its_shoulder_and_one_beside_that_are_reached_with_nearby_angles(kinematics: Kinematics) -> None:
+    below = SHOULDERS + np.array([0.0, 0.0, -0.2])
+    first = kinematics.solve(np.zeros(3), np.zeros(3), below)
+    second = kinematics.solve(np.zeros(3), np.zeros(3), below + np.array([0.004, -0.003, 0.0]), seed=first.angles)
+    assert first.within_limits
+    assert second.within_limits
+    assert np.abs(second.angles - first.angles).max() < 0.15
+
+
+def test_feet_touch_at_their_toes(kinematics: Kinematics) -> None:
+    toes = SHOULDERS + 0.15 * OUTWARD + [0.0, 0.0, -0.2]
+    answer = kinematics.solve(np.zeros(3), np.zeros(3), toes, normals=np.tile([0.0, 0.0, 1.0], (6, 1)))
+    np.testing.assert_allclose(kinematics.feet(answer.angles), toes + np.array([0.0, 0.0, FOOT_RADIUS_M]), atol=1e-6)
+
+
+def test_what_is_out_of_reach_is_said_by_how_much(kinematics: Kinematics) -> None:
+    toes = SHOULDERS + 0.2 * OUTWARD
+    toes[3] = SHOULDERS[3] + 0.5 * OUTWARD[3]
+    answer = kinematics.solve(np.zeros(3), np.zeros(3), toes)
+    assert not answer.within_limits
+    assert answer.error_m[3] == pytest.approx(0.5 - link_lengths(ROBOT.limbs[3]).sum(), abs=1e-4)
+    assert np.delete(answer.error_m, 3).max() < 1e-5
+
+
+def test_a_joint_that_would_have_to_go_beyond_its_limit_is_said_by_how_much() -> None:
+    narrow = Kinematics(ROBOT, Servo(lower_rad=(-0.1, -1.8, -0.05, -0.05), upper_rad=(0.1, 1.8, 0.05, 2.75)))
+    aside = Rotation.from_euler("z", 0.7).apply(OUTWARD[0])
+    toes = SHOULDERS + 0.25 * OUTWARD
+    toes[0] = SHOULDERS[0] + 0.25 * aside
+    answer = narrow.solve(np.zeros(3), np.zeros(3), toes)
+    assert answer.error_m[0] > 0.05
+    assert answer.limit_rad[0] > 0.1
+    assert np.all(np.abs(answer.angles.reshape(6, 4)[:, 0]) <= 0.1 + 1e-12)
+
+
+def test_torques_are_those_of_virtual_work(kinematics: Kinematics) -> None:
+    rng = np.random.default_rng(3)
+    angles, turn, forces = rng.uniform(-1.0, 1.0, 24), rotation_of([0.1, -0.2, 0.05]), rng.normal(size=(6, 3)) * 30.0
+
+    def work(q: np.ndarray) -> float:
+        """Potential energy of the limbs less the work of the contact forces, the body held."""
+        height = float((turn @ kinematics.com_offset(q))[2])
+        return ROBOT.mass_kg * 9.81 * height - float(np.sum(forces * (kinematics.feet(q) @ turn.T)))
+
+    step = 1e-6
+    slope = [(work(angles + step * e) - work(angles - step * e)) / (2.0 * step) for e in np.eye(24)]
+    np.testing.assert_allclose(kinematics.torques(angles, turn, forces), slope, atol=1e-5)
+
+
+def test_rotations_are_exact_not_linearised() -> None:
+    vector = np.array([0.2, -0.1, 0.25])
+    np.testing.assert_allclose(rotation_of(vector), Rotation.from_rotvec(vector).as_matrix(), atol=1e-14)
+    np.testing.assert_allclose(rotation_of(np.zeros(3)), np.eye(3))
+
+
+def test_a_plan_has_angles_that_stay_close_where_toes_stay(plan: Plan) -> None:
+    answers = plan_angles(plan)
+    assert len(answers) == plan.course.frames
+    for k in range(1, plan.course.frames):
+        stays = plan.course.holds[k] == plan.course.holds[k - 1]
+        moved = np.abs(answers[k].angles - answers[k - 1].angles).reshape(6, 4)[stays]
+        assert moved.max() < 0.6
+
+
+def test_a_good_plan_is_within_the_joints_and_the_report_has_a_row_a_frame_and_stance(plan: Plan) -> None:
+    report = joint_report(plan)
+    assert report.accepted, report.message
+    assert report.message == ""
+    assert report.error_m.shape == (plan.course.frames, 6)
+    assert report.torque_nm.shape == (len(plan.course.stances), 6)
+    assert 1.0 < report.torque_nm.max() < 40.0
+    assert 0.0 < report.shift_m.max() < 0.02  # paper E: "assumed to always be at the geometric center"
+
+
+def test_weak_servos_are_found_with_frame_and_limb(plan: Plan) -> None:
+    report = joint_report(plan, Servo(torque_nm=5.0))
+    assert not report.accepted
+    stance, limb = np.unravel_index(int(np.argmax(report.torque_nm)), report.torque_nm.shape)
+    assert report.worst_torque == (plan.course.stances[stance].frame, ROBOT.limb_names[limb])
+    assert f"frame {report.worst_torque[0]}, limb {report.worst_torque[1]}: " in report.message
+    assert report.excess_nm.max() == pytest.approx(report.torque_nm.max() - 5.0)
+
+
+def test_a_toe_out_of_reach_is_found_with_frame_and_limb(plan: Plan) -> None:
+    toes = plan.toes_m.copy()
+    placement = int(plan.course.holds[2][4])
+    toes[placement] += [0.0, 0.0, 0.6]
+    report = joint_report(replace(plan, toes_m=toes))
+    assert not report.accepted
+    assert report.worst_error[1] == ROBOT.limb_names[4]
+    assert f"limb {ROBOT.limb_names[4]}: its foot stays " in report.message
+
+
+def test_without_pinocchio_the_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    with pytest.raises(InvalidInput, match=r"pip install 'stancekit\[kin\]'"):
+        Kinematics(ROBOT)

@@ -1,0 +1,78 @@
+"""The URDF of the robot: what a reader of XML, and pinocchio, find in it."""
+
+import xml.etree.ElementTree as ElementTree
+
+import numpy as np
+import pytest
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.robot import Limb, Robot, hexapod
+from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, foot_names, hexapod_urdf, joint_names, link_lengths
+
+
+def parsed(**options: bool) -> ElementTree.Element:
+    return ElementTree.fromstring(hexapod_urdf(hexapod(), **options))
+
+
+def test_it_has_four_joints_a_limb_and_a_foot_that_is_a_sphere() -> None:
+    root = parsed()
+    moving = [joint.get("name") for joint in root.findall("joint") if joint.get("type") == "revolute"]
+    assert moving == list(joint_names(hexapod()))
+    assert len(moving) == 24
+    for name in foot_names(hexapod()):
+        sphere = root.find(f"link[@name='{name}']/collision/geometry/sphere")
+        assert sphere is not None
+        assert float(sphere.get("radius", "")) == FOOT_RADIUS_M
+
+
+def test_all_links_together_weigh_what_the_robot_does_and_nearly_all_of_it_is_in_the_body() -> None:
+    masses = {link.get("name"): float(link.find("inertial/mass").get("value")) for link in parsed().findall("link")}
+    assert sum(masses.values()) == pytest.approx(hexapod().mass_kg, rel=1e-9)
+    assert masses["body"] > 0.85 * hexapod().mass_kg
+
+
+def test_shoulders_are_where_the_planners_have_them() -> None:
+    root = parsed()
+    for limb in hexapod().limbs:
+        origin = root.find(f"joint[@name='{limb.name}_yaw']/origin")
+        assert origin is not None
+        np.testing.assert_allclose([float(x) for x in origin.get("xyz", "").split()], limb.shoulder_m, atol=1e-9)
+
+
+def test_a_straight_limb_is_longer_than_the_reach_and_a_foot() -> None:
+    for limb in hexapod().limbs:
+        assert link_lengths(limb).sum() > limb.reach_m + FOOT_RADIUS_M
+
+
+@pytest.mark.parametrize("rotors_in_links", [False, True])
+def test_every_inertia_is_one_that_a_body_can_have(rotors_in_links: bool) -> None:
+    links = parsed(rotors_in_links=rotors_in_links).findall("link")
+    assert len(links) == 31
+    for link in links:
+        inertia = link.find("inertial/inertia")
+        assert inertia is not None
+        a, b, c = sorted(float(inertia.get(axis, "")) for axis in ("ixx", "iyy", "izz"))
+        assert a > 0.0
+        assert a + b >= c * (1.0 - 1e-9)
+
+
+def test_pinocchio_reads_limits_and_masses_as_they_were_meant() -> None:
+    pin = pytest.importorskip("pinocchio")
+    servo = Servo(torque_nm=12.0, velocity_rad_s=3.0)
+    model = pin.buildModelFromXML(hexapod_urdf(hexapod(), servo), pin.JointModelFreeFlyer())
+    assert list(model.names)[2:] == list(joint_names(hexapod()))
+    np.testing.assert_allclose(model.lowerPositionLimit[7:], np.tile(servo.lower_rad, 6))
+    np.testing.assert_allclose(model.upperPositionLimit[7:], np.tile(servo.upper_rad, 6))
+    np.testing.assert_allclose(model.velocityLimit[6:], 3.0)
+    assert pin.computeTotalMass(model) == pytest.approx(10.0)
+
+
+def test_other_robots_have_a_urdf_too() -> None:
+    limbs = tuple(Limb(name=f"L{i}", shoulder_m=[0.2, 0.1 * i, 0.0], reach_m=0.5) for i in range(-1, 2))
+    root = ElementTree.fromstring(hexapod_urdf(Robot(name="tripod", mass_kg=4.0, limbs=limbs)))
+    assert len(root.findall("link")) == 1 + 3 * 5
+
+
+def test_a_servo_without_torque_is_refused() -> None:
+    with pytest.raises(InvalidInput, match=r"^servo\.torque_nm: expected a number above 0, got 0$"):
+        Servo(torque_nm=0.0)

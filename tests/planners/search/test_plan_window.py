@@ -1,0 +1,118 @@
+"""A course planned window by window: every window begins where the last one ended, and the walk is a plan again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.course_json import course_to_json
+from stancekit.planners.search.plan_window import STANDING_M, Standing, course_window, joined
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_plan
+
+
+@pytest.fixture(scope="module")
+def planner():
+    return TwoStageCoursePlanner()
+
+
+@pytest.fixture(scope="module")
+def course():
+    return read_course("walls", frames=5)
+
+
+@pytest.fixture(scope="module")
+def plan(planner, course):
+    outcome = planner.solve(course)
+    assert outcome.status is Status.FEASIBLE
+    return outcome.plan
+
+
+def walked(planner, course, horizon):
+    """The plans of all windows, the first of frame 0 alone."""
+    plans = [planner.solve(course_window(course, 0, 0)).plan]
+    for first in range(0, course.frames - 1, horizon):
+        last = min(first + horizon, course.frames - 1)
+        plans.append(planner.solve(course_window(course, first, last, Standing.at_end(plans[-1]))).plan)
+    return plans
+
+
+def test_the_window_of_all_frames_is_the_course(course):
+    assert json.dumps(course_to_json(course_window(course, 0, 4))) == json.dumps(course_to_json(course))
+
+
+@pytest.mark.parametrize("horizon", [1, 2, 3])
+def test_windows_join_to_a_walk_that_the_verifier_accepts(planner, course, horizon):
+    plans = walked(planner, course, horizon)
+    walk = joined(course, plans)
+    report = check_plan(walk)
+    assert report.accepted, report.message
+    assert walk.course.frames == course.frames
+    np.testing.assert_array_equal(walk.com_m[-1], plans[-1].com_m[-1])
+    for before, after in pairwise(plans):
+        assert np.linalg.norm(after.com_m[0] - before.com_m[-1]) <= STANDING_M + 1e-9
+        np.testing.assert_allclose(after.toes_at(0), before.toes_at(before.course.frames - 1), atol=1e-9)
+
+
+def test_a_walk_that_stops_early_is_a_plan_of_the_beginning(planner, course):
+    plans = walked(planner, course, 2)[:2]
+    walk = joined(course, plans)
+    assert walk.course.frames == 3
+    assert check_plan(walk).accepted
+    assert {stance.limbs for stance in walk.course.stances if stance.frame == 2} == {
+        stance.limbs for stance in course.stances if stance.frame == 2
+    }
+
+
+def test_one_plan_joined_is_itself(course, plan):
+    again = joined(course, [plan])
+    for name in ("com_m", "rotation_rad", "toes_m", "choice", "forces_n"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(plan, name))
+
+
+def test_windows_that_do_not_fit_together_are_refused_by_the_verifier(planner, course):
+    plans = walked(planner, course, 2)
+    report = check_plan(joined(course, [plans[0], plans[2]]))  # as if it had leapt over the first window
+    assert not report.accepted
+    assert report.groups
+
+
+def test_a_window_keeps_schedule_placements_and_modes(course, plan):
+    here = Standing(com_m=plan.com_m[1], rotation_rad=plan.rotation_rad[1], toes_m=plan.toes_at(1),
+                    patches=tuple(course.patch(int(i), plan.choice) for i in course.holds[1]))  # fmt: skip
+    window = course_window(course, 1, 3, here)
+    assert window.lifts == ((), course.lifts[2], course.lifts[3])
+    assert window.next_lift == course.lifts[4]
+    assert window.modes == course.modes[1:4]
+    np.testing.assert_array_equal(window.com_nominal_m[1:], course.com_nominal_m[2:4])
+    np.testing.assert_array_equal(window.goal_m, course.com_nominal_m[3])
+    ours = [(p.frame, p.limb, id(p.candidates)) for p in window.placements if p.frame]
+    assert ours == [(p.frame - 1, p.limb, id(p.candidates)) for p in course.placements if 1 < p.frame <= 3]
+    for placement, toe in zip(window.placements, plan.toes_at(1), strict=False):
+        np.testing.assert_array_equal(placement.toe_m, toe)
+
+
+def test_a_body_ahead_of_its_path_need_not_step_back_to_make_progress(course, plan):
+    here = Standing.at_end(plan)
+    ahead = replace(here, com_m=course.com_nominal_m[1] + [0.0, 0.0, 0.01])
+    assert course_window(course, 0, 2, ahead).steps.progress_m == 0.0
+    behind = replace(here, com_m=course.com_nominal_m[0])
+    assert course_window(course, 0, 2, behind).steps.progress_m == course.steps.progress_m > 0.0
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 5), (3, 2), (-1, 2)])
+def test_frames_that_there_are_not_are_refused(course, plan, first, last):
+    with pytest.raises(InvalidInput, match=f"window: expected frames within 0 to 4, got {first} to {last}"):
+        course_window(course, first, last, Standing.at_end(plan))
+
+
+def test_a_later_window_needs_a_standing_robot(course):
+    with pytest.raises(InvalidInput, match="window: expected frames within 0 to 4, got 1 to 2"):
+        course_window(course, 1, 2)

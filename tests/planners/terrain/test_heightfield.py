@@ -1,0 +1,202 @@
+"""Height fields: exact derivatives, one surface for numpy and CasADi, and what a grid must be."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import RectBivariateSpline
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.reference import FAMILIES, REFERENCES, named_terrain, reference_tasks, reference_terrain
+
+
+@pytest.fixture(scope="module")
+def rough() -> HeightField:
+    return named_terrain("rough:0.7:3")
+
+
+def around(field, count=300, beyond=1.5, seed=0):
+    (x0, x1), (y0, y1) = field.domain_m
+    rng = np.random.default_rng(seed)
+    return rng.uniform([x0 - beyond, y0 - beyond], [x1 + beyond, y1 + beyond], (count, 2))
+
+
+def test_the_surface_goes_through_every_node(rough):
+    grid = np.stack(np.meshgrid(rough.x_m, rough.y_m, indexing="ij"), axis=-1)
+    np.testing.assert_allclose(rough.height(grid), rough.heights_m, atol=1e-12)
+
+
+def test_the_surface_agrees_with_scipys_spline_away_from_the_ends(rough):
+    other = RectBivariateSpline(rough.x_m, rough.y_m, rough.heights_m, kx=3, ky=3, s=0)
+    at = np.random.default_rng(1).uniform(-3.0, 3.0, (500, 2))
+    np.testing.assert_allclose(rough.height(at), other.ev(at[:, 0], at[:, 1]), atol=1e-8)
+    np.testing.assert_allclose(rough.gradient(at)[:, 0], other.ev(at[:, 0], at[:, 1], dx=1), atol=1e-6)
+
+
+def test_gradient_and_hessian_are_the_finite_differences_inside_and_outside(rough):
+    at, step = around(rough), 1e-5
+    for axis in range(2):
+        shift = step * np.eye(2)[axis]
+        slope = (rough.height(at + shift) - rough.height(at - shift)) / (2 * step)
+        np.testing.assert_allclose(rough.gradient(at)[:, axis], slope, atol=1e-7)
+        bend = (rough.gradient(at + shift) - rough.gradient(at - shift)) / (2 * step)
+        np.testing.assert_allclose(rough.hessian(at)[:, :, axis], bend, atol=2e-3)
+
+
+def test_the_symbolic_surface_and_its_derivatives_are_the_numeric_ones_also_outside(rough):
+    h, at = rough.symbolic(), np.concatenate([around(rough), around(rough, 50, 60.0)])
+    size = 1.0 + np.abs(rough.height(at))
+    assert np.max(np.abs(np.array(h.map(len(at))(at.T)).ravel() - rough.height(at)) / size) < 1e-12
+    xy = ca.MX.sym("xy", 2)
+    bend, slope = ca.hessian(h(xy), xy)
+    both = ca.Function("both", [xy], [slope, bend])
+    for point in at[:40]:
+        gradient, hessian = both(point)
+        np.testing.assert_allclose(np.array(gradient).ravel(), rough.gradient(point), atol=1e-10)
+        np.testing.assert_allclose(np.array(hessian), rough.hessian(point), atol=1e-9)
+
+
+def test_ipopt_finds_the_lowest_point_of_a_bowl():
+    bowl = HeightField.from_function(lambda x, y: 0.1 * (x - 0.3) ** 2 + 0.2 * (y + 0.7) ** 2, 2.0)
+    xy = ca.MX.sym("xy", 2)
+    solver = ca.nlpsol("low", "ipopt", {"x": xy, "f": bowl.symbolic()(xy)}, {"ipopt.print_level": 0, "print_time": 0})
+    np.testing.assert_allclose(np.array(solver(x0=[1.5, 1.0])["x"]).ravel(), [0.3, -0.7], atol=1e-4)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.floats(-1, 1), st.floats(-1, 1), st.floats(-3, 3), st.floats(0.05, 0.8))
+def test_a_plane_stays_that_plane_everywhere_smoothed_or_not(a, b, c, sigma):
+    plane = HeightField.from_function(lambda x, y: a * x + b * y + c, 2.0, 0.1)
+    at = around(plane, 30, 20.0)
+    for field in (plane, plane.smoothed(sigma)):
+        np.testing.assert_allclose(field.height(at), at @ [a, b] + c, atol=1e-9)
+        np.testing.assert_allclose(field.gradient(at), np.tile([a, b], (30, 1)), atol=1e-9)
+
+
+def test_normals_are_upward_units_across_the_tangents_and_frames_are_rotations(rough):
+    at = around(rough)
+    normal, slope, frame = rough.normal(at), rough.gradient(at), rough.frame(at)
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=1), 1.0, atol=1e-12)
+    assert np.all(normal[:, 2] > 0.0)
+    for axis in range(2):
+        tangent = np.concatenate([np.tile(np.eye(2)[axis], (len(at), 1)), slope[:, [axis]]], axis=1)
+        assert np.max(np.abs(np.sum(tangent * normal, axis=1))) < 1e-12
+    np.testing.assert_allclose(np.swapaxes(frame, 1, 2) @ frame, np.tile(np.eye(3), (len(at), 1, 1)), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(frame), 1.0, atol=1e-12)
+    np.testing.assert_allclose(frame[:, :, 2], normal, atol=1e-12)
+
+
+def test_smoothing_a_wave_lowers_it_by_the_gaussians_factor():
+    k, sigma = 2.0 * np.pi / 1.6, 0.3
+    wave = HeightField.from_function(lambda x, y: 0.1 * np.sin(k * x))
+    low = wave.smoothed(sigma)
+    at = np.stack([np.linspace(-1.0, 1.0, 50), np.zeros(50)], axis=1)
+    np.testing.assert_allclose(low.height(at), np.exp(-0.5 * (k * sigma) ** 2) * wave.height(at), atol=1e-4)
+
+
+def test_scaled_heights_and_arrays_go_round(rough):
+    np.testing.assert_array_equal(rough.scaled(0.25).heights_m, 0.25 * rough.heights_m)
+    again = HeightField.from_arrays(rough.to_arrays(), rough.name)
+    np.testing.assert_array_equal(again.heights_m, rough.heights_m)
+    assert again.domain_m == rough.domain_m == ((-4.0, 4.0), (-4.0, 4.0))
+
+
+def test_an_uneven_grid_is_interpolated_but_not_smoothed():
+    x = np.array([0.0, 0.1, 0.3, 0.7, 1.5, 3.0])
+    field = HeightField(x, x, np.add.outer(x, 2.0 * x), "uneven")
+    np.testing.assert_allclose(field.height(np.array([[1.1, 0.2], [-1.0, 5.0]])), [1.5, 9.0], atol=1e-9)
+    with pytest.raises(InvalidInput, match=r"^uneven: expected an even grid to smooth, got uneven spacing$"):
+        field.smoothed(0.1)
+
+
+@pytest.mark.parametrize("name", REFERENCES)
+def test_reference_splines_hold_their_formulas(name):
+    field, (shape, spacing) = reference_terrain(name), REFERENCES[name]
+    at = np.random.default_rng(2).uniform(-4.0, 4.0, (20_000, 2))
+    miss = np.max(np.abs(field.height(at) - shape(at[:, 0], at[:, 1])))
+    assert miss < (0.016 if name == "pit-87" else 0.001)
+    assert np.allclose(np.diff(field.x_m), spacing)
+
+
+@pytest.mark.parametrize(("name", "degrees"), [("hill", 60), ("pit", 79), ("pit-84", 84), ("pit-87", 87)])
+def test_walls_are_as_steep_as_they_are_named(name, degrees):
+    radii = np.linspace(1.0, 1.6, 4001)
+    slope = np.linalg.norm(reference_terrain(name).gradient(np.stack([radii, 0.0 * radii], axis=1)), axis=1)
+    assert np.rad2deg(np.arctan(slope.max())) == pytest.approx(degrees, abs=1.0)
+
+
+def test_tasks_are_those_of_the_paper():
+    assert [len(reference_tasks(name)) for name in ("ripple", "cone", "hill", "pit")] == [24, 24, 15, 15]
+    ripple, cone = reference_tasks("ripple"), reference_tasks("cone")
+    assert all(np.linalg.norm(task.goal_xy_m) == pytest.approx(2.0) and not any(task.adhesive) for task in ripple)
+    np.testing.assert_allclose(ripple[6].goal_xy_m, [2.0, 0.0], atol=1e-12)
+    assert all(np.allclose(task.start_xy_m, -task.goal_xy_m) for task in cone)
+    for name in ("hill", "pit"):
+        field, tasks = reference_terrain(name), reference_tasks(name)
+        assert all(task.adhesive == (True, True, False, False) for task in tasks)
+        climbs = [float(field.height(task.goal_xy_m) - field.height(task.start_xy_m)) for task in tasks]
+        assert min(climbs) > 0.95
+        assert len({tuple(task.goal_xy_m) for task in tasks}) == 15
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_random_terrains_repeat_by_seed_rise_with_difficulty_and_are_level_at_the_origin(family):
+    names = [f"{family}:{difficulty}:5" for difficulty in (0.0, 0.5, 1.0)]
+    level, easy, hard = (named_terrain(name) for name in names)
+    assert np.ptp(level.heights_m) == 0.0
+    assert 0.0 < np.ptp(easy.heights_m) < np.ptp(hard.heights_m)
+    np.testing.assert_array_equal(named_terrain(names[2]).heights_m, hard.heights_m)
+    assert np.any(named_terrain(f"{family}:1.0:6").heights_m != hard.heights_m)
+    disc = around(hard, 200, -3.6)
+    assert np.max(np.abs(hard.height(disc))) < 1e-3
+
+
+FOUR, LEVEL = np.arange(4.0), np.zeros((4, 4))
+HOLED = np.where(np.eye(5) > 0, np.nan, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: HeightField(FOUR[:1], FOUR, LEVEL[:1]), "terrain: x_m: expected 4 or more grid lines, got 1"),
+        (lambda: HeightField(FOUR, FOUR, LEVEL[:, :3], "t"), "t: heights_m: expected shape (4, 4), got (4, 3)"),
+        (
+            lambda: HeightField(FOUR[[0, 2, 1, 3]], FOUR, LEVEL),
+            "terrain: x_m: expected increasing values, got a step of -1 m",
+        ),
+        (
+            lambda: HeightField(1e3 * FOUR, FOUR, LEVEL),
+            "terrain: x_m: expected 200 m or less from end to end, got 3000 m; "
+            "a file in millimetres is read with unit_m=0.001",
+        ),
+        (
+            lambda: HeightField.from_array(HOLED, name="holed"),
+            "holed: heights_m: expected finite heights, got nan at [0, 0] and 4 more of 25",
+        ),
+        (
+            lambda: reference_terrain("moon"),
+            "terrain: expected one of ripple, cone, hill, pit, pit-84, pit-87, got 'moon'",
+        ),
+        (
+            lambda: named_terrain("rough:0.5"),
+            "terrain: expected rough:DIFFICULTY:SEED as in rough:0.5:7, got 'rough:0.5'",
+        ),
+        (lambda: named_terrain("rough:2:1"), "terrain: difficulty: expected a number in [0, 1], got 2"),
+    ],
+)
+def test_what_is_no_terrain_is_refused_by_one_line(make, message):
+    with pytest.raises(InvalidInput) as caught:
+        make()
+    assert str(caught.value) == message
+
+
+def test_a_function_finer_than_its_spline_says_by_how_many_millimetres():
+    with pytest.raises(InvalidInput) as caught:
+        HeightField.from_function(lambda x, y: 0.02 * np.sin(2.0 * np.pi * x / 0.12), name="comb")
+    words = str(caught.value)
+    assert words.startswith("comb: finer than a spline of 50 mm spacing can hold: it misses by ")
+    said = float(words.split("misses by ")[1].split(" mm")[0])
+    assert 5.0 < said < 40.0
+    HeightField.from_function(lambda x, y: 0.02 * np.sin(2.0 * np.pi * x / 0.12), spacing_m=0.01, name="comb")

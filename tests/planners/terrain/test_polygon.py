@@ -1,0 +1,183 @@
+"""Convex polygons cut and shrunk as half-planes say (scipy's Qhull), and surfaces that hand out pieces of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.optimize import linprog, minimize
+from scipy.spatial import ConvexHull, HalfspaceIntersection
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.terrain.patch import Patch
+from stancekit.planners.terrain.polygon import (
+    SMALLEST_M,
+    Surface,
+    clipped,
+    half_planes,
+    nearest,
+    shrunk,
+    signed_area,
+    surface_patch,
+    width,
+)
+
+SEEDS = st.integers(0, 2**32 - 1)
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def polygon_of(rng):
+    """A convex polygon of 3 to about 8 corners within a metre or so, its corners either way round."""
+    points = rng.normal(size=(int(rng.integers(3, 12)), 2)) * rng.uniform(0.1, 1.0, 2)
+    corners = points[ConvexHull(points).vertices] + rng.normal(size=2)
+    return corners if rng.random() < 0.5 else corners[::-1]
+
+
+def intersection(normals, offsets):
+    """Area and corners of an intersection of half-planes by Qhull; None where it has no interior to speak of."""
+    lengths = np.linalg.norm(normals, axis=1)
+    found = linprog(
+        [0.0, 0.0, -1.0], np.column_stack([normals, lengths]), offsets, bounds=[(None, None)] * 2 + [(0.0, None)]
+    )
+    if found.status != 0 or found.x[2] < SMALLEST_M:
+        return None
+    corners = HalfspaceIntersection(np.column_stack([normals, -offsets]), found.x[:2]).intersections
+    hull = ConvexHull(corners)
+    return hull.volume, corners[hull.vertices]
+
+
+def tilted(rng, corners):
+    """A patch with these plane coordinates, somewhere in space, some way up."""
+    axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+    normal = np.cross(axes[:, 0], axes[:, 1])
+    vertices = rng.normal(size=3) + corners @ axes[:, :2].T
+    return Patch(vertices_m=vertices, normal=normal, shear_reference=axes[:, 0] + 0.3 * axes[:, 1], friction=0.5)
+
+
+# ----------------------------------------------------------------------------------------------------------- polygons
+
+
+@given(SEEDS)
+def test_clipping_leaves_the_intersection_of_the_half_planes(seed):
+    rng = np.random.default_rng(seed)
+    polygon = polygon_of(rng)
+    normals = rng.normal(size=(int(rng.integers(1, 5)), 2))
+    offsets = normals @ polygon.mean(axis=0) + rng.uniform(-0.3, 0.5, len(normals))
+    own, own_offsets = half_planes(polygon)
+    expected = intersection(np.vstack([own, normals]), np.concatenate([own_offsets, offsets]))
+    piece = clipped(polygon, normals, offsets)
+    if expected is None:
+        assert len(piece) == 0 or width(piece) < 4.0 * SMALLEST_M
+        return
+    area, corners = expected
+    if len(piece) == 0:
+        assert width(corners) < 1.01 * SMALLEST_M
+        return
+    assert abs(signed_area(piece)) == pytest.approx(area, abs=1e-9)
+    assert np.sign(signed_area(piece)) == np.sign(signed_area(polygon))
+    gaps = np.linalg.norm(piece[:, None] - corners, axis=2)
+    assert gaps.min(axis=1).max() < 1e-7
+    assert gaps.min(axis=0).max() < 1e-7
+
+
+@given(SEEDS)
+def test_what_is_left_after_shrinking_keeps_its_distance_from_every_edge(seed):
+    rng = np.random.default_rng(seed)
+    polygon, margin = polygon_of(rng), rng.uniform(0.0, 0.1)
+    normals, offsets = half_planes(polygon)
+    expected = intersection(normals, offsets - margin)
+    piece = shrunk(polygon, margin)
+    if expected is None or len(piece) == 0:
+        assert len(piece) == 0 or width(piece) < 4.0 * SMALLEST_M
+        return
+    assert abs(signed_area(piece)) == pytest.approx(expected[0], abs=1e-9)
+    assert np.max(normals @ piece.T - offsets[:, None]) < -margin + 1e-12
+
+
+def test_shrinking_by_nothing_changes_nothing():
+    np.testing.assert_allclose(shrunk(SQUARE, 0.0), SQUARE, atol=1e-15)
+
+
+def test_a_polygon_narrower_than_twice_the_margin_is_gone():
+    assert len(shrunk(SQUARE * [1.0, 0.039], 0.02)) == 0
+    assert len(shrunk(SQUARE * [1.0, 0.043], 0.02)) == 4
+
+
+@given(SEEDS)
+def test_the_nearest_point_is_the_least_squares_point_of_the_half_planes(seed):
+    rng = np.random.default_rng(seed)
+    polygon, point = polygon_of(rng), 2.0 * rng.normal(size=2)
+    normals, offsets = half_planes(polygon)
+    found = nearest(polygon, point)
+    assert np.max(normals @ found - offsets) < 1e-9
+    inside = {"type": "ineq", "fun": lambda x: offsets - normals @ x, "jac": lambda x: -normals}
+    best = minimize(
+        lambda x: np.sum((x - point) ** 2), polygon.mean(axis=0), jac=lambda x: 2.0 * (x - point), method="SLSQP",
+        constraints=[inside], options={"ftol": 1e-14, "maxiter": 200},
+    )  # fmt: skip
+    assert np.linalg.norm(found - point) <= np.linalg.norm(best.x - point) + 1e-7
+
+
+@given(SEEDS)
+def test_the_width_is_the_least_extent_over_all_directions(seed):
+    polygon = polygon_of(np.random.default_rng(seed))
+    angles = np.linspace(0.0, np.pi, 2001)
+    extents = np.ptp(polygon @ np.stack([np.cos(angles), np.sin(angles)]), axis=0)
+    assert width(polygon) <= extents.min() + 1e-12
+    assert width(polygon) >= extents.min() - 2.0 * np.ptp(polygon, axis=0).max() * np.pi / 2000
+
+
+# ----------------------------------------------------------------------------------------------------------- surfaces
+
+
+@given(SEEDS)
+def test_a_window_is_the_part_of_the_patch_inside_the_margin_and_the_square(seed):
+    rng = np.random.default_rng(seed)
+    patch = tilted(rng, polygon_of(rng))
+    surface, side, margin = Surface(patch, 0.02), rng.uniform(0.05, 0.4), 0.02
+    centre = patch.vertices_m.mean(axis=0) + 0.2 * rng.normal(size=3)
+    piece = surface.window(centre, side)
+    if piece is None:
+        return
+    local = (piece.vertices_m - centre) @ patch.frame
+    assert np.abs(local[:, 1:]).max() <= 0.5 * side + 1e-12
+    assert np.ptp(local[:, 0]) < 1e-9  # in the patch's plane
+    edges = np.roll(patch.vertices_m, -1, axis=0) - patch.vertices_m
+    inward = np.cross(patch.normal, edges)
+    inward /= np.linalg.norm(inward, axis=1)[:, None]
+    inward *= np.sign(inward[0] @ (patch.centre_m - patch.vertices_m[0]))
+    depth = np.einsum("ej,pej->pe", inward, piece.vertices_m[:, None] - patch.vertices_m)
+    assert depth.min() >= margin - 1e-9
+    assert (piece.friction, piece.normal.tolist()) == (patch.friction, patch.normal.tolist())
+
+
+def test_a_window_far_from_the_patch_is_none():
+    surface = Surface(surface_patch(np.column_stack([SQUARE, np.zeros(4)]), 0.5), 0.02)
+    assert surface.window(np.array([3.0, 0.0, 0.0]), 0.3) is None
+
+
+def test_the_height_is_positive_on_the_side_of_the_robot():
+    surface = Surface(surface_patch(np.column_stack([SQUARE, np.ones(4)]), 0.5), 0.0)
+    assert surface.height(np.array([0.2, 0.2, 1.5])) == pytest.approx(0.5)
+    assert surface.height(np.array([0.2, 0.2, 0.5])) == pytest.approx(-0.5)
+
+
+def test_walls_have_their_shear_axis_up_and_ground_has_it_forward():
+    ground = surface_patch(np.column_stack([SQUARE, np.zeros(4)]), 0.5)
+    wall = surface_patch(np.column_stack([SQUARE[:, :1], np.zeros(4), SQUARE[:, 1:]]), 0.5)
+    np.testing.assert_allclose(ground.frame[:, 2], [1.0, 0.0, 0.0], atol=1e-15)
+    np.testing.assert_allclose(wall.frame[:, 2], [0.0, 0.0, 1.0], atol=1e-15)
+    np.testing.assert_allclose(wall.normal, [0.0, -1.0, 0.0], atol=1e-15)
+
+
+def test_the_normal_turns_towards_the_robot_when_told_where_it_is():
+    corners = np.column_stack([SQUARE, np.zeros(4)])
+    np.testing.assert_allclose(surface_patch(corners[::-1], 0.5).normal, [0.0, 0.0, -1.0])
+    turned = surface_patch(corners[::-1], 0.5, towards_m=np.array([0.0, 0.0, 1.0]))
+    np.testing.assert_allclose(turned.normal, [0.0, 0.0, 1.0])
+
+
+def test_corners_on_a_line_are_no_patch():
+    with pytest.raises(InvalidInput, match="expected a patch with an area"):
+        surface_patch(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), 0.5)

@@ -1,0 +1,47 @@
+"""Solids behind patches: closed, turned outwards, and never farther than they say."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stancekit.planners.terrain import Patch
+from stancekit.planners.terrain.prism import THICKNESS_M, Solid
+
+TRIANGLE = Patch(
+    vertices_m=[[0.0, 0.0, 1.0], [0.4, 0.0, 1.0], [0.0, 0.3, 1.0]], normal=[0, 0, 1], shear_reference=[1, 0, 0],
+    friction=0.5,
+)  # fmt: skip
+
+
+def test_its_triangles_are_closed_and_turned_outwards() -> None:
+    solid = Solid.behind(TRIANGLE)
+    a, b, c = (solid.corners[solid.triangles[:, i]] for i in range(3))
+    areas = 0.5 * np.cross(b - a, c - a)
+    np.testing.assert_allclose(areas.sum(axis=0), 0.0, atol=1e-12)
+    volume = np.einsum("ij,ij->", a, areas) / 3.0  # divergence theorem: positive only if turned outwards
+    assert volume == pytest.approx(0.06 * THICKNESS_M)
+
+
+def test_it_lies_behind_the_surface() -> None:
+    solid = Solid.behind(TRIANGLE)
+    assert solid.corners[:, 2].max() == pytest.approx(1.0)
+    inside, above, below = solid.distance(np.array([[0.1, 0.1, 0.99], [0.1, 0.1, 1.2], [0.1, 0.1, 0.9]]))
+    assert inside < 0.0
+    assert above == pytest.approx(0.2)
+    assert below == pytest.approx(0.1 - THICKNESS_M)
+
+
+@given(st.tuples(*[st.floats(-1.0, 2.0)] * 3))
+def test_the_distance_is_never_more_than_the_true_one(point: tuple[float, float, float]) -> None:
+    solid = Solid.behind(TRIANGLE)
+    shares = np.random.default_rng(0).dirichlet(np.ones(len(solid.corners)), 500)
+    nearest = np.linalg.norm(shares @ solid.corners - np.array(point), axis=1).min()
+    assert solid.distance(np.array([point]))[0] <= nearest + 1e-12
+
+
+def test_a_corner_that_is_given_twice_does_no_harm() -> None:
+    doubled = Patch(
+        vertices_m=TRIANGLE.vertices_m[[0, 1, 1, 2]], normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5
+    )
+    assert len(Solid.behind(doubled).corners) == 6

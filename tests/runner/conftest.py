@@ -1,0 +1,54 @@
+"""Plans of one step, and a short gait, made once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.gait.attempt import Attempt, Attempted, Workbench
+from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.robot.single_body import hexapod_walker
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.verify import check_plan
+
+
+@pytest.fixture(scope="session")
+def step() -> Callable[[str], Plan]:
+    """``step(course)``: a plan of two key frames."""
+
+    @cache
+    def plan(course: str) -> Plan:
+        outcome = TwoStageCoursePlanner().solve(read_course(course, frames=2))
+        assert outcome.plan is not None
+        return outcome.plan
+
+    return plan
+
+
+@pytest.fixture
+def plan_path(tmp_path: Path, step: Callable[[str], Plan]) -> Path:
+    """Its file, for walls."""
+    path = tmp_path / "plan.json"
+    write_plan(path, step("walls"), check_plan(step("walls")))
+    return path
+
+
+@pytest.fixture(scope="session")
+def gait() -> Attempted:
+    """The hexapod's tripod gait over waves 6 cm high, two cycles."""
+    waves = HeightField.from_function(lambda x, y: 0.03 * np.sin(4 * x + 0.3) * np.cos(3 * y), 1.0, 0.1, name="waves")
+    task = GaitTask(
+        robot=hexapod_walker(), terrain=waves, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.1, 0.05]), duration_s=2.0,
+        gait="tripod",
+    )  # fmt: skip
+    found = Workbench(task, GaitSettings()).run(Attempt(chart="decoupled"))
+    assert found.report.accepted, found.report.message
+    return found

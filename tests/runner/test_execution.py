@@ -1,0 +1,123 @@
+"""Plans executed in both worlds, what the report says of them, and plans that cannot succeed."""
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.search.friction_margin import slippery
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.runner.execution import Execution, Tolerance, Trace, simulate, slips
+from stancekit.runner.motion.timeline import Timing
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("mujoco")
+FAST = Timing().at_pace(2.0)
+
+
+@pytest.fixture(scope="module")
+def planned() -> Callable[[str], Plan]:
+    """``planned(course)``: a plan of two key frames, one step."""
+
+    @cache
+    def plan(course: str) -> Plan:
+        outcome = TwoStageCoursePlanner().solve(read_course(course, frames=2))
+        assert outcome.plan is not None
+        return outcome.plan
+
+    return plan
+
+
+@pytest.fixture(scope="module")
+def climbed(planned: Callable[[str], Plan]) -> Execution:
+    return simulate(planned("walls"), "mujoco", timing=FAST)
+
+
+@pytest.mark.parametrize("world", ["mujoco", "bullet"])
+@pytest.mark.parametrize("course", ["stairs", "walls"])
+def test_a_step_is_executed_as_planned(course: str, world: str, planned: Callable[[str], Plan]) -> None:
+    pytest.importorskip({"bullet": "pybullet", "mujoco": "mujoco"}[world])
+    run = simulate(planned(course), world, timing=FAST)
+    assert run.succeeded, run.message
+    assert run.fallen_s is None
+    assert run.com_worst_m < 0.006
+    assert run.slip_m.max() < 0.005
+    assert run.force_rms_n < 6.0
+    assert run.error_m < 1e-4
+    assert run.bump_s == 0.0
+    assert run.torque_worst_nm < run.torque_limit_nm
+
+
+def test_at_the_end_every_foot_presses_as_planned(climbed: Execution) -> None:
+    trace = climbed.trace
+    np.testing.assert_allclose(trace.forces_n[-20:].mean(axis=0), trace.planned_forces_n[-1], atol=4.0)
+    np.testing.assert_allclose(trace.forces_n[-20:].mean(axis=0).sum(axis=0), [0.0, 0.0, 98.1], atol=0.5)
+
+
+def test_the_trace_is_consistent(climbed: Execution) -> None:
+    trace = climbed.trace
+    assert trace.time_s[-1] == pytest.approx(climbed.seconds)
+    np.testing.assert_allclose(np.diff(trace.time_s), 0.005, atol=1e-9)
+    away = np.linalg.norm(trace.com_m - trace.planned_com_m, axis=1)
+    assert climbed.com_worst_m == pytest.approx(away.max())
+    offset = np.linalg.norm(trace.com_m - trace.origin_m, axis=1)
+    assert 0.0 < offset.max() < 0.015
+
+
+def test_the_same_plan_runs_the_same_way_twice(planned: Callable[[str], Plan], climbed: Execution) -> None:
+    again = simulate(planned("walls"), "mujoco", timing=FAST)
+    np.testing.assert_array_equal(again.trace.com_m, climbed.trace.com_m)
+    np.testing.assert_array_equal(again.trace.forces_n, climbed.trace.forces_n)
+
+
+def test_walls_that_are_more_slippery_than_planned_end_in_a_fall_that_is_reported(
+    planned: Callable[[str], Plan],
+) -> None:
+    plan = planned("walls")
+    icy = replace(plan, course=replace(plan.course, terrain=slippery(plan.course, 0.2).terrain))
+    run = simulate(icy, "mujoco")
+    assert not run.succeeded
+    assert run.fallen_s is not None
+    assert run.message.startswith(f"fell after {run.fallen_s:.2f} s, at frame ")
+    assert "slipped" in run.message
+    assert run.seconds == pytest.approx(run.fallen_s)
+
+
+def test_what_is_not_good_enough_is_said_in_full(planned: Callable[[str], Plan]) -> None:
+    run = simulate(planned("walls"), "mujoco", timing=FAST, tolerance=Tolerance(com_m=1e-7, slip_m=1e-7))
+    assert not run.succeeded
+    assert run.fallen_s is None
+    assert "the centre of mass ended" in run.message
+    assert "put down at frame" in run.message
+
+
+def test_the_report_is_json_and_the_trace_an_archive(climbed: Execution, tmp_path: pytest.TempPathFactory) -> None:
+    said = json.loads(json.dumps(climbed.to_json(), allow_nan=False))
+    assert said["world"] == "mujoco"
+    assert len(said["slip_m"]) == 9
+    assert "trace" not in said
+    path = tmp_path / "trace.npz"  # type: ignore[operator]
+    path.write_bytes(climbed.trace.to_npz())
+    with np.load(path, allow_pickle=False) as arrays:
+        np.testing.assert_array_equal(arrays["com_m"], climbed.trace.com_m)
+
+
+def test_what_a_foot_rolls_is_no_slip_but_what_it_slides_is(climbed: Execution) -> None:
+    trace = climbed.trace
+    standing = int(trace.placement[0, 0])
+    slid = trace.feet_m.copy()
+    slid[len(slid) // 2 :, 0] += [0.0, 0.0, 0.01]
+    assert slips(_with(trace, feet_m=slid), 9)[standing] == pytest.approx(0.01, abs=0.003)
+    rolled = trace.rolled_m.copy()
+    rolled[len(slid) // 2 :, 0] += [0.0, 0.0, 0.01]
+    both = slips(_with(trace, feet_m=slid, rolled_m=rolled), 9)[standing]
+    assert both == pytest.approx(slips(trace, 9)[standing], abs=1e-12)
+
+
+def _with(trace: Trace, **arrays: np.ndarray) -> Trace:
+    return replace(trace, **arrays)

@@ -1,0 +1,125 @@
+"""Gaits on worlds: walked as planned by the hexapod in both simulators, and refused before any motion where not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("mujoco")
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.gait.attempt import Attempted
+from stancekit.planners.gait.trajectory_file import write_trajectory
+from stancekit.planners.robot.single_body import anymal, hexapod_walker
+from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo
+from stancekit.planners.verify.trajectories import check_trajectory
+from stancekit.runner.accepted_gait import AcceptedGait, walker
+from stancekit.runner.motion.gait_motion import SETTLE_S, GaitMotion, placements
+from stancekit.runner.report import RunReport
+from stancekit.runner.run import Runner
+from stancekit.runner.worlds import WORLDS, WorldName, make_world
+from tests.emulators.memory_world import MemoryWorld
+
+
+@pytest.fixture
+def accepted(gait: Attempted, tmp_path: Path) -> AcceptedGait:
+    write_trajectory(tmp_path / "walk.json", gait.trajectory, gait.report)
+    return AcceptedGait.from_file(tmp_path / "walk.json")
+
+
+def walked(accepted: AcceptedGait, world: WorldName, friction_share: float = 1.0) -> RunReport:
+    with make_world(world, accepted.robot) as made:
+        return Runner(made).run(accepted, accepted.ground(friction_share))
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_a_gait_is_walked_as_planned(accepted: AcceptedGait, world: WorldName) -> None:
+    pytest.importorskip({"bullet": "pybullet", "mujoco": "mujoco"}[world])
+    report = walked(accepted, world)
+    assert report.succeeded, report.message
+    assert (report.digest, report.clipped, report.refused) == (accepted.digest, 0, 0)
+    run = report.execution
+    assert run is not None
+    assert run.com_final_m < 3e-3
+    assert run.com_worst_m < 5e-3
+    assert run.slip_m.max() < 3e-3
+    assert run.force_rms_n < 6.0
+    assert run.bump_s == 0.0
+    walked_m = run.trace.com_m[-1] - run.trace.com_m[0]
+    np.testing.assert_allclose(walked_m[:2], [0.1, 0.05], atol=5e-3)
+
+
+def test_where_there_is_less_friction_than_it_counts_on_feet_slide_and_the_report_says_so(
+    accepted: AcceptedGait,
+) -> None:
+    report = walked(accepted, "mujoco", 0.1)
+    assert not report.succeeded
+    assert "slipped" in report.message
+    assert ", put down at " in report.message
+
+
+def test_on_something_real_its_joints_are_sent_and_nothing_is_pressed(accepted: AcceptedGait) -> None:
+    world = MemoryWorld()
+    report = Runner(world, dry=False).run(accepted)
+    assert report.succeeded, report.message
+    assert report.execution is None
+    sent = np.array([targets for _, targets in world.commands])
+    motion = GaitMotion(accepted.trajectory)
+    assert len(sent) == pytest.approx(motion.seconds * world.rate_hz, abs=2)
+    assert report.joint_worst_rad < 0.1
+
+
+def test_a_gait_that_was_edited_or_rejected_or_of_another_robot_is_refused(gait: Attempted, tmp_path: Path) -> None:
+    path = tmp_path / "walk.json"
+    pushed = replace(gait.trajectory, forces_n=1.3 * gait.trajectory.forces_n)
+    write_trajectory(path, pushed, check_trajectory(pushed))
+    with pytest.raises(InvalidInput, match=r"walk.json: expected a gait that the verifier accepted, this one it rej"):
+        AcceptedGait.from_file(path)
+    write_trajectory(path, gait.trajectory, gait.report)
+    path.write_text(path.read_text().replace('"friction": 0.75', '"friction": 0.85'))
+    with pytest.raises(InvalidInput, match="its digest does not fit its contents"):
+        AcceptedGait.from_file(path)
+    with pytest.raises(InvalidInput, match="expected a gait of the hexapod, whose joints are known, got one of anymal"):
+        walker(anymal())
+    assert walker(hexapod_walker()).mass_kg == hexapod_walker().mass_kg
+
+
+@pytest.mark.parametrize(
+    ("servo", "why"),
+    [
+        (Servo(velocity_rad_s=0.8), r"gait: joint ..*: it would take .* times the velocity that it may have"),
+        (Servo(torque_nm=2.0), r"motion: .* s, joint .*: .* Nm at rest, expected less than 1.8"),
+        (Servo(lower_rad=(-1.9, -1.8, -2.6, 1.7)), r"its foot stays .* mm from where it should be"),
+    ],
+)
+def test_joints_that_cannot_do_it_are_named_before_anything_moves(
+    accepted: AcceptedGait, servo: Servo, why: str
+) -> None:
+    with make_world("mujoco", accepted.robot, servo) as made:
+        runner = Runner(made)
+        with pytest.raises(InvalidInput, match=why):
+            runner.run(accepted)
+        assert not runner.begun
+
+
+def test_the_motion_is_the_trajectory_between_two_rests(gait: Attempted) -> None:
+    trajectory = gait.trajectory
+    motion = GaitMotion(trajectory)
+    k = trajectory.samples // 3
+    instant = motion.at(SETTLE_S + float(trajectory.times_s[k] - trajectory.times_s[0]))
+    np.testing.assert_allclose(instant.com_m, trajectory.torso_m[k], atol=1e-9)
+    np.testing.assert_allclose(instant.forces_n, trajectory.forces_n[k], atol=1e-6)
+    away = np.linalg.norm(instant.feet_m - trajectory.feet_m[k], axis=1)
+    np.testing.assert_allclose(away, FOOT_RADIUS_M, atol=1e-9)
+    np.testing.assert_array_equal(np.array(instant.placement) >= 0, trajectory.contact[k])
+    for time_s, row in ((0.0, 0), (motion.seconds + 1.0, -1)):
+        np.testing.assert_allclose(motion.at(time_s).com_m, trajectory.torso_m[row], atol=1e-9)
+
+
+def test_stances_are_counted_over_all_feet() -> None:
+    contact = np.array([[True, False], [True, True], [False, True], [True, True]])
+    np.testing.assert_array_equal(placements(contact), [[0, -1], [0, 2], [-1, 2], [1, 2]])

@@ -1,0 +1,77 @@
+"""The choice of postures along a motion: optimal, continuous, the same at every pace, and possible where feet go."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+
+from stancekit.envs.distributions.courses import perturbed
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.runner.control.tracker import Continued
+from stancekit.runner.motion.redundancy import LEFT, TURNED, PosturePath, _cheapest
+from stancekit.runner.motion.time_parametrization import look
+from stancekit.runner.motion.timeline import Motion, Timing
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    found = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).plan
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("near", [None, np.array([0.3, -0.2, 0.1, 0.4])])
+def test_the_way_through_a_table_is_the_cheapest_of_all(near: Array | None) -> None:
+    rng = np.random.default_rng(3)
+    table = [(rng.uniform(-0.5, 0.5, (5, 4)), rng.uniform(0.0, 20.0, 5)) for _ in range(4)]
+
+    def cost(ways: tuple[int, ...]) -> float:
+        rows = [family[k] for (family, _), k in zip(table, ways, strict=True)]
+        own = sum(float(costs[k]) for (_, costs), k in zip(table, ways, strict=True))
+        begun = 0.0 if near is None else LEFT * float(np.sum((rows[0] - near) ** 2))
+        return own + begun + TURNED * float(np.sum(np.diff(rows, axis=0) ** 2))
+
+    best = min(product(range(5), repeat=4), key=cost)
+    expected = np.array([family[k] for (family, _), k in zip(table, best, strict=True)])
+    if near is not None:
+        expected[0] = near
+    np.testing.assert_array_equal(_cheapest(table, near), expected)
+
+
+def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:
+    kinematics = Kinematics(plan.course.robot)
+    fast, slow = (PosturePath(Motion(plan, Timing().at_pace(pace)), kinematics) for pace in (1.0, 0.5))
+    for time_s in np.linspace(0.0, Motion(plan).seconds, 23):
+        np.testing.assert_allclose(fast.at(time_s), slow.at(2.0 * time_s), atol=1e-6)
+
+
+def test_a_robot_that_is_somewhere_goes_on_from_there(plan: Plan) -> None:
+    robot = plan.course.robot
+    motion, kinematics = Motion(plan), Kinematics(robot)
+    alone = PosturePath(motion, kinematics).at(0.0)
+    other = alone.copy()
+    other[0] -= 1.5  # of the left front limb: its knee elsewhere
+    feet = kinematics.feet(alone)
+    near, error = kinematics.reach(feet, other, other)
+    assert error.max() < 1e-4
+    assert np.abs(near - alone).max() > 0.3, "another posture of the same feet"
+    first = look(motion, Continued(robot, near=near)).angles_rad[0]
+    assert np.abs(first - near).max() < 0.15
+
+
+@pytest.mark.parametrize("index", [2, 3, 4])
+def test_courses_on_which_joints_once_jumped_or_feet_stayed_behind_are_walked_smoothly(index: int) -> None:
+    course = perturbed("walls", np.random.default_rng([0, index]), frames=3)
+    plan = TwoStageCoursePlanner().solve(course).plan
+    assert plan is not None
+    seen = look(Motion(plan), Kinematics(course.robot))
+    assert seen.error_m.max() < 1e-5
+    assert np.abs(seen.acceleration_rad_s2).max() < 60.0

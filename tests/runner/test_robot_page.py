@@ -1,0 +1,49 @@
+"""The page that takes somebody from simulation to servos: its course can be planned, its code runs, its keys exist."""
+
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("roslibpy")
+pytest.importorskip("dynamixel_sdk")
+
+from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_plan
+from stancekit.runner.acceptance import Accepted
+from stancekit.runner.worlds.catalogue import make_run_world
+from stancekit.runner.worlds.ros.setup import RosSetup
+
+PAGE = (Path(__file__).parents[3] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"```(\w+)\n(.*?)```", PAGE, re.DOTALL)
+
+
+def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_worlds_take(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (course,) = (text for language, text in BLOCKS if language == "yaml")
+    Path("desk.yaml").write_text(course)
+    plan = TwoStageCoursePlanner().solve(read_course("desk.yaml")).plan
+    assert plan is not None
+    write_plan("desk.json", plan, check_plan(plan))
+    accepted = Accepted.from_file("desk.json")
+    snippets = [text for language, text in BLOCKS if language == "python"]
+    assert len(snippets) == 2
+    for snippet in snippets:
+        exec(compile(snippet, "running-on-a-robot.md", "exec"), {})
+    assert len(capsys.readouterr().out.split(",")) == 24
+    for world, setup in (("ros", "ros.yaml"), ("dynamixel", "servos.yaml")):
+        made = make_run_world(world, plan.course, setup=Path(setup))
+        accepted.check_fits(made)
+        made.close()
+
+
+def test_the_table_of_the_set_up_file_has_all_of_its_keys() -> None:
+    table = PAGE[PAGE.index("| key |") : PAGE.index("What to know about rosbridges")]
+    told = {key for row in table.splitlines()[2:] for key in re.findall(r"`(\w+)`", row.split("|")[1] if row else "")}
+    assert told == {item.name for item in fields(RosSetup)} - {"format", "timeout_s"}

@@ -1,0 +1,141 @@
+"""A robot behind an emulated rosbridge as a world: streaming, and every way that it can go wrong."""
+
+from __future__ import annotations
+
+import time
+from typing import Literal
+
+import numpy as np
+import pytest
+
+pytest.importorskip("roslibpy")
+pytest.importorskip("websockets")
+pytest.importorskip("pinocchio")
+
+from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.urdf import Servo
+from stancekit.runner.worlds.ros.driver import RosWorld
+from stancekit.runner.worlds.ros.setup import RosJoint, RosSetup, same_names
+from tests.emulators.ros_robots import JOINTS, QUICK, ROBOT, START, armed, commands, reset
+from tests.emulators.rosbridge import RosBridge
+
+
+def test_reset_measures_and_sends_nothing_that_could_move_the_robot() -> None:
+    with RosBridge(JOINTS, START, other=["gripper"]) as bridge:
+        with RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **QUICK)) as world:
+            state = reset(world)
+            np.testing.assert_allclose(state.angles_rad, START, atol=1e-9)
+            feet = Kinematics(ROBOT).feet(START) + np.array([0.0, 0.0, 0.2])
+            np.testing.assert_allclose(state.feet_m, feet, atol=1e-9)
+            assert not state.forces_n.any()
+            assert not world.capabilities.has_body_pose
+            with pytest.raises(InvalidInput, match=r"expected torque\(True\) before step"):
+                world.step(START)
+        assert commands(bridge) == []
+        assert {message["op"] for message in bridge.received} == {"subscribe"}
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_streamed_targets_are_followed_with_a_lag_of_the_lead_and_no_more(ros: Literal[1, 2]) -> None:
+    with armed(ros) as (bridge, world):
+        speed, begin = 0.5, time.monotonic()
+        for k in range(40):
+            state = world.step(START + speed * (k + 1) / world.rate_hz)
+        assert time.monotonic() - begin == pytest.approx(40 / world.rate_hz, abs=0.1)
+        lag_s = (state.sent_rad - state.angles_rad) / speed
+        assert np.all(lag_s > 0.03)
+        assert np.all(lag_s < world.setup.lead_s + 3.0 / world.rate_hz + 0.04)  # the lead, the joints, and old news
+        np.testing.assert_allclose(state.rates_rad_s, speed, atol=0.1)
+        assert commands(bridge) == ["stream"] * 41
+        stamps = [m["msg"]["header"]["stamp"] for m in bridge.received if m["op"] == "publish"]
+        assert len(stamps) == 41
+        assert not any(value for stamp in stamps for value in stamp.values())  # 0: from when it arrives
+
+
+def test_directions_and_offsets_are_applied_to_what_is_sent_and_what_is_measured() -> None:
+    joints = {
+        name: RosJoint(name=f"joint_{i}", direction=-1 if i % 2 else 1, offset_rad=0.01 * i)
+        for i, name in enumerate(JOINTS)
+    }
+    told = np.array([each.direction * a + each.offset_rad for each, a in zip(joints.values(), START, strict=True)])
+    names = [each.name for each in joints.values()]
+    with RosBridge(names[::-1], told[::-1].tolist()) as bridge:
+        with RosWorld(ROBOT, RosSetup(port=bridge.port, joints=joints)) as world:
+            np.testing.assert_allclose(reset(world).angles_rad, START, atol=1e-9)
+            world.torque(True)
+            for _ in range(20):
+                world.step(START + 0.1)
+            turned = np.array(bridge.state()["position_rad"])[::-1] - told
+        np.testing.assert_allclose(turned, [0.1 * each.direction for each in joints.values()], atol=5e-3)
+
+
+def test_targets_are_clipped_to_limits_and_speed_and_what_was_sent_comes_back() -> None:
+    with armed() as (_, world):
+        state = world.step(START + 1.0)
+        np.testing.assert_allclose(state.sent_rad, START + Servo().velocity_rad_s / world.rate_hz)
+        for _ in range(60):
+            state = world.step(np.full(len(JOINTS), 9.0))
+        np.testing.assert_allclose(state.sent_rad, world.capabilities.upper_rad)
+        with pytest.raises(InvalidInput, match="expected 24 finite numbers"):
+            world.step(np.full(len(JOINTS), np.nan))
+
+
+def wave(world: RosWorld) -> None:
+    for k in range(100):
+        world.step(START + 0.3 * np.sin(0.1 * k))
+
+
+@pytest.mark.parametrize(
+    ("kind", "why"),
+    [
+        ("connection lost", "the connection is lost"),
+        ("rosbridge gone", "the connection is lost"),
+        ("silent", "/joint_states: LF_yaw, LF_hip, LF_roll and 21 more: nothing heard for 200 ms"),
+        ("not json", "expected a rosbridge message, got one that cannot be read"),
+        ("no operation", "expected a rosbridge message, got one that cannot be read"),
+        ("status error", "it reported an error of its own"),
+        ("null angle", "/joint_states: LF_yaw: expected a finite number, got None"),
+        ("half a message", "/joint_states: expected 24 positions, one a name, got 12"),
+        ("delay", "nothing heard for 200 ms"),
+        ("e-stop", "e-stop pressed on /e_stop"),
+    ],
+)
+def test_a_fault_while_streaming_stops_the_robot_and_nothing_is_sent_afterwards(kind: str, why: str) -> None:
+    with armed() as (bridge, world):
+        bridge.inject(kind, 0.2)
+        with pytest.raises(HardwareFault, match=why) as fault:
+            wave(world)
+        assert "\n" not in str(fault.value)
+        sent = len(commands(bridge))
+        assert not world.armed
+        with pytest.raises(InvalidInput, match="expected torque"):
+            world.step(START)
+        time.sleep(world.setup.lead_s + 0.25)
+        stopped = bridge.state()
+        time.sleep(0.1)
+        assert len(commands(bridge)) == sent
+        np.testing.assert_allclose(bridge.state()["position_rad"], stopped["position_rad"], atol=1e-4)
+        assert world.estopped == (kind == "e-stop")
+
+
+def test_a_host_that_falls_silent_leaves_the_robot_at_rest_after_the_lead() -> None:
+    with armed() as (bridge, world):
+        for k in range(20):
+            world.step(START + 0.5 * (k + 1) / world.rate_hz)
+        last = bridge.log[-1][1]
+        time.sleep(0.3)
+        np.testing.assert_allclose(bridge.state()["desired_rad"], START + 0.5 * 20 / world.rate_hz, atol=1e-9)
+        assert bridge.robot.path.begun_s + bridge.robot.path.times[-1] <= last + world.setup.lead_s + 0.02
+
+
+@pytest.mark.parametrize("ros", [1, 2])
+def test_relax_switches_the_controller_off_and_torque_on_again(ros: Literal[1, 2]) -> None:
+    with armed(ros, controller_manager="/controller_manager") as (bridge, world):
+        assert bridge.state()["on"]
+        world.relax()
+        assert not bridge.state()["on"]
+        world.torque(True)
+        assert bridge.state()["on"]
+    with armed(ros) as (_, world), pytest.raises(HardwareFault, match="names no controller_manager; the robot holds"):
+        world.relax()

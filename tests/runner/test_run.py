@@ -1,0 +1,304 @@
+"""The runner from a plan's file to the end of the run, on servos in memory and in MuJoCo."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.kinematics import rotation_of
+from stancekit.planners.robot.urdf import joint_names
+from stancekit.planners.verify import check_plan
+from stancekit.runner.acceptance import Accepted
+from stancekit.runner.log import McapLog, read_log
+from stancekit.runner.motion.timeline import Timing
+from stancekit.runner.report import RunReport
+from stancekit.runner.run import Runner, RunSettings
+from tests.emulators.memory_world import MemoryWorld, silent
+
+FAST = RunSettings(timing=Timing().at_pace(2.0))
+Step = Callable[[str], Plan]
+
+
+@pytest.fixture
+def accepted(step: Step) -> Accepted:
+    return Accepted.verified(step("walls"), "walls")
+
+
+def ran(world: MemoryWorld, accepted: Accepted, settings: RunSettings = FAST, **options: Any) -> RunReport:
+    return Runner(world, settings=settings, dry=options.pop("dry", False), **options).run(accepted)
+
+
+def lifted(accepted: Accepted) -> tuple[Array, Array]:
+    """Angles of the first pose, and of one with all feet 2 cm off their surfaces."""
+    prepared = Runner(MemoryWorld()).prepare(accepted)
+    first, normals = prepared.first.angles_rad, prepared.first.instant.normals
+    rotation = rotation_of(prepared.first.instant.rotation_rad)
+    feet = prepared.kinematics.feet(first) + 0.02 * normals @ rotation
+    return first, prepared.kinematics.reach(feet, first, first)[0]
+
+
+def test_a_plan_is_followed_from_the_pose_that_was_found_to_its_last_frame(accepted: Accepted, tmp_path: Path) -> None:
+    pytest.importorskip("mcap")
+    near = MemoryWorld()
+    with McapLog(tmp_path / "run.mcap") as log:
+        report = ran(near, accepted, log=log)
+    assert report.succeeded, report.message
+    assert (report.frames_done, report.ended.left, report.refused) == (1.0, "held", 0)
+    assert report.joint_worst_rad < 0.1
+    recorded = read_log(tmp_path / "run.mcap")
+    assert recorded.whole
+    assert len(recorded.of("command")) == report.sent == len(near.commands)
+    assert [each["what"] for each in recorded.of("decision")] == ["armed", "soft start", "motion", "end"]
+    assert recorded.of("plan")[0]["digest"] == accepted.digest
+    assert json.loads(json.dumps(report.to_json(), allow_nan=False))["execution"] is None
+
+
+def test_the_soft_start_begins_at_the_measured_pose_and_keeps_its_speed(accepted: Accepted) -> None:
+    first, away = lifted(accepted)
+    world = MemoryWorld(found_rad=away)
+    assert ran(world, accepted).succeeded
+    sent = np.array([targets for _, targets in world.commands])
+    assert np.abs(sent[0] - away).max() < 1e-3
+    reached = int(np.argmax(np.abs(sent - first).max(axis=1) < 1e-9))
+    assert reached > 10
+    assert 100.0 * np.abs(np.diff(sent[: reached + 1], axis=0)).max() <= FAST.speed_rad_s + 1e-9
+
+
+def test_a_dry_run_of_something_real_sends_nothing(accepted: Accepted) -> None:
+    world = MemoryWorld()
+    report = ran(world, accepted, dry=True)
+    assert (report.succeeded, report.dry, report.ended.left) == (True, True, "as it was")
+    assert report.sent > 100
+    assert world.commands == []
+    assert not world.torque_on
+    assert world.closed == 1
+
+
+@pytest.mark.parametrize("ending", ["hold", "torque-off", "home"])
+def test_a_stop_at_a_random_time_is_the_last_that_is_sent(accepted: Accepted, ending: Any) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(3):
+        world, at = MemoryWorld(), int(rng.integers(1, 150))
+        sources = [lambda world=world, at=at: "button" if len(world.commands) >= at else None]
+        report = ran(world, accepted, replace(FAST, ending=ending), sources=sources)
+        assert (report.succeeded, report.message) == (False, "button")
+        # the thread that watches may be later than the loop that asks, never the other way round
+        assert len(world.commands) == report.sent == at
+        assert report.ended.left == ("torque off" if ending == "torque-off" else "held")
+        assert world.torque_on is (ending != "torque-off")
+        assert report.ended.seconds < 0.5
+
+
+def test_home_is_where_it_was_found(accepted: Accepted) -> None:
+    _, found = lifted(accepted)
+    world = MemoryWorld(found_rad=found)
+    report = ran(world, accepted, replace(FAST, ending="home"))
+    assert (report.succeeded, report.ended.left) == (True, "home"), report.ended.message
+    np.testing.assert_allclose(world.commands[-1][1], found, atol=1e-12)
+
+
+def test_a_device_that_falls_silent_ends_the_run_with_its_words(accepted: Accepted) -> None:
+    world = MemoryWorld()
+    world.fault = lambda w: silent(w) if len(w.commands) == 50 else None
+    report = ran(world, accepted)
+    assert (report.succeeded, report.message) == (False, "memory: LF_knee (id 4): no answer")
+    assert (len(world.commands), world.closed) == (50, 1)
+
+
+def test_an_error_of_the_program_itself_leaves_the_robot_held_and_the_world_closed(accepted: Accepted) -> None:
+    world = MemoryWorld()
+
+    def bug(world: MemoryWorld) -> None:
+        if len(world.commands) == 20:
+            raise ZeroDivisionError("a bug")
+
+    world.fault = bug
+    with pytest.raises(ZeroDivisionError):
+        ran(world, accepted, replace(FAST, ending="home"))
+    assert (len(world.commands), world.armed, world.closed) == (20, False, 1)
+
+
+def test_a_joint_that_is_stuck_misses_its_path(accepted: Accepted) -> None:
+    world = MemoryWorld()
+
+    def jam(world: MemoryWorld) -> None:
+        world.stuck = [15] if len(world.commands) > 30 else []
+
+    world.fault = jam
+    limits = replace(FAST.limits, path_rad=0.05, path_s=0.02)
+    report = ran(world, accepted, replace(FAST, limits=limits))
+    assert not report.succeeded
+    assert report.message.startswith(f"joint {world.joints[15]}: ")
+
+
+def test_joints_that_end_elsewhere_miss_their_goal(accepted: Accepted) -> None:
+    world = MemoryWorld()
+    world.spoil = lambda state: replace(state, angles_rad=state.angles_rad + 0.12 * (np.arange(24) == 2))
+    report = ran(world, accepted)
+    assert report.message == "joint LF_roll: ended 0.120 rad from the plan, limit 0.1 rad"
+
+
+def test_a_plan_that_was_edited_is_refused(plan_path: Path) -> None:
+    Accepted.from_file(plan_path)
+    text = plan_path.read_text()
+    plan_path.write_text(text.replace('"accepted": true', '"accepted":  true'))
+    Accepted.from_file(plan_path)  # the same content
+    changed = re.sub(r'"mass_kg": 10(\.0)?', '"mass_kg": 11', text, count=1)
+    assert changed != text
+    plan_path.write_text(changed)
+    with pytest.raises(InvalidInput, match="digest mismatch"):
+        Accepted.from_file(plan_path)
+
+
+def test_numbers_of_another_plan_are_refused(plan_path: Path) -> None:
+    content = json.loads(plan_path.read_text())
+    numbers = content["arrays"]["npz"]
+    content["arrays"]["npz"] = numbers[:200] + ("A" if numbers[200] != "A" else "B") + numbers[201:]
+    plan_path.write_text(json.dumps(content))
+    with pytest.raises(InvalidInput, match="digest mismatch"):
+        Accepted.from_file(plan_path)
+
+
+def test_a_plan_that_the_verifier_rejected_is_refused_and_so_is_one_whose_digest_was_forged(
+    tmp_path: Path, step: Step
+) -> None:
+    good = step("walls")
+    bad = replace(good, forces_n=1.1 * good.forces_n)
+    path = tmp_path / "bad.json"
+    write_plan(path, bad, check_plan(bad))
+    with pytest.raises(InvalidInput, match="expected a plan that the verifier accepted, this one it rejected"):
+        Accepted.from_file(path)
+    write_plan(path, bad, replace(check_plan(bad), accepted=True))  # says accepted, with a digest that fits
+    with pytest.raises(InvalidInput, match="expected a plan that the verifier accepts, rejected: worst is "):
+        Accepted.from_file(path)
+
+
+def test_a_world_with_other_joints_is_refused_before_it_is_touched(accepted: Accepted) -> None:
+    robot = hexapod()
+    for limbs, said in (
+        (robot.limbs[:5], "it lacks RR_hip, RR_knee, RR_roll, RR_yaw"),
+        (robot.limbs[::-1], "it has them in another"),
+        ((*robot.limbs[:5], replace(robot.limbs[5], name="XX")), "it has besides XX_hip"),
+    ):
+        world = MemoryWorld(replace(robot, limbs=limbs))
+        with pytest.raises(InvalidInput, match=said):
+            ran(world, accepted)
+        assert not hasattr(world, "_sent")
+
+
+def test_a_robot_of_another_size_is_refused(accepted: Accepted) -> None:
+    robot = hexapod()
+    longer = replace(robot, limbs=(replace(robot.limbs[0], reach_m=0.4), *robot.limbs[1:]))
+    with pytest.raises(InvalidInput, match=r"the plan is for another: limb LF reaches 0.35 m and 0.4 m"):
+        ran(MemoryWorld(longer), accepted)
+    with pytest.raises(InvalidInput, match="10 kg and 12 kg"):
+        ran(MemoryWorld(replace(robot, mass_kg=12.0)), accepted)
+
+
+def test_a_fault_while_connecting_is_reported_and_nothing_was_sent(accepted: Accepted) -> None:
+    world = MemoryWorld()
+
+    def dead(*arguments: Any) -> Any:
+        raise HardwareFault("memory: no answer from LF_yaw")
+
+    world.reset = dead  # type: ignore[method-assign]
+    report = ran(world, accepted)
+    assert (report.message, report.ended.left, report.sent) == ("memory: no answer from LF_yaw", "as it was", 0)
+
+
+def test_a_wall_clock_that_jumps_changes_nothing(accepted: Accepted, monkeypatch: pytest.MonkeyPatch) -> None:
+    calm = MemoryWorld()
+    ran(calm, accepted)
+    jumps = iter(np.random.default_rng(0).integers(0, 2**60, 10**6))
+    monkeypatch.setattr(time, "time", lambda: float(next(jumps)))
+    monkeypatch.setattr(time, "time_ns", lambda: int(next(jumps)))
+    jumped = MemoryWorld()
+    assert ran(jumped, accepted).succeeded
+    np.testing.assert_array_equal([t for _, t in jumped.commands], [t for _, t in calm.commands])
+
+
+def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_the_same(
+    accepted: Accepted, tmp_path: Path
+) -> None:
+    pytest.importorskip("mujoco")
+    pytest.importorskip("mcap")
+    from stancekit.runner.execution import execute
+    from stancekit.runner.worlds.catalogue import make_run_world
+    from stancekit.views.tracking_plot import draw_tracking
+
+    path, course = tmp_path / "run.mcap", accepted.plan.course
+    with McapLog(path) as log:
+        report = Runner(make_run_world("mujoco", course), settings=FAST, log=log).run(accepted)
+    assert report.succeeded, report.message
+    with make_run_world("mujoco", course) as world:
+        alone = execute(accepted.plan, world, timing=FAST.timing.at_pace(report.pace))
+    assert report.execution is not None
+    assert report.execution.com_worst_m == pytest.approx(alone.com_worst_m, abs=2e-4)
+    again = Runner(make_run_world("replay", course, setup=path), settings=FAST).run(accepted)
+    assert again.replay_rad == 0.0
+    assert again.joint_rms_rad == report.joint_rms_rad
+    slower = replace(FAST, timing=Timing())
+    other = Runner(make_run_world("replay", course, setup=path), settings=slower).run(accepted)
+    assert "the log ends after" in other.message
+    figure = draw_tracking(read_log(path))
+    lines = figure.axes[0].lines
+    assert len(lines) == 6
+    worst = max(float(np.max(line.get_ydata())) for line in lines)  # type: ignore[arg-type]
+    commands, states = read_log(path).of("command"), read_log(path).of("measurement")[1:]
+    away = [np.abs(np.array(s["angles_rad"]) - c["planned_rad"]).max() for c, s in zip(commands, states, strict=True)]
+    assert worst == pytest.approx(1e3 * max(away))
+
+
+def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) -> None:
+    from stancekit.runner.worlds.catalogue import make_run_world
+
+    course = accepted.plan.course
+    for name, said in (
+        ("replay", "setup: expected a log with world replay, got none"),
+        ("dynamixel", "setup: expected a calibration file with world dynamixel, got none"),
+        ("ros", "setup: expected a set-up file with world ros, got none"),
+        ("gazebo", "world: expected one of bullet, mujoco, replay, dynamixel, ros, got 'gazebo'"),
+    ):
+        with pytest.raises(InvalidInput, match=said):
+            make_run_world(name, course)
+    with pytest.raises(InvalidInput, match="setup: expected none with world mujoco"):
+        make_run_world("mujoco", course, setup=tmp_path)
+
+
+def test_a_set_up_file_that_names_another_robot_is_refused(accepted: Accepted, tmp_path: Path) -> None:
+    pytest.importorskip("dynamixel_sdk")
+    pytest.importorskip("roslibpy")
+    from stancekit.runner.worlds.catalogue import make_run_world
+    from stancekit.runner.worlds.dynamixel.calibration import nominal
+    from stancekit.runner.worlds.ros.setup import same_names
+
+    course, joints = accepted.plan.course, joint_names(accepted.plan.course.robot)
+    setup = tmp_path / "setup.yaml"
+    for who in (None, "hexapod"):
+        nominal(joints, port="none", robot=who).write(setup)
+        with make_run_world("dynamixel", course, setup=setup) as world:
+            assert world.joints == joints
+        same_names(joints, robot=who).write(setup)
+        with make_run_world("ros", course, setup=setup) as world:
+            assert world.joints == joints
+    same_names(joints, robot="ant").write(setup)
+    with pytest.raises(InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"):
+        make_run_world("ros", course, setup=setup)
+    nominal(joints, port="none", robot="ant").write(setup)
+    with pytest.raises(InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"):
+        make_run_world("dynamixel", course, setup=setup)

@@ -1,0 +1,133 @@
+"""A plan over time: in balance at every instant, smooth, its feet clear of the terrain and its ends where toes are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.robot.urdf import FOOT_RADIUS_M
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.terrain import Patch
+from stancekit.planners.terrain.prism import Solid
+from stancekit.runner.motion.swing import clear_swing
+from stancekit.runner.motion.timeline import Motion, Timing
+
+
+@pytest.fixture(scope="module")
+def plan() -> Plan:
+    outcome = TwoStageCoursePlanner().solve(read_course("stairs", frames=4))
+    assert outcome.plan is not None
+    return outcome.plan
+
+
+@pytest.fixture(scope="module")
+def motion(plan: Plan) -> Motion:
+    return Motion(plan)
+
+
+def times(motion: Motion) -> np.ndarray:
+    return np.linspace(0.0, motion.seconds, 400)
+
+
+def test_every_instant_is_in_balance_with_the_feet_that_stand(motion: Motion) -> None:
+    course = motion.plan.course
+    for time in times(motion):
+        now = motion.at(float(time))
+        air = np.array(now.placement) < 0
+        assert not now.forces_n[air].any()
+        arms = now.feet_m - FOOT_RADIUS_M * now.normals - now.com_m
+        np.testing.assert_allclose(now.forces_n.sum(axis=0), [0.0, 0.0, course.weight_n], atol=1e-3)
+        np.testing.assert_allclose(np.cross(arms, now.forces_n).sum(axis=0), 0.0, atol=1e-3)
+
+
+def test_forces_stay_within_their_cones(motion: Motion) -> None:
+    course, choice = motion.plan.course, motion.plan.choice
+    for time in times(motion):
+        now = motion.at(float(time))
+        for placement, force in zip(now.placement, now.forces_n, strict=True):
+            if placement >= 0:
+                patch = course.patch(placement, choice)
+                normal = float(force @ patch.normal)
+                assert np.linalg.norm(force - normal * patch.normal) <= patch.friction * normal + 1e-4
+
+
+def test_feet_that_stand_are_a_radius_off_their_toes(motion: Motion) -> None:
+    for time in times(motion):
+        now = motion.at(float(time))
+        for limb, placement in enumerate(now.placement):
+            if placement >= 0:
+                toe = motion.plan.toes_m[placement]
+                np.testing.assert_allclose(now.feet_m[limb], toe + FOOT_RADIUS_M * motion.normals[placement], atol=1e-9)
+
+
+def test_it_goes_through_every_key_frame_and_ends_at_the_last(motion: Motion) -> None:
+    frames = np.array([motion.at(float(time)).frame for time in times(motion)])
+    assert np.all(np.diff(frames) >= -1e-12)
+    end = motion.at(motion.seconds + 1.0)
+    np.testing.assert_allclose(end.com_m, motion.plan.com_m[-1])
+    np.testing.assert_allclose(end.rotation_rad, motion.plan.rotation_rad[-1])
+    assert set(range(motion.plan.course.frames)) <= {round(float(f), 9) for f in frames}
+
+
+def test_nothing_leaps(motion: Motion) -> None:
+    step = 0.002
+    moments = [motion.at(step * i) for i in range(int(motion.seconds / step))]
+    feet = np.array([moment.feet_m for moment in moments])
+    com = np.array([moment.com_m for moment in moments])
+    forces = np.array([moment.forces_n for moment in moments])
+    assert np.linalg.norm(np.diff(feet, axis=0), axis=2).max() < 2.0 * step
+    assert np.linalg.norm(np.diff(com, axis=0), axis=1).max() < 0.5 * step
+    assert np.linalg.norm(np.diff(forces, axis=0), axis=2).max() < 500.0 * step
+
+
+def test_feet_in_the_air_stay_off_the_terrain(motion: Motion) -> None:
+    solids = [Solid.behind(patch) for patch in motion.plan.course.terrain]
+    looked_at = 0
+    for time in times(motion):
+        now = motion.at(float(time))
+        for limb, placement in enumerate(now.placement):
+            if placement < 0:
+                looked_at += 1
+                gap = min(float(solid.distance(now.feet_m[limb][None])[0]) for solid in solids)
+                assert gap > FOOT_RADIUS_M - 1e-6
+    assert looked_at > 50
+
+
+def test_a_swing_rises_over_a_step_that_is_in_its_way() -> None:
+    corners = np.array([[0.0, -0.2, 0.0], [0.2, -0.2, 0.0], [0.2, 0.2, 0.0], [0.0, 0.2, 0.0]])
+    low = Patch(vertices_m=corners - [0.2, 0.0, 0.0], normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
+    high = Patch(
+        vertices_m=corners + np.array([0.0, 0.0, 0.09]), normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5
+    )
+    ends = (np.array([-0.02, 0.0, FOOT_RADIUS_M]), np.array([0.15, 0.0, 0.09 + FOOT_RADIUS_M]))
+    up = np.array([0.0, 0.0, 1.0])
+    solids = [Solid.behind(low), Solid.behind(high, 0.09)]
+    swing = clear_swing(ends, (up, up), 0.05, solids)
+    assert swing.lengths_m[0] > 0.05
+    way = np.array([swing.at(float(part)) for part in np.linspace(1.0, 2.0, 200)])
+    assert min(solid.distance(way).min() for solid in solids) > FOOT_RADIUS_M
+    flat = clear_swing((ends[0], ends[0] + [-0.1, 0.0, 0.0]), (up, up), 0.05, solids[:1])
+    assert flat.lengths_m == pytest.approx((0.05, 0.1, 0.05))
+
+
+def test_a_faster_pace_takes_as_much_less_time(plan: Plan) -> None:
+    assert Motion(plan, Timing().at_pace(2.0)).seconds == pytest.approx(Motion(plan).seconds / 2.0)
+
+
+def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan: Plan) -> None:
+    course = plan.course
+    names, first = course.robot.limb_names, [p for p in course.placements if p.frame == 0]
+    again = [replace(p, frame=1) for p in first]
+    every = replace(
+        course, placements=(*first, *again), lifts=((), names), next_lift=(), com_nominal_m=course.com_nominal_m[:2],
+        com_radius_m=course.com_radius_m[:2], modes=None,
+    )  # fmt: skip
+    leap = Plan(
+        course=every, com_m=plan.com_m[:2], rotation_rad=plan.rotation_rad[:2], toes_m=np.tile(plan.toes_at(0), (2, 1)),
+        choice=np.zeros(12), forces_n=np.zeros((len(every.stances), 6, 3)),
+    )  # fmt: skip
+    with pytest.raises(InvalidInput, match=r"^frame 1: expected limbs that stay and carry the robot"):
+        _ = Motion(leap).seconds

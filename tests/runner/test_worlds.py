@@ -1,0 +1,204 @@
+"""Both worlds under one contract: weight, friction, limits, repetition, and silence on standard output."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, joint_names
+from stancekit.planners.terrain import Patch
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.runner.worlds import WORLDS, make_world
+from stancekit.runner.worlds.world import Ground, State, World, sendable
+
+pytest.importorskip("pinocchio")
+MODULES = {"bullet": "pybullet", "mujoco": "mujoco"}
+ROBOT = hexapod()
+SHOULDERS = np.array([limb.shoulder_m for limb in ROBOT.limbs])
+TOES = 1.8 * SHOULDERS + [0.0, 0.0, -0.2]
+
+
+@pytest.fixture(params=WORLDS, scope="module")
+def world(request: pytest.FixtureRequest) -> Iterator[World]:
+    pytest.importorskip(MODULES[request.param])
+    with make_world(request.param, ROBOT) as made:
+        yield made
+
+
+def ground(friction: float) -> Patch:
+    corners = [[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]
+    return Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=friction)
+
+
+def leaning(patch: Patch, turn: Rotation) -> Patch:
+    vertices, normal, shear = (
+        part @ turn.as_matrix().T for part in (patch.vertices_m, patch.normal, patch.shear_reference)
+    )
+    return Patch(vertices_m=vertices, normal=normal, shear_reference=shear, friction=patch.friction)
+
+
+def standing() -> tuple[Array, Array]:
+    """Angles, and targets that press with a sixth of the weight at every foot."""
+    from stancekit.planners.robot.kinematics import Kinematics
+
+    up = np.tile([0.0, 0.0, 1.0], (6, 1))
+    answer = Kinematics(ROBOT).solve(np.zeros(3), np.zeros(3), TOES, normals=up, forces_n=up * 98.1 / 6.0)
+    return answer.angles, answer.angles + answer.torques_nm / Servo().stiffness_nm_rad
+
+
+def stood(world: World, friction: float, turn: Rotation, periods: int) -> tuple[State, State]:
+    """The state at once and after some periods of standing on a plane that was turned together with the robot."""
+    angles, targets = standing()
+    first = world.reset([leaning(ground(friction), turn)], angles, turn.apply([0.0, 0.0, 0.2]), turn.as_matrix())
+    last = first
+    for _ in range(periods):
+        last = world.step(targets)
+    return first, last
+
+
+def test_a_robot_that_stands_feels_its_weight_in_its_feet_and_nowhere_else(world: World) -> None:
+    first, last = stood(world, 0.7, Rotation.identity(), 100)
+    np.testing.assert_allclose(last.forces_n.sum(axis=0), [0.0, 0.0, 98.1], atol=0.3)
+    np.testing.assert_allclose(last.forces_n[:, 2], 98.1 / 6.0, atol=0.6)
+    assert last.bump_n == 0.0
+    np.testing.assert_allclose(last.position_m, [0.0, 0.0, 0.2], atol=5e-4)
+    np.testing.assert_allclose(first.feet_m, TOES + np.array([0.0, 0.0, 0.2 + FOOT_RADIUS_M]), atol=1e-5)
+    assert last.time_s == pytest.approx(0.5)
+
+
+def hollow(friction: float) -> Ground:
+    """Heights that are neither square nor about the origin, with walls beside a floor at −.1 m."""
+    x, y = np.linspace(-1.0, 1.6, 53), np.linspace(-0.7, 0.9, 33)
+    walls = 0.4 * np.clip(np.abs(y)[None, :] - 0.55, 0.0, 1.0) * np.ones((len(x), 1))
+    lumps = np.where(x > 1.0, 0.3 * (x - 1.0), 0.0)[:, None] * np.ones(len(y))
+    return Ground(heights=HeightField(x_m=x, y_m=y, heights_m=walls + lumps - 0.1), friction=friction)
+
+
+def test_heights_carry_a_robot_where_they_are(world: World) -> None:
+    angles, targets = standing()
+    floor = hollow(0.7)
+    np.testing.assert_allclose(floor.distance(np.array([[0.3, 0.1, 0.2], [0.0, 0.0, -0.15]])), [0.3, -0.05], atol=1e-3)
+    first = world.reset(floor, angles, np.array([0.3, 0.1, 0.1]), np.eye(3))
+    for _ in range(100):
+        last = world.step(targets)
+    np.testing.assert_allclose(last.forces_n.sum(axis=0), [0.0, 0.0, 98.1], atol=0.5)
+    np.testing.assert_allclose(last.position_m, [0.3, 0.1, 0.1], atol=1e-3)
+    np.testing.assert_allclose(last.feet_m, first.feet_m, atol=2e-3)
+    np.testing.assert_allclose(last.feet_m[:, 2], FOOT_RADIUS_M - 0.1, atol=1e-3)
+    assert last.bump_n == 0.0
+
+
+@pytest.mark.parametrize(("friction", "holds"), [(0.44, True), (0.30, False)])
+def test_the_friction_of_heights_is_theirs(world: World, friction: float, holds: bool) -> None:
+    lines, rise = np.linspace(-1.0, 1.0, 41), float(np.tan(np.deg2rad(20.0)))
+    slope = HeightField(x_m=lines, y_m=lines, heights_m=rise * lines[:, None] * np.ones(len(lines)))
+    turn = Rotation.from_rotvec([0.0, -np.deg2rad(20.0), 0.0])
+    angles, targets = standing()
+    first = world.reset(Ground(heights=slope, friction=friction), angles, turn.apply([0.0, 0.0, 0.2]), turn.as_matrix())
+    for _ in range(100):
+        last = world.step(targets)
+    slid = np.linalg.norm(last.feet_m - first.feet_m, axis=1)
+    assert slid.max() < 2e-3 if holds else slid.min() > 5e-3
+
+
+@pytest.mark.parametrize("azimuth_deg", [0.0, 45.0, 200.0])
+def test_the_friction_is_the_patch_s_in_every_direction(world: World, azimuth_deg: float) -> None:
+    # tan 20° = .364; a friction pyramid of μ = .30 would hold along its diagonal
+    axis = Rotation.from_euler("z", azimuth_deg, degrees=True).apply([0.0, np.deg2rad(20.0), 0.0])
+    turn = Rotation.from_rotvec(axis)
+    first, held = stood(world, 0.44, turn, 100)
+    assert np.linalg.norm(held.feet_m - first.feet_m, axis=1).max() < 2e-3
+    first, slid = stood(world, 0.30, turn, 100)
+    assert np.linalg.norm(slid.feet_m - first.feet_m, axis=1).min() > 0.02
+
+
+def test_ice_holds_nothing(world: World) -> None:
+    turn = Rotation.from_rotvec([0.0, np.deg2rad(5.0), 0.0])
+    first, slid = stood(world, 0.0, turn, 100)
+    way = 0.5 * 9.81 * np.sin(np.deg2rad(5.0)) * 0.5**2  # a body on a frictionless plane
+    assert np.linalg.norm(slid.position_m - first.position_m) == pytest.approx(way, rel=0.1)
+
+
+def test_the_same_commands_give_the_same_states_to_the_last_bit(world: World) -> None:
+    angles, targets = standing()
+    wave = 0.05 * np.sin(np.linspace(0.0, 6.0, 60))[:, None] * np.random.default_rng(0).normal(size=24)
+    runs = []
+    for _ in range(2):
+        world.reset([ground(0.7)], angles, np.array([0.0, 0.0, 0.2]), np.eye(3))
+        runs.append([world.step(targets + part) for part in wave])
+    for one, other in zip(*runs, strict=True):
+        np.testing.assert_array_equal(one.angles_rad, other.angles_rad)
+        np.testing.assert_array_equal(one.forces_n, other.forces_n)
+
+
+def test_targets_are_sent_within_the_limits_of_joints_and_of_their_speed(world: World) -> None:
+    angles, _ = standing()
+    world.reset([ground(0.7)], angles, np.array([0.0, 0.0, 0.2]), np.eye(3))
+    state = world.step(angles + 1.0)
+    np.testing.assert_allclose(state.sent_rad - angles, world.servo.velocity_rad_s / world.rate_hz, atol=1e-12)
+    for _ in range(400):
+        state = world.step(np.full(24, 99.0))
+    np.testing.assert_allclose(state.sent_rad, np.tile(world.servo.upper_rad, 6))
+    assert np.abs(state.torques_nm).max() <= world.servo.torque_nm + 1e-9
+
+
+def test_feet_are_where_the_joints_and_the_body_put_them(world: World) -> None:
+    from stancekit.planners.robot.kinematics import Kinematics
+
+    _, last = stood(world, 0.7, Rotation.from_rotvec([0.05, 0.1, -0.2]), 40)
+    feet = last.position_m + Kinematics(ROBOT).feet(last.angles_rad) @ last.rotation.T
+    np.testing.assert_allclose(last.feet_m, feet, atol=1e-5)
+
+
+def test_it_says_what_it_can_do_and_closes_more_than_once(world: World) -> None:
+    assert world.joints == joint_names(ROBOT)
+    assert world.rate_hz == 200.0
+    with make_world(world.name, ROBOT) as other:
+        other.close()
+    other.close()
+
+
+def test_gravity_is_the_one_that_was_asked_for(world: World) -> None:
+    angles, _ = standing()
+    with make_world(world.name, ROBOT, gravity_m_s2=1.62) as moon:
+        moon.reset([], angles, np.array([0.0, 0.0, 5.0]), np.eye(3))
+        for _ in range(40):
+            state = moon.step(angles)
+    assert state.velocity[2] == pytest.approx(-1.62 * 0.2, rel=0.02)
+
+
+def test_sendable_targets_never_leap() -> None:
+    before = np.zeros(24)
+    sent = sendable(np.linspace(-9.0, 9.0, 24), before, Servo(), 0.005)
+    assert np.abs(sent - before).max() <= 0.02 + 1e-12
+
+
+def test_nothing_is_printed_on_standard_output() -> None:
+    pytest.importorskip("pybullet")
+    program = (
+        "import numpy as np\n"
+        "from stancekit.runner.worlds import make_world\n"
+        "from stancekit.planners.robot import hexapod\n"
+        "with make_world('bullet', hexapod()) as world:\n"
+        "    world.reset([], np.zeros(24), np.zeros(3), np.eye(3))\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == ""
+
+
+@pytest.mark.parametrize("name", WORLDS)
+def test_a_simulator_that_is_not_installed_is_named_with_its_extra(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, MODULES[name], None)
+    with pytest.raises(InvalidInput, match=rf"pip install 'stancekit\[{name}\]'"):
+        make_world(name, ROBOT)
+
+
+def test_an_unknown_world_is_refused_with_those_there_are() -> None:
+    with pytest.raises(InvalidInput, match=r"^world: expected one of bullet, mujoco, got 'gazebo'$"):
+        make_world("gazebo", ROBOT)

@@ -1,0 +1,291 @@
+"""Charts of gait solves: violation per iteration, and violation and time by walking direction (paper W Figs. 8, 9)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.patheffects import withStroke
+from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, NullLocator
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array, frozen
+
+from . import plot as chart
+from .plot import ACCENT, CHART_PX, DEFAULT_STYLE, INK, QUIET, RULE, Size
+
+TOLERANCE = 1e-4
+"""Paper W §V: a solve succeeds when its largest violation falls below this."""
+LEAST = 1e-9
+"""Violations below this are drawn as this."""
+TICKS = (1, 3, 10, 30, 100, 300, 1000)
+SECONDS = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0)
+COMPASS = "0° = +y, clockwise"
+"""How walking directions are counted."""
+COLOURS = ("#27407f", "#e08a2b", "#2c8173", "#b8407a", "#9a86c4", "#c9a227")
+"""Of methods in their order; they repeat after the sixth."""
+MANY = 8
+"""More runs of a method than this are drawn thin, with their median."""
+ROOM = 38
+"""Letters that fit over a panel at full size."""
+LONG = 60
+"""Iterations beyond which the axis is logarithmic."""
+TALL_PX = (1200, 980)
+"""Size of a chart with two rows of panels."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GaitRun:
+    """One solve. violations: the largest one at every iterate, the first that of the guess, shape (iterations + 1,).
+
+    direction_rad: the walk's, from the world's y towards x as in paper W §V; seconds: CPU time.
+    """
+
+    method: str
+    violations: Array
+    direction_rad: float = 0.0
+    seconds: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "violations", frozen(np.minimum(self.violations, 1e6), (None,), "violations"))
+        if not len(self.violations):
+            raise InvalidInput("violations: expected one or more, got none")
+
+    @property
+    def iterations(self) -> int:
+        """How many were taken: up to the first violation below the tolerance, or all."""
+        below = np.flatnonzero(self.violations < TOLERANCE)
+        return int(below[0]) if below.size else len(self.violations) - 1
+
+    @property
+    def success(self) -> bool:
+        """Whether the violation fell below the tolerance."""
+        return bool(np.any(self.violations < TOLERANCE))
+
+
+@DEFAULT_STYLE
+def draw_convergence(
+    runs: Sequence[GaitRun], *, caption: str = "", methods: Sequence[str] = (), size_px: Size = CHART_PX
+) -> Figure:
+    """Violation at every iteration, a line a solve, a colour a method; a dot where it succeeds, a cross where it ends.
+
+    Many solves of a method are thin lines with their median, which ends where half of them have. methods: in the order
+    of their colours, the order of the runs where there are none. Raises InvalidInput without runs.
+    """
+    colours = _colours(runs, methods)
+    figure = chart.sheet(size_px, CHART_PX)
+    chart.headline(figure, caption or "Convergence", f"largest constraint violation; success is below {TOLERANCE:g}")
+    labels = [_label(name, [run for run in runs if run.method == name]) for name in colours]
+    high = figure.get_figheight()
+    columns = min(len(colours), max(1, int(95.0 * figure.get_figwidth() / 12.0 / (7 + max(map(len, labels)) * 0.74))))
+    top = 0.92 + 0.26 * -(-len(colours) // columns)
+    axes = figure.add_axes((0.075, 0.72 / high, 0.9, 1.0 - (0.72 + top) / high))
+    most = max(run.iterations for run in runs)
+    axes.set(yscale="log", ylim=(0.1 * TOLERANCE, max(3.0 * max(float(run.violations.max()) for run in runs), 1.0)))
+    axes.set_xlabel("iteration", size=11.5, color=INK)
+    _iterations(axes, most)
+    axes.axhspan(0.1 * TOLERANCE, TOLERANCE, color="#e6f0ec", lw=0, zorder=0)
+    axes.axhline(TOLERANCE, color="#58a695", lw=1.2, zorder=1)
+    _quiet(axes)
+    for (method, colour), label in zip(colours.items(), labels, strict=True):
+        _draw_lines(axes, [run for run in runs if run.method == method], colour)
+        axes.plot([], [], color=colour, lw=2.5, label=label)
+    axes.legend(
+        ncols=columns, loc="lower left", bbox_to_anchor=(-0.005, 1.01), frameon=False, fontsize=11,
+        labelcolor=INK, handlelength=1.4, columnspacing=1.6, borderpad=0.0,
+    )  # fmt: skip
+    return figure
+
+
+def _draw_lines(axes: Axes, runs: Sequence[GaitRun], colour: str) -> None:
+    """The solves of one method."""
+    few = len(runs) <= MANY
+    for run in runs:
+        shown = np.maximum(run.violations[: run.iterations + 1], 0.15 * TOLERANCE)
+        width, alpha = (2.0, 1.0) if len(runs) < 4 else (1.1, 0.55) if few else (0.6, 0.18)
+        axes.plot(shown, color=colour, lw=width, alpha=alpha)
+        if few or not run.success:
+            _draw_end(axes, len(shown) - 1, float(shown[-1]), colour, run.success, 8.0 if few else 5.0)
+    if not few:
+        ends = np.array([run.iterations for run in runs])
+        last = int(np.median(ends))
+        held = np.array([run.violations[np.minimum(np.arange(last + 1), run.iterations)] for run in runs])
+        middle = np.maximum(np.median(held, axis=0), 0.15 * TOLERANCE)
+        axes.plot(middle, color=colour, lw=2.8, zorder=3, path_effects=[withStroke(linewidth=4.6, foreground="white")])
+        _draw_end(axes, last, float(middle[-1]), colour, bool(middle[-1] < TOLERANCE), 10.0)
+
+
+def _draw_end(axes: Axes, iteration: int, violation: float, colour: str, success: bool, size: float) -> None:
+    end = {"marker": "o", "mec": "white", "mfc": colour} if success else {"marker": "X", "mec": ACCENT, "mfc": ACCENT}
+    axes.plot([iteration], [violation], ms=size, zorder=4, **end)  # type: ignore[arg-type]
+
+
+def _iterations(axes: Axes, most: int) -> None:
+    """The axis of iterations, by eye logarithmic where there are many."""
+    if most <= LONG:
+        axes.set_xlim(-0.01 * most, max(1.02 * most, 1.0))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        return
+    axes.set_xscale("function", functions=(_radius, lambda radius: 2.0 * np.expm1(radius)))
+    axes.set_xlim(0.0, 1.05 * most)
+    axes.xaxis.set_major_locator(FixedLocator([0, *(tick for tick in TICKS if tick <= most)]))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_minor_formatter(NullFormatter())
+
+
+@DEFAULT_STYLE
+def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size | None = None) -> Figure:
+    """Violation by walking direction (paper W Fig. 8), a panel a method: iterations run outward in its colours.
+
+    A solve that fails has a red mark at the rim. size_px: ``CHART_PX`` where there is none, taller for more than three
+    methods. Raises InvalidInput without runs.
+    """
+    methods = _methods(runs)
+    figure = chart.sheet(size_px or (CHART_PX if len(methods) < 4 else TALL_PX), CHART_PX)
+    words = "iterations from the centre outward, coloured by the largest violation; red: no success; " + COMPASS
+    chart.headline(figure, caption or "Violation by walking direction", words)
+    most = max(run.iterations for run in runs)
+    rim = float(_radius(max(most, 3)))
+    colours = ScalarMappable(LogNorm(TOLERANCE, 10.0), "magma_r")
+    titles = [_label(method, [run for run in runs if run.method == method]) for method in methods]
+    size = min(12.0, 12.0 * ROOM / max(map(len, titles)))
+    for axes, method, title in zip(_panels(figure, len(methods)), methods, titles, strict=True):
+        own = [run for run in runs if run.method == method]
+        width = _wedge(own)
+        turns = 0.96 * width * np.linspace(-0.5, 0.5, 2 + int(np.rad2deg(width) / 3.0))
+        axes.set_title(title, size=size, weight="bold", color=INK, pad=12, parse_math=False)
+        _polar(axes, 1.12 * rim, [tick for tick in TICKS if _radius(tick) <= rim], _radius)
+        for run in own:
+            shown = np.clip(run.violations[: run.iterations + 1], LEAST, 1e6)
+            edges = _radius(np.arange(len(shown) + 1))
+            cells = np.repeat(shown[:, None], len(turns) - 1, axis=1)
+            axes.pcolormesh(run.direction_rad + turns, edges, cells, norm=colours.norm, cmap=colours.cmap, zorder=1.5)
+            if not run.success:
+                axes.plot([run.direction_rad], [1.07 * rim], "X", color=ACCENT, ms=6, clip_on=False, zorder=4)
+    middle, high = 0.36, figure.get_figheight()
+    place = (middle, 0.35 / high, 1.0 - 2.0 * middle, 0.11 / high)
+    bar = figure.colorbar(colours, cax=figure.add_axes(place), orientation="horizontal")
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(length=0, labelsize=10, labelcolor=QUIET)
+    return figure
+
+
+@DEFAULT_STYLE
+def draw_times(
+    runs: Sequence[GaitRun], *, caption: str = "", methods: Sequence[str] = (), size_px: Size = CHART_PX
+) -> Figure:
+    """CPU time by walking direction (paper W Fig. 9), a line a method; solves that fail are crosses.
+
+    Several runs of a method in one direction are shown by their median. Rings are closer together for longer times.
+    methods: in the order of their colours, the order of the runs where there are none. Raises InvalidInput without
+    runs.
+    """
+    colours = _colours(runs, methods)
+    figure = chart.sheet(size_px, CHART_PX)
+    words = f"median seconds a solve; crosses: no success; {COMPASS}"
+    chart.headline(figure, caption or "CPU time by walking direction", words)
+    high, wide = figure.get_figheight(), figure.get_figwidth()
+    side = high - 1.45
+    axes = figure.add_axes((0.47 - 0.85 * side / wide, 0.42 / high, side / wide, side / high), projection="polar")
+    longest = 0.0
+    for method, colour in colours.items():
+        own = [run for run in runs if run.method == method]
+        turns = sorted({run.direction_rad for run in own})
+        medians = [float(np.median([run.seconds for run in own if run.direction_rad == turn])) for turn in turns]
+        shown = _radius_of_time([*medians, medians[0]])
+        axes.plot([*turns, turns[0]], shown, color=colour, lw=2.0, label=_label(method, own))
+        failed = [run for run in own if not run.success]
+        at = _radius_of_time([run.seconds for run in failed])
+        axes.plot([run.direction_rad for run in failed], at, "x", color=colour, ms=7, mew=2.0)
+        longest = max(longest, *medians, *(run.seconds for run in failed))
+    ticks = [tick for tick in SECONDS if tick < longest]
+    ticks.append(next((tick for tick in SECONDS if tick >= longest), longest))
+    _polar(axes, 1.02 * float(_radius_of_time(ticks[-1])), ticks, _radius_of_time, unit=" s")
+    axes.legend(
+        loc="center left", bbox_to_anchor=(1.12, 0.5), frameon=False, fontsize=11, labelcolor=INK, labelspacing=0.9
+    )
+    return figure
+
+
+def _methods(runs: Sequence[GaitRun]) -> list[str]:
+    if not runs:
+        raise InvalidInput("runs: expected one or more, got none")
+    return list(dict.fromkeys(run.method for run in runs))
+
+
+def _colours(runs: Sequence[GaitRun], known: Sequence[str]) -> dict[str, str]:
+    """The colour of every method that was run."""
+    methods = _methods(runs)
+    order = list(dict.fromkeys([*known, *methods]))
+    return {method: COLOURS[order.index(method) % len(COLOURS)] for method in methods}
+
+
+def _label(method: str, runs: Sequence[GaitRun]) -> str:
+    """The method, how many of its solves succeed, and the median of their iterations."""
+    done = [run.iterations for run in runs if run.success]
+    words = f"{method}: {len(done)}/{len(runs)}" if len(runs) > 1 else method
+    return f"{words}, {np.median(done):g} iterations" if done else f"{words}, no success"
+
+
+def _radius(iterations: Any) -> Any:
+    """Where an iteration is drawn: logarithmic, with room for the first."""
+    return np.log1p(np.asarray(iterations, dtype=np.float64) / 2.0)
+
+
+def _radius_of_time(seconds: Any) -> Any:
+    """Where a time is drawn: logarithmic beyond half a second."""
+    return np.log1p(np.asarray(seconds, dtype=np.float64) / 0.5)
+
+
+def _wedge(runs: Sequence[GaitRun]) -> float:
+    """Angle between neighbouring directions [rad]."""
+    turns = np.unique(np.round(np.mod([run.direction_rad for run in runs], 2.0 * np.pi), 9))
+    return float(np.diff(turns, append=turns[0] + 2.0 * np.pi).min()) if len(turns) > 1 else 0.25 * np.pi
+
+
+def _panels(figure: Figure, count: int) -> list[Any]:
+    """Polar axes side by side, in one row or two."""
+    rows = 1 if count < 4 else 2
+    columns = -(-count // rows)
+    high, wide = figure.get_figheight(), figure.get_figwidth()
+    side = min((wide - 0.5) / columns - 0.95, (high - 1.75) / rows - 0.55)
+    found = []
+    for index in range(count):
+        row, column = divmod(index, columns)
+        x = (wide - 0.5) / columns * (column + 0.5) + 0.25 - 0.5 * side
+        y = 0.85 + ((high - 1.75) / rows) * (rows - 1 - row) + 0.1
+        found.append(figure.add_axes((x / wide, y / high, side / wide, side / high), projection="polar"))
+    return found
+
+
+def _polar(axes: Any, rim: float, ticks: Sequence[float], radius: Any, unit: str = "") -> None:
+    """The look of polar axes: north up, clockwise, quiet rings."""
+    axes.set_theta_zero_location("N")
+    axes.set_theta_direction(-1)
+    axes.set_ylim(0.0, rim)
+    axes.set_yticks(
+        [float(radius(tick)) for tick in ticks], [f"{tick:g}{unit}" for tick in ticks], size=9.5, color=QUIET
+    )
+    for label in axes.get_yticklabels():
+        label.set_path_effects([withStroke(linewidth=2.5, foreground="white")])
+        label.set_zorder(5)
+    axes.set_xticks(np.deg2rad(np.arange(0, 360, 45)), [f"{turn}°" for turn in range(0, 360, 45)], size=10, color=QUIET)
+    axes.set_rlabel_position(22.5)
+    axes.grid(color=RULE, lw=0.8)
+    axes.set_axisbelow(True)
+    axes.spines["polar"].set_color(RULE)
+
+
+def _quiet(axes: Axes) -> None:
+    axes.tick_params(length=0, pad=6, labelsize=11, labelcolor=QUIET, which="both")
+    axes.grid(axis="y", color=RULE, lw=0.8)
+    axes.set_axisbelow(True)
+    for name, side in axes.spines.items():
+        side.set_visible(name == "bottom")
+        side.set_color("#9aa5b1")

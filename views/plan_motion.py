@@ -1,0 +1,113 @@
+"""A plan as a motion for the eye: what happens between its key frames, for videos and pages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.files.arrays import Array
+
+LOAD = 0.25
+"""Share of a step in which the load goes from one stance of a frame to the next; the body moves in the rest of it."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moment:
+    """The robot at one moment: com_m (3,) [m], rotation_rad (3,), toes_m (N, 3) [m], forces_n (N, 3) [N].
+
+    frame: the key frame it comes from. moving: the limbs that are in the air, by index.
+    """
+
+    frame: int
+    com_m: Array
+    rotation_rad: Array
+    toes_m: Array
+    forces_n: Array
+    moving: tuple[int, ...] = ()
+
+
+class PlanMotion:
+    """Moments of a plan: at time k it is at key frame k; between two, the load shifts, then body and limbs move."""
+
+    def __init__(self, plan: Plan) -> None:
+        self.plan = plan
+        size = float(np.mean([limb.reach_m for limb in plan.course.robot.limbs]))
+        self._clearance_m = 0.25 * size
+
+    @property
+    def end(self) -> float:
+        """Time of the last key frame."""
+        return float(self.plan.course.frames - 1)
+
+    def key(self, frame: int) -> Moment:
+        """A key frame with the mean force of its stances."""
+        plan = self.plan
+        return Moment(
+            frame=frame, com_m=plan.com_m[frame], rotation_rad=plan.rotation_rad[frame],
+            toes_m=plan.toes_at(frame), forces_n=plan.forces_at(frame),
+        )  # fmt: skip
+
+    def at(self, time: float) -> Moment:
+        """The moment at a time from 0 to ``end``; a stance of the supporting limbs holds all the way."""
+        last = self.plan.course.frames - 1
+        if time >= last:
+            forces = self._forces(last, self._support(last - 1)) if last else self.plan.forces_at(last)
+            return replace(self.key(last), forces_n=forces)
+        k = max(int(time), 0)
+        share = max(time - k, 0.0)
+        before, after = self._forces(k, self._support(k)), self._forces(k + 1, self._support(k))
+        arrival = self._forces(k, self._support(k - 1)) if k else before
+        if share < LOAD:
+            part = smooth(share / LOAD)
+            return replace(self.key(k), forces_n=(1.0 - part) * arrival + part * before)
+        part = smooth((share - LOAD) / (1.0 - LOAD))
+        plan = self.plan
+        return Moment(
+            frame=k,
+            com_m=(1.0 - part) * plan.com_m[k] + part * plan.com_m[k + 1],
+            rotation_rad=(1.0 - part) * plan.rotation_rad[k] + part * plan.rotation_rad[k + 1],
+            toes_m=self._toes(k, part),
+            forces_n=(1.0 - part) * before + part * after,
+            moving=tuple(i for i, name in enumerate(self._names) if name in plan.course.lifts[k + 1]),
+        )
+
+    def swing(self, placement: int, part: float) -> Array:
+        """Where a toe is on its way to a placement: off its old patch, over, and onto the new one, shape (3,) [m]."""
+        course, toes = self.plan.course, self.plan.toes_m
+        put = course.placements[placement]
+        old = int(course.holds[put.frame - 1, self._names.index(put.limb)])
+        lift = sum(course.patch(p, self.plan.choice).normal for p in (old, placement))
+        way = (1.0 - part) * toes[old] + part * toes[placement]
+        return np.asarray(way + self._clearance_m * np.sin(np.pi * part) * 0.5 * lift)
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        return self.plan.course.robot.limb_names
+
+    def _support(self, step: int) -> frozenset[int]:
+        """The limbs that stay from frame ``step`` to the next; all of them where everybody moves at once."""
+        lifted = self.plan.course.lifts[step + 1]
+        kept = frozenset(i for i, name in enumerate(self._names) if name not in lifted)
+        return kept or frozenset(range(len(self._names)))
+
+    def _forces(self, frame: int, limbs: frozenset[int]) -> Array:
+        """Forces of a stance of these limbs at a frame, shape (N, 3) [N]; the mean where none is of them alone."""
+        for row, stance in enumerate(self.plan.course.stances):
+            if stance.frame == frame and set(stance.limbs) <= limbs:
+                return np.asarray(self.plan.forces_n[row])
+        return self.plan.forces_at(frame)
+
+    def _toes(self, step: int, part: float) -> Array:
+        toes = self.plan.toes_at(step).copy()
+        for i, placement in enumerate(self.plan.course.holds[step + 1]):
+            if placement != self.plan.course.holds[step, i]:
+                toes[i] = self.swing(int(placement), part)
+        return toes
+
+
+def smooth(share: float) -> float:
+    """From 0 to 1 without a jolt: 3 s² − 2 s³."""
+    return share * share * (3.0 - 2.0 * share)

@@ -1,0 +1,95 @@
+"""The picture of a run's tracking, drawn from its log: joints, body, forces and commands over time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.urdf import JOINTS
+from stancekit.runner.log import TOPICS, Recorded, table
+
+from .plot import DEFAULT_STYLE, leg_colour
+
+SIZE_IN = (9.6, 7.2)
+
+
+def tracked(recorded: Recorded) -> dict[str, Array]:
+    """Times, angles as planned, sent and measured, torques, and forces of a log; shape (T,), (T, J) and (T, N, 3).
+
+    Raises InvalidInput for a log without a command, and for one whose messages do not go together.
+    """
+    commands, states = recorded.of("command"), recorded.of("measurement")[1:]
+    rows = min(len(commands), len(states))
+    if not rows:
+        raise InvalidInput("log: expected commands, got none: nothing was sent")
+    joints = len(recorded.of("plan")[0]["joints"])
+    if not joints or joints % len(JOINTS):
+        raise InvalidInput(f"log: joints: expected {len(JOINTS)} a limb, got {joints}")
+    shapes: dict[str, tuple[int, ...]] = {
+        "planned_rad": (joints,), "sent_rad": (joints,), "time_s": (), "angles_rad": (joints,),
+        "torques_nm": (joints,), "forces_n": (joints // len(JOINTS), 3), "position_m": (3,),
+    }  # fmt: skip
+    return {
+        name: table(
+            [
+                each.get(name)
+                for each in (commands if name in TOPICS["command"] and name != "time_s" else states)[:rows]
+            ],
+            (rows, *shape),
+            f"log: {name}",
+        )
+        for name, shape in shapes.items()
+    }
+
+
+def differences(tracks: dict[str, Array]) -> dict[str, float]:
+    """How far measured joints were from the plan: worst, root mean square [rad]."""
+    away = tracks["angles_rad"] - tracks["planned_rad"]
+    return {"joint_worst_rad": float(np.abs(away).max()), "joint_rms_rad": float(np.sqrt(np.mean(away**2)))}
+
+
+@DEFAULT_STYLE
+def draw_tracking(recorded: Recorded) -> Figure:
+    """Draw a log. Raises InvalidInput for one without commands."""
+    plan: dict[str, Any] = recorded.of("plan")[0]
+    tracks = tracked(recorded)
+    limbs = [name.rsplit("_", 1)[0] for name in plan["joints"][:: len(JOINTS)]]
+    time_s = tracks["time_s"]
+    figure = Figure(figsize=SIZE_IN, layout="constrained")
+    top, middle, low, bottom = figure.subplots(4, 1, sharex=True)
+    away = 1e3 * np.abs(tracks["angles_rad"] - tracks["planned_rad"])
+    _limb_lines(top, time_s, away.reshape(len(time_s), len(limbs), -1).max(axis=2), limbs)
+    top.set_ylabel("joints off\nthe plan [mrad]")
+    torque = np.abs(tracks["torques_nm"]).reshape(len(time_s), len(limbs), -1).max(axis=2)
+    _limb_lines(middle, time_s, torque, limbs)
+    middle.set_ylabel("largest\ntorque [Nm]")
+    _limb_lines(low, time_s, np.linalg.norm(tracks["forces_n"], axis=2), limbs)
+    low.set_ylabel("force on\nfoot [N]")
+    for axis, name in enumerate("xyz"):
+        bottom.plot(time_s, 1e3 * (tracks["position_m"][:, axis] - tracks["position_m"][0, axis]), label=name)
+    bottom.set_ylabel("body moved\n[mm]")
+    bottom.set_xlabel("time [s]")
+    for axes in (top, bottom):
+        axes.legend(
+            loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=len(limbs), fontsize="small",
+            frameon=False,
+        )  # fmt: skip
+    said = differences(tracks)
+    end = "" if recorded.whole else "; the log breaks off"
+    figure.suptitle(
+        f"{plan['course']} on {plan.get('world', '?')}: joints within {1e3 * said['joint_worst_rad']:.1f} mrad of the "
+        f"plan, {1e3 * said['joint_rms_rad']:.1f} mrad (RMS){end}",
+        fontsize="medium",
+    )
+    return figure
+
+
+def _limb_lines(axes: Axes, time_s: Array, values: Array, limbs: list[str]) -> None:
+    """One line a limb; values: shape (T, N)."""
+    for index, limb in enumerate(limbs):
+        axes.plot(time_s, values[:, index], label=limb, color=leg_colour(index), linewidth=0.9)
