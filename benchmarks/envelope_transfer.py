@@ -22,13 +22,13 @@ from stancekit.learners.selectors.quantile import quantile_box
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.gait.seeds import Seat
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.warp.conformal import flatten
+from stancekit.planners.warp.contact_plans import Seat
 from stancekit.planners.warp.spline_map import SplineMap
 
 ON_SURFACE = 1e-4

@@ -20,10 +20,10 @@ import numpy as np
 
 from stancekit.planners.errors import PlanningFailed
 from stancekit.planners.gait.formulation import GaitProgram, formulate
+from stancekit.planners.gait.method.subprocess import solve_apart
 from stancekit.planners.gait.solution import GaitSolution
-from stancekit.planners.gait.solve import Costs
-from stancekit.planners.gait.subprocess import solve_apart
 from stancekit.planners.gait.task import ChartName, GaitSettings, GaitTask
+from stancekit.planners.gait.transcription.ipopt import Costs
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.reference import REFERENCES, reference_tasks, reference_terrain
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory

@@ -27,7 +27,6 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.seeds import KeyFrames, pushed_plan, seeded
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import lay_out
@@ -38,6 +37,7 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.conformal import flatten
+from stancekit.planners.warp.contact_plans import KeyFrames, pushed_plan, seeded
 from stancekit.planners.warp.spline_map import SplineMap
 
 HEIGHT_M = 0.2

@@ -18,9 +18,9 @@ from .watch import interruptible, watching
 
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
-    from stancekit.planners.gait.attempt import Attempt, Attempted
-    from stancekit.planners.gait.checkpoint import Partial
-    from stancekit.planners.gait.portfolio import Caps, GaitPlan
+    from stancekit.planners.gait.method.attempt import Attempt, Attempted
+    from stancekit.planners.gait.method.checkpoint import Partial
+    from stancekit.planners.gait.method.portfolio import Caps, GaitPlan
     from stancekit.planners.gait.task import GaitSettings, GaitTask
     from stancekit.planners.robot.single_body import GaitRobot
 
@@ -98,7 +98,7 @@ class Gait:
 
     def run(self) -> int:
         """Plan, verify, write, draw."""
-        from stancekit.planners.gait.checkpoint import Partial
+        from stancekit.planners.gait.method.checkpoint import Partial
 
         from . import gait_answer
 
@@ -193,8 +193,8 @@ class Gait:
         return GaitSettings(dynamics=self.dynamics, hessian=self.hessian, max_iterations=self._limit)
 
     def _caps(self) -> Caps:
-        from stancekit.planners.gait.portfolio import Caps
-        from stancekit.planners.gait.smoothing import Smoothing
+        from stancekit.planners.gait.method.portfolio import Caps
+        from stancekit.planners.gait.method.smoothing import Smoothing
 
         raw: dict[str, Any] = {"smoothing": Smoothing(rounds=0), "densifications": 0} if self.raw else {}
         return Caps(iterations=self._limit, total_s=self.total_s, apart=True, **raw)
@@ -204,8 +204,8 @@ class Gait:
         return self.max_iterations or LIMITS[self.chart == "portfolio"]
 
     def _attempts(self, task: GaitTask) -> list[Attempt]:
-        from stancekit.planners.gait.attempt import Attempt
-        from stancekit.planners.gait.portfolio import ways
+        from stancekit.planners.gait.method.attempt import Attempt
+        from stancekit.planners.gait.method.portfolio import ways
 
         found = ways(task) if self.chart == "portfolio" else [Attempt(chart=self.chart)]
         return [way.perturbed(self.seed + k) if k else way for way in found for k in range(self.seeds)]
@@ -216,7 +216,7 @@ class Gait:
         self, task: GaitTask, settings: GaitSettings, caps: Caps, attempts: list[Attempt], partial: Partial
     ) -> GaitPlan:
         """Attempts in their order, up to the chart that the verifier accepts. Raises KeyboardInterrupt when stopped."""
-        from stancekit.planners.gait.portfolio import plan_gait
+        from stancekit.planners.gait.method.portfolio import plan_gait
 
         if partial.begun:
             err.print(f"{partial.path}: goes on from what an interrupted run of this command kept")

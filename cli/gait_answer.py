@@ -12,8 +12,8 @@ from .console import err, progress
 
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
-    from stancekit.planners.gait.attempt import Attempted
-    from stancekit.planners.gait.portfolio import GaitPlan
+    from stancekit.planners.gait.method.attempt import Attempted
+    from stancekit.planners.gait.method.portfolio import GaitPlan
     from stancekit.planners.gait.task import GaitTask
     from stancekit.views.video import Frame
 
@@ -76,7 +76,7 @@ def _map(one: Attempted) -> Callable[[Array], Array] | None:
     """The map of the chart that a walk was found in, None for charts without."""
     import numpy as np
 
-    from stancekit.planners.gait.attempt import SCALED
+    from stancekit.planners.gait.method.attempt import SCALED
     from stancekit.planners.gait.solution import Pushforward
 
     if one.attempt.chart in SCALED:
@@ -165,7 +165,7 @@ def advise(task: GaitTask) -> None:
     """Say what may help a walk that was not found, if its terrain is steeper than friction holds."""
     import numpy as np
 
-    from stancekit.planners.gait.homotopy import steepest
+    from stancekit.planners.gait.method.homotopy import steepest
 
     slope = steepest(task.terrain)
     if slope > task.friction and not any(task.adhesive):

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.refusals import shown
-from stancekit.planners.gait.attempt import Attempt, Attempted, Workbench
+from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.task import ChartName, GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import GaitRobot, anymal
 from stancekit.planners.terrain.reference import (

@@ -22,9 +22,9 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import checked
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.writing import write_text
-from stancekit.planners.gait.budget import Account
 from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.portfolio import Caps, plan_gait, ways
+from stancekit.planners.gait.method.budget import Account
+from stancekit.planners.gait.method.portfolio import Caps, plan_gait, ways
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField

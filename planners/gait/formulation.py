@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..files.arrays import Array, frozen
-from .charts import Chart, make_chart
+from .charts.chart import Chart, make_chart
 from .constraints.cone import cone
 from .constraints.contact import contact
 from .constraints.cost import acceleration, force_rate
@@ -18,16 +18,16 @@ from .constraints.ends import goal, start, still_end, still_start
 from .constraints.reach import reach
 from .constraints.swing import swing
 from .constraints.trunk import trunk
-from .guess import perturbed, terrain_following
-from .program import Program
-from .structure import Structure
+from .method.guess import perturbed, terrain_following
 from .task import GaitSettings, GaitTask
-from .timing import ordered
+from .transcription.program import Program
+from .variables.structure import Structure
+from .variables.timing import ordered
 
 if TYPE_CHECKING:
     from ..warp.spline_map import SplineMap
     from .solution import GaitSolution
-    from .solve import Costs
+    from .transcription.ipopt import Costs
 
 
 class GaitProgram:
@@ -62,7 +62,7 @@ class GaitProgram:
 
     def violations(self, x: Array) -> Mapping[str, float]:
         """The largest violation of each term at a decision vector."""
-        from .solve import constraint_values
+        from .transcription.ipopt import constraint_values
 
         return self.program.violations(constraint_values(self, x))
 
@@ -79,7 +79,7 @@ class GaitProgram:
         **options: Any,
     ) -> GaitSolution:
         """Solve from a guess; see ``solve.solve``."""
-        from .solve import solve
+        from .transcription.ipopt import solve
 
         return solve(
             self, guess, callback, costs=costs, reference=reference, height_factor=height_factor,

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files.arrays import Array, checked
-from .taylor import JetMap, Site
 from .trajectory import STEP_S, Trajectory
+from .transcription.taylor import JetMap, Site
 
 if TYPE_CHECKING:
     from .formulation import GaitProgram
-    from .structure import Structure
+    from .variables.structure import Structure
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -11,7 +11,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen, gathered
 from ..robot.single_body import GaitRobot
 from ..terrain.heightfield import HeightField
-from .phases import gait_named
+from .variables.phases import gait_named
 
 ChartName = Literal["ambient", "shear", "decoupled", "warped", "warped-exact"]
 Dynamics = Literal["centred", "printed", "newton-euler"]

@@ -22,7 +22,7 @@ from stancekit.envs.warped_gait import (
     observe,
 )
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.gait.attempt import Attempt, Workbench
+from stancekit.planners.gait.method.attempt import Attempt, Workbench
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField

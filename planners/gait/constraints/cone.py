@@ -11,11 +11,11 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-from ..blocks import Block, Constraint, Kernel
-from ..charts import Chart
-from ..layout import NOTHING
-from ..structure import Structure
-from ..taylor import Site
+from ..charts.chart import Chart
+from ..transcription.blocks import Block, Constraint, Kernel
+from ..transcription.taylor import Site
+from ..variables.layout import NOTHING
+from ..variables.structure import Structure
 
 TIP = 1e-3
 """ε, in units of m·g: a standing foot presses with ε/ν at least, but for the ends of its stance."""

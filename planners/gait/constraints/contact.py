@@ -8,9 +8,9 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-from ..blocks import Block, Constraint
-from ..structure import Structure
-from ..taylor import Site
+from ..transcription.blocks import Block, Constraint
+from ..transcription.taylor import Site
+from ..variables.structure import Structure
 
 
 def contact(structure: Structure) -> Constraint | None:

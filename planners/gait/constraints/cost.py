@@ -9,9 +9,9 @@ import casadi as cs
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from ..blocks import Block
-from ..structure import Structure
-from ..taylor import Site
+from ..transcription.blocks import Block
+from ..transcription.taylor import Site
+from ..variables.structure import Structure
 from .dynamics import UP, inertia_block
 
 

@@ -14,11 +14,11 @@ from scipy.sparse import csr_array, vstack
 
 from ...files.arrays import Array
 from ...robot.single_body import GRAVITY_M_S2, GaitRobot
-from ..blocks import Block, Constraint, Family, Kernel, Port, Rows
-from ..charts import Chart
-from ..rotations import axial, second_moment
-from ..structure import Structure
-from ..taylor import Site
+from ..charts.chart import Chart
+from ..charts.rotations import axial, second_moment
+from ..transcription.blocks import Block, Constraint, Family, Kernel, Port, Rows
+from ..transcription.taylor import Site
+from ..variables.structure import Structure
 
 UP = (0.0, 0.0, 1.0)
 

@@ -8,11 +8,11 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from ...files.arrays import Array
-from ..blocks import Block, Constraint, Kernel
-from ..charts import Chart
-from ..layout import Index
-from ..structure import Structure
-from ..taylor import Site
+from ..charts.chart import Chart
+from ..transcription.blocks import Block, Constraint, Kernel
+from ..transcription.taylor import Site
+from ..variables.layout import Index
+from ..variables.structure import Structure
 
 
 def still_start(structure: Structure) -> Constraint:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-from ..blocks import Block, Constraint, Kernel, Rows
-from ..charts import Chart
-from ..structure import Structure
-from ..taylor import Site
+from ..charts.chart import Chart
+from ..transcription.blocks import Block, Constraint, Kernel, Rows
+from ..transcription.taylor import Site
+from ..variables.structure import Structure
 
 
 def reach(structure: Structure) -> Constraint:

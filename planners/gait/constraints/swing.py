@@ -9,10 +9,10 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-from ..blocks import Block, Constraint, Family, Signal
-from ..splines import hermite
-from ..structure import Structure
-from ..taylor import Site
+from ..transcription.blocks import Block, Constraint, Family, Signal
+from ..transcription.taylor import Site
+from ..variables.splines import hermite
+from ..variables.structure import Structure
 
 
 def swing(structure: Structure) -> tuple[Constraint, ...]:

@@ -13,10 +13,10 @@ import casadi as cs
 import numpy as np
 
 from ...files.arrays import Array
-from ..blocks import Block, Constraint, Family, Rows
-from ..guess import Walk
-from ..structure import Structure
-from ..taylor import JetMap, Site
+from ..method.guess import Walk
+from ..transcription.blocks import Block, Constraint, Family, Rows
+from ..transcription.taylor import JetMap, Site
+from ..variables.structure import Structure
 
 SPACING_M = 0.09
 """Points of the lower face are at most this far apart along the trunk, and twice as far across."""
