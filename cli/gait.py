@@ -19,7 +19,7 @@ from .watch import interruptible, watching
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
     from stancekit.planners.gait.method.attempt import Attempt, Attempted
-    from stancekit.planners.gait.method.checkpoint import Partial
+    from stancekit.planners.gait.method.checkpoint import Checkpoint
     from stancekit.planners.gait.method.portfolio import Caps, GaitPlan
     from stancekit.planners.gait.task import GaitSettings, GaitTask
     from stancekit.planners.robot.single_body import GaitRobot
@@ -53,8 +53,9 @@ class Gait:
     face its goal, for the feet that stick are in front."""
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
     """anymal, hexapod, or a robot's file (YAML)."""
-    chart: Literal["portfolio", "ambient", "warped", "warped-exact", "shear", "decoupled"] = "portfolio"
-    """In which coordinates to solve; portfolio tries one after another until the verifier accepts."""
+    chart: Annotated[str, tyro.conf.arg(metavar="CHART|FILE.py:NAME")] = "portfolio"
+    """In which coordinates to solve: ambient, shear, decoupled, warped, warped-exact, or a chart of your own; portfolio
+    tries one after another until the verifier accepts."""
     timings: Literal["fixed", "optimised"] = "fixed"
     """Whether the phases keep the gait's timing, or are optimised with the rest."""
     gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] | None = None
@@ -98,7 +99,7 @@ class Gait:
 
     def run(self) -> int:
         """Plan, verify, write, draw."""
-        from stancekit.planners.gait.method.checkpoint import Partial
+        from stancekit.planners.gait.method.checkpoint import Checkpoint
 
         from . import gait_answer
 
@@ -107,18 +108,18 @@ class Gait:
         with as_options():
             settings, caps = self._settings(), self._caps()
         attempts = self._attempts(task)
-        partial = Partial(self.out, task, settings, attempts, caps.phases)
-        plan = self._plan(task, settings, caps, attempts, partial)
+        checkpoint = Checkpoint(self.out, task, settings, attempts, caps.phases)
+        plan = self._plan(task, settings, caps, attempts, checkpoint)
         best = plan.best
         if best is None:
-            hint = "" if plan.failures or partial.path is None else f"; remove {partial.path} to try anew"
+            hint = "" if plan.failures or checkpoint.path is None else f"; remove {checkpoint.path} to try anew"
             raise PlanningFailed(plan.message + hint)
         written = self._write(best)
         gait_answer.draw(
             best, plan, picture=self.picture, convergence=self.convergence, video=self.video, html=self.html
         )
         if written or not best.solution.success:
-            partial.remove()
+            checkpoint.remove()
         if self.json:
             emit(gait_answer.record(plan, best, self.terrain, self.out if written else None))
         else:
@@ -131,6 +132,7 @@ class Gait:
 
     def _check(self) -> None:
         """Raise InvalidInput for what cannot be written, and for counts out of range, before any work."""
+        from stancekit.planners.gait.charts import CHARTS
         from stancekit.planners.gait.trajectory_file import check_name
 
         from .gait_answer import check_pictures
@@ -152,6 +154,9 @@ class Gait:
             from stancekit.views.video import check_video
 
             check_video(self.video)
+        if self.chart != "portfolio":
+            with as_options():
+                CHARTS.get(self.chart)
         if not 1 <= self.seeds <= 1000:
             raise InvalidInput(f"--seeds: expected 1 to 1000, got {self.seeds}")
         if self.seed < 0:
@@ -197,7 +202,7 @@ class Gait:
         from stancekit.planners.gait.method.smoothing import Smoothing
 
         raw: dict[str, Any] = {"smoothing": Smoothing(rounds=0), "densifications": 0} if self.raw else {}
-        return Caps(iterations=self._limit, total_s=self.total_s, apart=True, **raw)
+        return Caps(iterations=self._limit, total_s=self.total_s, in_subprocess=True, **raw)
 
     @property
     def _limit(self) -> int:
@@ -205,21 +210,21 @@ class Gait:
 
     def _attempts(self, task: GaitTask) -> list[Attempt]:
         from stancekit.planners.gait.method.attempt import Attempt
-        from stancekit.planners.gait.method.portfolio import ways
+        from stancekit.planners.gait.method.portfolio import default_attempts
 
-        found = ways(task) if self.chart == "portfolio" else [Attempt(chart=self.chart)]
-        return [way.perturbed(self.seed + k) if k else way for way in found for k in range(self.seeds)]
+        each = default_attempts(task) if self.chart == "portfolio" else [Attempt(chart=self.chart)]
+        return [one.perturbed(self.seed + k) if k else one for one in each for k in range(self.seeds)]
 
     # -------------------------------------------------------------------------------------------------- work
 
     def _plan(
-        self, task: GaitTask, settings: GaitSettings, caps: Caps, attempts: list[Attempt], partial: Partial
+        self, task: GaitTask, settings: GaitSettings, caps: Caps, attempts: list[Attempt], checkpoint: Checkpoint
     ) -> GaitPlan:
         """Attempts in their order, up to the chart that the verifier accepts. Raises KeyboardInterrupt when stopped."""
         from stancekit.planners.gait.method.portfolio import plan_gait
 
-        if partial.begun:
-            err.print(f"{partial.path}: goes on from what an interrupted run of this command kept")
+        if checkpoint.begun:
+            err.print(f"{checkpoint.path}: goes on from what an interrupted run of this command kept")
         with interruptible() as interrupted, watching(self.terrain) as show:
 
             def progress(*at: Any) -> bool:
@@ -227,12 +232,12 @@ class Gait:
                 return interrupted()
 
             try:
-                plan = plan_gait(task, settings, progress, caps=caps, attempts=attempts, partial=partial)
+                plan = plan_gait(task, settings, progress, caps=caps, attempts=attempts, checkpoint=checkpoint)
             except InvalidInput as error:
                 raise InvalidInput(_as_options(str(error))) from None
         if plan.stopped:
-            if partial.path is not None:
-                err.print(f"{partial.path}: kept; the same command goes on from there")
+            if checkpoint.path is not None:
+                err.print(f"{checkpoint.path}: kept; the same command goes on from there")
             raise KeyboardInterrupt
         return plan
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, get_args
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.refusals import shown
+from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
-from stancekit.planners.gait.task import ChartName, GaitSettings, GaitTask
+from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import GaitRobot, anymal
 from stancekit.planners.terrain.reference import (
     FAMILIES,
@@ -24,7 +25,6 @@ from stancekit.planners.terrain.reference import (
     reference_terrain,
 )
 
-CHARTS: tuple[ChartName, ...] = get_args(ChartName)
 HEIGHTS = ((1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0))
 """Homotopies to choose from: factors on the terrain's heights."""
 NOISES = (0.0, 0.01, 0.02)
@@ -114,6 +114,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     figures ``force_rms``, ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``refused`` (how many of its
     groups), ``reward_<term>``, and ``seconds``, which stays 0 unless ``timing``.
 
+    charts: to choose from, names of ``planners.gait.charts.CHARTS`` or ``FILE.py:NAME``, all known ones if missing.
     tasks: draws a walk, ``SampledTasks(terrain=…)`` where there is none; all walks have the same number of feet.
     settings: of the optimiser; its max_iterations is the limit of every stage.
     """
@@ -125,7 +126,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         terrain: str = "mixed",
         *,
         tasks: Tasks | None = None,
-        charts: tuple[ChartName, ...] = CHARTS,
+        charts: Sequence[str] | None = None,
         settings: GaitSettings = GaitSettings(max_iterations=50),
         weights: GaitRewardWeights = GaitRewardWeights(),
         timing: bool = False,
@@ -133,13 +134,16 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
-        if not charts or set(charts) - set(CHARTS):
-            raise InvalidInput(f"charts: expected some of {', '.join(CHARTS)}, got {list(charts)}")
+        charts = CHARTS.names() if charts is None else tuple(charts)
+        if not charts:
+            raise InvalidInput(f"charts: expected some of {', '.join(CHARTS.names())}, got {list(charts)}")
+        for chart in charts:
+            CHARTS.get(chart)
         if weights.seconds and not timing:
             raise InvalidInput(f"weights: expected timing with seconds, whose weight is {weights.seconds:g}")
         self.render_mode = render_mode
         self._tasks: Tasks = SampledTasks(terrain=terrain) if tasks is None else tasks
-        self._charts, self._settings, self._weights, self._timing = tuple(charts), settings, weights, timing
+        self._charts, self._settings, self._weights, self._timing = charts, settings, weights, timing
         feet = len(self._tasks.robot.feet) if isinstance(self._tasks, SampledTasks) else self._feet_of()
         self.observation_space: spaces.Space[Any] = _task_space(feet)
         self.action_space: spaces.Space[Any] = spaces.MultiDiscrete([len(charts), len(HEIGHTS), len(NOISES)])

@@ -11,9 +11,9 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen, gathered
 from ..robot.single_body import GaitRobot
 from ..terrain.heightfield import HeightField
+from .charts import CHARTS
 from .variables.phases import gait_named
 
-ChartName = Literal["ambient", "shear", "decoupled", "warped", "warped-exact"]
 Dynamics = Literal["centred", "printed", "newton-euler"]
 Timings = Literal["fixed", "optimised"]
 STEEPEST = 1.0
@@ -121,8 +121,8 @@ class GaitTask:
 class GaitSettings:
     """How a task is written down and solved.
 
-    chart: how variables become world quantities (DESIGN of the charts: ``charts``). dynamics: ``centred``, PCDM with
-    the force balanced by y₊ − 2y + y₋; ``printed``, eq. 11 as printed; ``newton-euler``, eq. 2.
+    chart: how variables become world quantities, a name of ``charts.CHARTS`` or ``FILE.py:NAME``. dynamics:
+    ``centred``, PCDM with the force balanced by y₊ − 2y + y₋; ``printed``, W11 as printed; ``newton-euler``, W2.
     hessian: ``exact``, or ``lbfgs`` for the paper's comparison. tolerance: success is a largest violation below it.
     step_s: Δt. torso_knot_s, force_knot_s: spacing of the splines' knots. reach_margin_m: kept in hand inside the reach
     boxes. clearance_m: of swinging feet in the middle of a swing. swing_nodes: checks of a swing between its ends
@@ -131,7 +131,7 @@ class GaitSettings:
     optimised switching times may move. still_end: end at rest.
     """
 
-    chart: ChartName = "decoupled"
+    chart: str = "decoupled"
     dynamics: Dynamics = "centred"
     hessian: Literal["exact", "lbfgs"] = "exact"
     max_iterations: int = 200
@@ -149,9 +149,9 @@ class GaitSettings:
     still_end: bool = True
 
     def __post_init__(self) -> None:
-        for name, kind in (("chart", ChartName), ("dynamics", Dynamics)):
-            if getattr(self, name) not in get_args(kind):
-                raise InvalidInput(f"{name}: expected one of {', '.join(get_args(kind))}, got {getattr(self, name)!r}")
+        CHARTS.get(self.chart)
+        if self.dynamics not in get_args(Dynamics):
+            raise InvalidInput(f"dynamics: expected one of {', '.join(get_args(Dynamics))}, got {self.dynamics!r}")
         if self.hessian not in ("exact", "lbfgs"):
             raise InvalidInput(f"hessian: expected exact or lbfgs, got {self.hessian!r}")
         for name in ("tolerance", "step_s", "torso_knot_s", "force_knot_s", "smoothing_m"):

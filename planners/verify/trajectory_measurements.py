@@ -48,7 +48,7 @@ class Series:
         return float(np.sqrt(np.mean(np.sum(self.values**2, axis=1)))) if self.values.size else 0.0
 
 
-class Motion:
+class TrajectoryMeasurements:
     """The measurements of one trajectory that has no defect (``defect_of``)."""
 
     def __init__(self, trajectory: Trajectory) -> None:

@@ -16,9 +16,6 @@ import numpy as np
 from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import Array, frozen
-from ..gait.formulation import GaitProgram
-from ..gait.method.guess import Walk
-from ..gait.variables.layout import NOTHING, Index
 from ..problem.posture import PostureProblem
 from ..relaxation.envelope import Envelope
 from ..terrain.patch import Patch
@@ -27,7 +24,7 @@ from .spline_map import SplineMap
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Seat:
+class WarpedPose:
     """A body in warped space: com_bar_m, shape (3,) [m], z̄ over the ground; yaw_rad: its heading there.
 
     What is given about the body, in axes that are level and along it, is pushed forward with it.
@@ -131,7 +128,7 @@ def pushed_plan(warp: SplineMap, plan: Plan, start_xy_m: Array, yaw_rad: float =
         raise InvalidInput("plan: expected toes on level ground z = 0, got one at another height")
     turn, home = _yaw(yaw_rad), np.array([*start_xy_m, 0.0]) - _yaw(yaw_rad) @ (plan.com_m[0] * [1.0, 1.0, 0.0])
     com_bar, toes_bar = plan.com_m @ turn.T + home, plan.toes_m @ turn.T + home
-    seats = [Seat(warp=warp, com_bar_m=com, yaw_rad=yaw_rad) for com in com_bar]
+    poses = [WarpedPose(warp=warp, com_bar_m=com, yaw_rad=yaw_rad) for com in com_bar]
     toes = warp.points(toes_bar)
     problems = []
     for stance in plan.course.stances:
@@ -143,49 +140,14 @@ def pushed_plan(warp: SplineMap, plan: Plan, start_xy_m: Array, yaw_rad: float =
             for contact, limb in zip(flat.contacts, stance.limbs, strict=True)
         )
         level = replace(flat, contacts=contacts, com_nominal_m=np.zeros(3))
-        problems.append(seats[stance.frame].problem(level))
+        problems.append(poses[stance.frame].problem(level))
     return KeyFrames(
         limbs=tuple(limb.name for limb in plan.course.robot.limbs),
-        com_m=np.array([seat.com_m for seat in seats]),
-        rotation=np.array([seat.rotation for seat in seats]),
+        com_m=np.array([pose.com_m for pose in poses]),
+        rotation=np.array([pose.rotation for pose in poses]),
         toes_m=np.array([toes[plan.course.holds[frame]] for frame in range(plan.course.frames)]),
         problems=tuple(problems),
     )
-
-
-def seeded(program: GaitProgram, frames: KeyFrames) -> Array:
-    """An initial guess that walks along key frames: its torso over their bodies, its footholds their toes, (size,).
-
-    Time runs along the key frames as it runs along the way of the terrain-following guess, whose swings and forces it
-    has. Raises InvalidInput for a robot with other feet.
-    """
-    structure, walk = program.structure, Walk(program.structure)
-    names = structure.task.robot.foot_names
-    if set(names) != set(frames.limbs):
-        raise InvalidInput(f"key frames: expected limbs {', '.join(names)}, got {', '.join(frames.limbs)}")
-    x, chart, task = np.array(program.guess), structure.chart, structure.task
-    way = task.goal_xy_m - task.start_xy_m
-    length = float(way @ way)
-
-    def shares(times_s: Array) -> Array:
-        return np.asarray((walk.torso_xy(times_s) - task.start_xy_m) @ way / length)
-
-    torso = frames.com_at(shares(structure.layout.torso_times_s))
-    x[structure.layout.torso[:, :3]] = chart.torso_bar(torso)
-    for number, foot in enumerate(structure.layout.feet):
-        column = frames.limbs.index(names[number])
-        times = np.array([np.mean(foot.phases.stance(index)) for index in range(foot.phases.swings + 1)])
-        times[[0, -1]] = 0.0, task.duration_s
-        nearest = np.rint(shares(times) * (len(frames.toes_m) - 1)).astype(np.intp)
-        footholds = frames.toes_m[np.clip(nearest, 0, len(frames.toes_m) - 1), column]
-        footholds[:, 2] = task.terrain.height(footholds[:, :2])
-        bar = chart.foot_bar(footholds)
-        _put(x, foot.stances, bar)
-        x[foot.swings] = walk.swings_bar(number, footholds, bar)
-        for index, entries in enumerate(foot.forces):
-            times_s = structure.layout.force_times_s(number, index)
-            _put(x, entries, walk.forces_bar(number, times_s, bar[index]))
-    return x
 
 
 def _toe_patch(patch: Patch, toe_m: Array, half_m: float) -> Patch:
@@ -212,8 +174,3 @@ def _surface_frame(jacobian: Array, rotation: Array) -> Array:
 def _yaw(angle: float) -> Array:
     cosine, sine = np.cos(angle), np.sin(angle)
     return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-
-
-def _put(x: Array, entries: Index, values: Array) -> None:
-    kept = entries != NOTHING
-    x[entries[kept]] = values[kept]

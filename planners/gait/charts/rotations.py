@@ -1,11 +1,8 @@
-"""Rotations for the optimiser, each as CasADi symbols: Euler angles, the polar factor of a shear, and axial vectors."""
+"""Rotations and frames of charts as CasADi symbols: Euler angles, the polar factor of a shear, the surface's frame."""
 
 from __future__ import annotations
 
 import casadi as cs
-import numpy as np
-
-from ...files.arrays import Array
 
 
 def euler(angles: cs.SX) -> cs.SX:
@@ -19,16 +16,8 @@ def euler(angles: cs.SX) -> cs.SX:
     )
 
 
-def euler_angles(rotation: Array) -> Array:
-    """θ of rotations, shape (…, 3, 3) → (…, 3) [rad], pitch in [−π/2, π/2]."""
-    roll = np.arctan2(rotation[..., 2, 1], rotation[..., 2, 2])
-    pitch = -np.arcsin(np.clip(rotation[..., 2, 0], -1.0, 1.0))
-    yaw = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
-    return np.stack([roll, pitch, yaw], axis=-1)
-
-
 def shear_rotation(slope: cs.SX) -> cs.SX:
-    """P(J) of the shear (x, y, z + h) with ∇h = slope, in closed form, shape (3, 3) (paper W eq. 12).
+    """P(J) of the shear (x, y, z + h) with ∇h = slope, in closed form, shape (3, 3) (W12).
 
     J differs from a rotation in the plane of the slope and z only; there the polar factor turns by atan(|∇h| / 2),
     about the axis (h_y, −h_x, 0).
@@ -48,15 +37,5 @@ def surface_frame(slope: cs.SX) -> cs.SX:
 
 
 def surface_normal(slope: cs.SX) -> cs.SX:
-    """(−∇h, 1) / ‖·‖ (paper W, after eq. 5), shape (3, 1)."""
+    """(−∇h, 1) / ‖·‖ (paper W, after W5), shape (3, 1)."""
     return cs.vertcat(-slope[0], -slope[1], 1.0) / cs.sqrt(1.0 + cs.sumsqr(slope))
-
-
-def axial(m: cs.SX) -> cs.SX:
-    """ε_ijk M_jk: ∫ ρ (A x) × (R x) dv for M = A C Rᵀ with C = ∫ ρ x xᵀ dv, shape (3, 1)."""
-    return cs.vertcat(m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0])
-
-
-def second_moment(inertia: Array) -> Array:
-    """C = ∫ ρ x xᵀ dv = ½ tr(I) Id − I of an inertia tensor, shape (3, 3) [kg m²]."""
-    return np.asarray(0.5 * np.trace(inertia) * np.eye(3) - inertia)

@@ -1,10 +1,13 @@
-"""The warped charts (paper W §IV-C): all variables live in the space that the map φ flattens.
+"""The warped charts (W7, paper W §IV-C): all variables live in the space that the map φ flattens.
 
-As published, forces are pushed forward by J and held to the cone of eq. 9, which is the true one only where φ is
+As published, forces are pushed forward by J and held to the cone of W9, which is the true one only where φ is
 conformal. The exact chart differs in one line: forces are given in the orthonormal frame at the true normal.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Self
 
 import casadi as cs
 import numpy as np
@@ -13,7 +16,7 @@ from ...files.arrays import Array
 from ...terrain.heightfield import HeightField
 from ...warp.pushforward import polar_function
 from ...warp.spline_map import SplineMap
-from ..transcription.taylor import Site, SnappedMap
+from ..transcription.taylor import ExpansionPoint, SnappedMap
 from .chart import Chart
 from .rotations import euler
 
@@ -22,9 +25,8 @@ POLAR_STEPS = 5
 
 
 class Warped(Chart):
-    """φ(p̄), P[J(p̄)] R(θ̄) and f = J f̄: paper W eqs. 8, 9, 10 and 13 as published."""
+    """φ(p̄), 𝒫[J(p̄)] R(θ̄) and f = J f̄, as published (W8, W9, W10, W13)."""
 
-    name = "warped"
     scales = False
 
     def __init__(self, terrain: HeightField, warp: SplineMap) -> None:
@@ -33,21 +35,26 @@ class Warped(Chart):
         self.torso_map = self.foot_map = SnappedMap(warp)
         self._polar = polar_function(POLAR_STEPS)
 
-    def torso(self, bar: cs.SX, site: Site | None) -> tuple[cs.SX, cs.SX]:
-        """Eq. 13."""
-        assert site is not None
-        p, jacobian = site.at(bar[:3])
+    @classmethod
+    def of(cls, terrain: HeightField, *, smoothing_m: float, flattened: Callable[[], SplineMap]) -> Self:
+        """Of the terrain and its map."""
+        return cls(terrain, flattened())
+
+    def torso(self, bar: cs.SX, expansion: ExpansionPoint | None) -> tuple[cs.SX, cs.SX]:
+        """φ(p̄) and 𝒫[J(p̄)] R(θ̄) (W13)."""
+        assert expansion is not None
+        p, jacobian = expansion.at(bar[:3])
         return p, self._polar(jacobian) @ euler(bar[3:])
 
-    def foot(self, bar: cs.SX, site: Site | None) -> cs.SX:
+    def foot(self, bar: cs.SX, expansion: ExpansionPoint | None) -> cs.SX:
         """φ(p̄_i)."""
-        assert site is not None
-        return site.here[0]
+        assert expansion is not None
+        return expansion.here[0]
 
-    def force(self, bar: cs.SX, foot: cs.SX, site: Site | None) -> cs.SX:
+    def force(self, bar: cs.SX, foot: cs.SX, expansion: ExpansionPoint | None) -> cs.SX:
         """J(p̄_i) f̄_i."""
-        assert site is not None
-        return site.here[1] @ bar
+        assert expansion is not None
+        return expansion.here[1] @ bar
 
     def torso_bar(self, p_WB: Array) -> Array:
         """φ⁻¹(p)."""
@@ -68,12 +75,10 @@ class WarpedExact(Warped):
     The map matches the terrain at z̄ = 0, so the first two columns of J span the tangent plane there.
     """
 
-    name = "warped-exact"
-
-    def force(self, bar: cs.SX, foot: cs.SX, site: Site | None) -> cs.SX:
+    def force(self, bar: cs.SX, foot: cs.SX, expansion: ExpansionPoint | None) -> cs.SX:
         """R_WC f̄_i with the axes of ``tangent_frame``."""
-        assert site is not None
-        return tangent_frame(site.here[1]) @ bar
+        assert expansion is not None
+        return tangent_frame(expansion.here[1]) @ bar
 
     def force_bar(self, f_W: Array, foot: Array) -> Array:
         """R_WCᵀ f."""

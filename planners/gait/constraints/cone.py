@@ -13,7 +13,7 @@ import numpy as np
 
 from ..charts.chart import Chart
 from ..transcription.blocks import Block, Constraint, Kernel
-from ..transcription.taylor import Site
+from ..transcription.taylor import ExpansionPoint
 from ..variables.layout import NOTHING
 from ..variables.structure import Structure
 
@@ -33,19 +33,19 @@ def cone(structure: Structure) -> Constraint | None:
         return None
     every = np.concatenate(entries)
     every = every[every[:, 3] != NOTHING]
-    family = structure.entries("force coefficients", every, True)
-    rows = np.arange(family.count)
-    block = Block(pressing(structure.chart, structure.task.friction), ((family, rows),), rows[:, None])
-    inside = np.full(family.count, structure.settings.tolerance)
-    return Constraint("cone", inside, np.full(family.count, np.inf), (block,))
+    variables = structure.entries("force coefficients", every, True)
+    rows = np.arange(variables.count)
+    block = Block(pressing(structure.chart, structure.task.friction), ((variables, rows),), rows[:, None])
+    inside = np.full(variables.count, structure.settings.tolerance)
+    return Constraint("cone", inside, np.full(variables.count, np.inf), (block,))
 
 
 def pressing(chart: Chart, friction: float) -> Kernel:
     """ν f_n − √(‖f_t‖² + ε²)."""
 
-    def kernel(signals: list[cs.SX], sites: list[Site | None]) -> cs.SX:
-        (foot,), (site,) = signals, sites
-        normal, tangential = chart.cone(foot[3:], foot[:3], site)
+    def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
+        (foot,), (expansion,) = features, expansions
+        normal, tangential = chart.cone(foot[3:], foot[:3], expansion)
         return friction * normal - cs.sqrt(cs.sumsqr(tangential) + TIP**2)
 
     return kernel

@@ -9,7 +9,7 @@ import casadi as cs
 import numpy as np
 
 from ..transcription.blocks import Block, Constraint
-from ..transcription.taylor import Site
+from ..transcription.taylor import ExpansionPoint
 from ..variables.structure import Structure
 
 
@@ -17,14 +17,14 @@ def contact(structure: Structure) -> Constraint | None:
     """One row for each place where a foot stands; none in a flat chart."""
     if structure.chart.flat:
         return None
-    family = structure.entries("footholds", np.concatenate([foot.stances for foot in structure.layout.feet]), True)
-    rows = np.arange(family.count)
-    zeros = np.zeros(family.count)
-    return Constraint("contact", zeros, zeros, (Block(above, ((family, rows),), rows[:, None]),))
+    variables = structure.entries("footholds", np.concatenate([foot.stances for foot in structure.layout.feet]), True)
+    rows = np.arange(variables.count)
+    zeros = np.zeros(variables.count)
+    return Constraint("contact", zeros, zeros, (Block(above, ((variables, rows),), rows[:, None]),))
 
 
-def above(signals: list[cs.SX], sites: list[Site | None]) -> cs.SX:
+def above(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
     """z − h(x, y)."""
-    (foot,), (site,) = signals, sites
-    assert site is not None
-    return foot[2] - site.here[0]
+    (foot,), (expansion,) = features, expansions
+    assert expansion is not None
+    return foot[2] - expansion.here[0]

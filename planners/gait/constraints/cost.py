@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from ..transcription.blocks import Block
-from ..transcription.taylor import Site
+from ..transcription.taylor import ExpansionPoint
 from ..variables.structure import Structure
 from .dynamics import UP, inertia_block
 
@@ -21,11 +21,11 @@ def acceleration(structure: Structure) -> Block:
     inner = inertia_block(structure, nodes, np.zeros((len(nodes), 1), dtype=np.intp))
     step_s = structure.settings.step_s
 
-    def kernel(signals: list[cs.SX], sites: list[Site | None]) -> cs.SX:
-        felt = -inner.kernel(signals, sites) - cs.DM([*UP, 0.0, 0.0, 0.0])
+    def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
+        felt = -inner.kernel(features, expansions) - cs.DM([*UP, 0.0, 0.0, 0.0])
         return step_s * cs.sumsqr(felt)
 
-    return Block(kernel, inner.ports, inner.scatter, inner.order)
+    return Block(kernel, inner.selections, inner.scatter, inner.order)
 
 
 def force_rate(structure: Structure) -> csr_array:

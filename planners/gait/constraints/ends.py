@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, vstack
 from ...files.arrays import Array
 from ..charts.chart import Chart
 from ..transcription.blocks import Block, Constraint, Kernel
-from ..transcription.taylor import Site
+from ..transcription.taylor import ExpansionPoint
 from ..variables.layout import Index
 from ..variables.structure import Structure
 
@@ -46,8 +46,8 @@ def over(structure: Structure, name: str, node: int, xy_m: Array) -> Constraint:
 def horizontal(chart: Chart) -> Kernel:
     """p_xy of the torso."""
 
-    def kernel(signals: list[cs.SX], sites: list[Site | None]) -> cs.SX:
-        return chart.torso(signals[0], sites[0])[0][:2]
+    def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
+        return chart.torso(features[0], expansions[0])[0][:2]
 
     return kernel
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from ..charts.chart import Chart
 from ..transcription.blocks import Block, Constraint, Kernel, Rows
-from ..transcription.taylor import Site
+from ..transcription.taylor import ExpansionPoint
 from ..variables.structure import Structure
 
 
@@ -21,7 +21,7 @@ def reach(structure: Structure) -> Constraint:
     blocks: list[Block] = []
     for group in structure.feet_at_nodes:
         scatter = 3 * (count + np.arange(len(group.foot)))[:, None] + np.arange(3)
-        blocks.append(Block(within(structure.chart), (group.port(), structure.torso_at(group.node)), scatter))
+        blocks.append(Block(within(structure.chart), (group.selection(), structure.torso_at(group.node)), scatter))
         count, order = count + len(group.foot), [*order, group.foot]
     foot = np.concatenate(order)
     return Constraint("reach", low[foot].ravel(), high[foot].ravel(), tuple(blocks))
@@ -30,8 +30,8 @@ def reach(structure: Structure) -> Constraint:
 def within(chart: Chart) -> Kernel:
     """Rᵀ (p_i − p) of a foot, in the torso's frame."""
 
-    def kernel(signals: list[cs.SX], sites: list[Site | None]) -> cs.SX:
-        (foot, torso), (at_foot, at_torso) = signals, sites
+    def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
+        (foot, torso), (at_foot, at_torso) = features, expansions
         p, r = chart.torso(torso, at_torso)
         return r.T @ (chart.foot(foot[:3], at_foot) - p)
 

@@ -1,4 +1,4 @@
-"""What a plan has spent: every solve goes through an account, which records it, holds it to its caps and shows it."""
+"""What a plan has spent: every solve goes through one budget, which records it, holds it to its caps and shows it."""
 
 from __future__ import annotations
 
@@ -9,18 +9,16 @@ from typing import Any
 
 from ...errors import PlanningFailed
 from ...files.arrays import Array
-from ..formulation import GaitProgram
-from ..solution import GaitSolution
-from ..transcription.ipopt import Costs
+from ..gait_program import Costs, GaitProgram, GaitSolution
 from .attempt import Attempt, Progress
-from .subprocess import solve_apart
+from .subprocess import solve_in_subprocess
 
 PATIENCE = 10.0
 """A child process may take this many times the CPU time of a solve by the clock."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Step:
+class SolveRecord:
     """One solve. phase: ``feasible``, ``smooth`` or ``densify``; factor: on the terrain's heights.
 
     iterations, success, status: of the solver; violations: the largest at every iterate; seconds: CPU time in all, in
@@ -40,31 +38,36 @@ class Step:
     seconds_linear: float
 
 
-class Account:
+class SolveBudget:
     """Solves programs on one budget of CPU time; called like ``GaitProgram.solve``.
 
-    steps: every solve in its order; stopped: the caller's progress said so; phase: the name of the next steps.
+    solves: every one in its order; stopped: the caller's progress said so; phase: the name of the next solves.
     """
 
     def __init__(
-        self, *, solve_s: float = 60.0, total_s: float = 240.0, apart: bool = False, progress: Progress | None = None
+        self,
+        *,
+        solve_s: float = 60.0,
+        total_s: float = 240.0,
+        in_subprocess: bool = False,
+        progress: Progress | None = None,
     ) -> None:
-        self._solve_s, self._total_s, self._apart, self._progress = solve_s, total_s, apart, progress
+        self._solve_s, self._total_s, self._in_subprocess, self._progress = solve_s, total_s, in_subprocess, progress
         self._attempt, self._iterations = Attempt(), 0
-        self.steps: list[Step] = []
+        self.solves: list[SolveRecord] = []
         self.stopped, self.phase = False, "feasible"
 
     def begin(self, attempt: Attempt) -> None:
-        """The next steps are this attempt's."""
+        """The next solves are this attempt's."""
         self._attempt, self._iterations, self.phase = attempt, 0, "feasible"
 
     @property
     def seconds(self) -> float:
-        """CPU time of all steps [s]."""
-        return sum(step.seconds for step in self.steps)
+        """CPU time of all solves [s]."""
+        return sum(one.seconds for one in self.solves)
 
     @property
-    def over(self) -> bool:
+    def exhausted(self) -> bool:
         """Whether there is nothing left to spend, or the caller asked to stop."""
         return self.stopped or self.seconds >= self._total_s
 
@@ -86,23 +89,23 @@ class Account:
             "stop_when_feasible": stop_when_feasible,
         }  # fmt: skip
         limit_s = min(self._solve_s, max(self._total_s - self.seconds, 1.0))
-        if self._apart:
+        if self._in_subprocess:
             solution = self._in_child(program, guess, limit_s, options)
         else:
-            solution = program.solve(guess, _Watch(limit_s, self._shown), **options)
-        self.steps.append(self._step(program, solution))
+            solution = program.solve(guess, _TimeLimit(limit_s, self._on_iterate), **options)
+        self.solves.append(self._record(program, solution))
         return solution
 
     def _in_child(self, program: GaitProgram, guess: Array, limit_s: float, options: dict[str, Any]) -> GaitSolution:
         try:
-            return solve_apart(
-                program, guess, time_limit_s=PATIENCE * limit_s, callback=_Watch(limit_s, None), shown=self._shown,
-                **options,
+            return solve_in_subprocess(
+                program, guess, time_limit_s=PATIENCE * limit_s, callback=_TimeLimit(limit_s),
+                on_iterate=self._on_iterate, **options,
             )  # fmt: skip
         except PlanningFailed as error:
             return _nothing(program, guess, limit_s, str(error))
 
-    def _shown(self, _iteration: int, violation: float, cost: float) -> bool:
+    def _on_iterate(self, _iteration: int, violation: float, cost: float) -> bool:
         self._iterations += 1
         if self._progress is not None and self._progress(
             self._attempt, self._iterations - 1, violation, cost, self.phase
@@ -110,8 +113,8 @@ class Account:
             self.stopped = True
         return self.stopped
 
-    def _step(self, program: GaitProgram, solution: GaitSolution) -> Step:
-        return Step(
+    def _record(self, program: GaitProgram, solution: GaitSolution) -> SolveRecord:
+        return SolveRecord(
             attempt=self._attempt.name,
             chart=program.settings.chart,
             phase=self.phase,
@@ -126,16 +129,16 @@ class Account:
         )
 
 
-class _Watch:
-    """Ends a solve at its CPU time, or when what is shown says so; the time counts from the first iterate on."""
+class _TimeLimit:
+    """Ends a solve at its CPU time, or when on_iterate says so; the time counts from the first iterate on."""
 
-    def __init__(self, limit_s: float, shown: Callable[[int, float, float], bool] | None) -> None:
-        self._limit_s, self._shown, self._began = limit_s, shown, -1.0
+    def __init__(self, limit_s: float, on_iterate: Callable[[int, float, float], bool] | None = None) -> None:
+        self._limit_s, self._on_iterate, self._began = limit_s, on_iterate, -1.0
 
     def __call__(self, iteration: int, violation: float, cost: float) -> bool:
         now = time.process_time()
         self._began = now if self._began < 0.0 else self._began
-        stop = self._shown is not None and self._shown(iteration, violation, cost)
+        stop = self._on_iterate is not None and self._on_iterate(iteration, violation, cost)
         return stop or now - self._began > self._limit_s
 
 

@@ -24,7 +24,7 @@ FAILED = -1
 """Stage of an attempt that came to its end without success."""
 
 
-class Partial:
+class Checkpoint:
     """Points that attempts reached, in NAME.partial.npz; it belongs to one task, its settings and attempts.
 
     out: the file of the run, None keeps nothing. phases: what else is done with the points (``Caps.phases``). What

@@ -14,14 +14,13 @@ from numpy.typing import NDArray
 
 from ...files.arrays import Array
 from ...verify.trajectories import GaitReport
-from ...verify.trajectory_measurements import Motion
-from ..constraints.cost import acceleration, force_rate
+from ...verify.trajectory_measurements import TrajectoryMeasurements
 from ..constraints.dynamics import dynamics
 from ..constraints.reach import reach
-from ..formulation import GaitProgram, constraints
+from ..formulation import terms
+from ..gait_program import GaitProgram
 from ..task import GaitSettings
 from ..transcription.blocks import Block, Constraint
-from ..transcription.program import Program
 from ..variables.structure import Structure
 
 Flags = NDArray[np.bool_]
@@ -55,13 +54,9 @@ class DenseProgram(GaitProgram):
     """A program with the rows of ``checks`` besides its own; its variables are the same."""
 
     def __init__(self, base: GaitProgram, settings: GaitSettings, checks: Checks) -> None:
-        self.task, self.settings, self.checks = base.task, settings, checks
-        self.structure = Structure(base.task, settings, base.structure.chart)
-        self.program = Program(
-            self.structure.layout.size, [*constraints(self.structure), *half_way(self.structure, checks)],
-            [acceleration(self.structure)], force_rate(self.structure),
-        )  # fmt: skip
-        self._solvers = {}
+        self.checks = checks
+        structure = Structure(base.task, settings, base.structure.chart)
+        super().__init__(base.task, settings, structure, [*terms(structure), *half_way(structure, checks)])
 
 
 def densified(program: GaitProgram, report: GaitReport) -> DenseProgram | None:
@@ -91,16 +86,16 @@ def tightened(settings: GaitSettings, report: GaitReport) -> GaitSettings:
 
 def flaws(program: GaitProgram, report: GaitReport, band: float = BAND) -> Checks:
     """In which steps of the program's grid a trajectory's balances and reach are off."""
-    motion, broken = Motion(report.trajectory), {group.group for group in report.refused}
+    measured, broken = TrajectoryMeasurements(report.trajectory), {group.group for group in report.refused}
     steps, feet = program.structure.nodes - 1, program.structure.feet
     balance, arms = np.zeros(steps, dtype=bool), np.zeros((steps, feet), dtype=bool)
     if broken & {"force_balance", "force_peak", "moment_balance", "moment_peak"}:
-        for series, scale in ((motion.force_residual(), motion.weight_n),
-                              (motion.moment_residual(), motion.moment_scale_nm)):  # fmt: skip
+        for series, scale in ((measured.force_residual(), measured.weight_n),
+                              (measured.moment_residual(), measured.moment_scale_nm)):  # fmt: skip
             off = np.linalg.norm(series.values, axis=1) > FLAW * band * scale
             balance[_steps(series.times_s[off], program)] = True
     if "reach" in broken:
-        series = motion.reach()
+        series = measured.reach()
         samples, columns = np.nonzero(series.values > 0.5 * report.limits.reach_m)
         arms[_steps(series.times_s[samples], program), columns] = True
     return Checks(balance=balance, reach=arms, band=band)
@@ -142,6 +137,6 @@ def restricted(constraint: Constraint, kept: Flags) -> Constraint:
     for block in constraint.blocks:
         chosen = np.flatnonzero(kept[block.scatter].all(axis=1))
         if len(chosen):
-            ports = tuple((family, rows[chosen]) for family, rows in block.ports)
-            blocks.append(replace(block, ports=ports, scatter=number[block.scatter[chosen]]))
+            selections = tuple((variables, rows[chosen]) for variables, rows in block.selections)
+            blocks.append(replace(block, selections=selections, scatter=number[block.scatter[chosen]]))
     return replace(constraint, lower=constraint.lower[kept], upper=constraint.upper[kept], blocks=tuple(blocks))

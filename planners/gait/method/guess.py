@@ -1,13 +1,19 @@
-"""Initial guesses: a straight, level-headed walk that follows the terrain, and its perturbations."""
+"""Initial guesses: a straight, level-headed walk that follows the terrain, one along key frames, and perturbations."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
 import numpy as np
 
+from ...errors import InvalidInput
 from ...files.arrays import Array
-from ..charts.rotations import euler_angles
 from ..variables.layout import NOTHING, Index
 from ..variables.structure import Structure
+
+if TYPE_CHECKING:
+    from ...warp.contact_plans import KeyFrames
 
 RAMP = 0.15
 """Share of the time in which a walk gets up to speed, and in which it slows down."""
@@ -18,14 +24,46 @@ LOADING_S = 0.1
 def terrain_following(structure: Structure) -> Array:
     """A decision vector: torso at stand height over the smoothed terrain along a straight line, feet beneath it,
     the weight shared by the feet that stand. Shape (size,)."""
-    x = np.zeros(structure.layout.size)
-    walk = Walk(structure)
+    x, walk = np.zeros(structure.layout.size), Walk(structure)
     x[structure.layout.torso] = walk.torso_bar(structure.layout.torso_times_s)
+    return _with_feet(x, structure, walk, walk.footholds)
+
+
+def along_key_frames(structure: Structure, frames: KeyFrames) -> Array:
+    """A decision vector whose torso goes over key frames' bodies and whose footholds are their toes, shape (size,).
+
+    Time runs along the key frames as it runs along the path of the terrain-following guess, whose swings and forces it
+    has. Raises InvalidInput for a robot with other feet.
+    """
+    task, names, walk = structure.task, structure.task.robot.foot_names, Walk(structure)
+    if set(names) != set(frames.limbs):
+        raise InvalidInput(f"key frames: expected limbs {', '.join(names)}, got {', '.join(frames.limbs)}")
+    path = task.goal_xy_m - task.start_xy_m
+
+    def shares(times_s: Array) -> Array:
+        return np.asarray((walk.torso_xy(times_s) - task.start_xy_m) @ path / float(path @ path))
+
+    def footholds(number: int) -> Array:
+        phases = structure.layout.feet[number].phases
+        times = np.array([np.mean(phases.stance(index)) for index in range(phases.swings + 1)])
+        times[[0, -1]] = 0.0, task.duration_s
+        nearest = np.rint(shares(times) * (len(frames.toes_m) - 1)).astype(np.intp)
+        toes = frames.toes_m[np.clip(nearest, 0, len(frames.toes_m) - 1), frames.limbs.index(names[number])]
+        return np.column_stack([toes[:, :2], task.terrain.height(toes[:, :2])])
+
+    x = np.array(terrain_following(structure))
+    torso = frames.com_at(shares(structure.layout.torso_times_s))
+    x[structure.layout.torso[:, :3]] = structure.chart.torso_bar(torso)
+    return _with_feet(x, structure, walk, footholds)
+
+
+def _with_feet(x: Array, structure: Structure, walk: Walk, footholds: Callable[[int], Array]) -> Array:
+    """The vector with the feet on footholds, by foot of shape (S + 1, 3) [m], and a walk's swings and forces."""
     for number, foot in enumerate(structure.layout.feet):
-        footholds = walk.footholds(number)
-        bar = structure.chart.foot_bar(footholds)
+        stood = footholds(number)
+        bar = structure.chart.foot_bar(stood)
         _put(x, foot.stances, bar)
-        x[foot.swings] = walk.swings_bar(number, footholds, bar)
+        x[foot.swings] = walk.swings_bar(number, stood, bar)
         for index, entries in enumerate(foot.forces):
             times_s = structure.layout.force_times_s(number, index)
             _put(x, entries, walk.forces_bar(number, times_s, bar[index]))
@@ -121,6 +159,14 @@ def _eased(share: Array, ramp: float) -> Array:
 
     up, down = np.clip(share / ramp, 0.0, 1.0), np.clip((share - 1.0 + ramp) / ramp, 0.0, 1.0)
     return np.asarray((rise(up) + np.maximum(share - ramp, 0.0) - rise(down)) / (1.0 - ramp))
+
+
+def euler_angles(rotation: Array) -> Array:
+    """θ of rotations, shape (…, 3, 3) → (…, 3) [rad], pitch in [−π/2, π/2]."""
+    roll = np.arctan2(rotation[..., 2, 1], rotation[..., 2, 2])
+    pitch = -np.arcsin(np.clip(rotation[..., 2, 0], -1.0, 1.0))
+    yaw = np.arctan2(rotation[..., 1, 0], rotation[..., 0, 0])
+    return np.stack([roll, pitch, yaw], axis=-1)
 
 
 def _put(x: Array, entries: Index, values: Array) -> None:

@@ -19,10 +19,9 @@ from scipy.optimize import brentq
 from ...errors import InvalidInput
 from ...files.arrays import Array
 from ...terrain.heightfield import HeightField
-from ..formulation import GaitProgram
-from ..solution import GaitSolution
-from ..task import ChartName
-from .attempt import SCALED, Homotopy, Workbench
+from ..charts import CHARTS
+from ..gait_program import GaitProgram, GaitSolution
+from .attempt import Attempt, Homotopy, Workbench
 from .smoothing import Solve
 
 GENTLE = 1.0
@@ -72,69 +71,67 @@ def softened(terrain: HeightField, factor: float) -> HeightField:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Climb:
-    """What a homotopy came to. solutions: of all stages in their order, also of those that failed; reached: the
-    factor of the last stage that was solved, 0 for none."""
+class HomotopyPath:
+    """What a homotopy came to. solutions: of all stages in their order, also of those that failed; factors: theirs on
+    the terrain's gradients."""
 
     solutions: tuple[GaitSolution, ...]
     factors: tuple[float, ...]
 
     @property
     def reached(self) -> float:
-        """The largest factor that was solved."""
+        """The largest factor that was solved, 0 for none."""
         solved = [factor for factor, one in zip(self.factors, self.solutions, strict=True) if one.success]
         return max(solved, default=0.0)
 
 
-def climb(
+def follow_homotopy(
     bench: Workbench,
-    chart: ChartName,
-    heights: tuple[float, ...],
-    guess: Array | Callable[[GaitProgram], Array] | None = None,
+    attempt: Attempt,
+    guess: Array | None = None,
     *,
-    by: Homotopy = "height",
+    stage: int = 0,
     solve: Solve = GaitProgram.solve,
     max_iterations: int | None = None,
     most_stages: int = 12,
-    begun: float = 0.0,
     stop: Callable[[], bool] = lambda: False,
-) -> Climb:
-    """Solve at one factor after another, each from the last solution; half-way first where a stage fails.
+) -> HomotopyPath:
+    """Solve at one of an attempt's heights after another, each from the last solution; half-way where one fails.
 
-    heights: increasing factors on the gradients, the last 1; by: what makes the terrain gentler. A gentler terrain on
-    which the task is none is left out. guess: of the first stage, or what makes it of that stage's program, whose own
-    it is if missing. solve: in place of the programs' own; max_iterations: of one stage. begun: the factor that the
-    guess is of, where a climb goes on. stop: asked before every stage but the first.
+    A gentler terrain on which the task is none is left out. guess: of the first stage in its program, shape (size,),
+    the attempt's own if missing; stage: the index of the height to begin with, where a run goes on. solve: in place of
+    the programs' own; max_iterations: of one stage; stop: asked before every stage but the first.
     Ends at the last factor, after most_stages, or where a step is too small to halve.
     """
-    ahead, solutions, factors = list(heights), list[GaitSolution](), list[float]()
-    begin = (lambda program: program.guess) if guess is None else guess if callable(guess) else (lambda _: guess)
-    x, reached = None, begun
+    ahead, solutions, factors = list(attempt.heights[stage:]), list[GaitSolution](), list[float]()
+    begun = attempt.heights[stage - 1] if stage else 0.0
+    alone, x, reached = len(ahead) == 1 and not stage, guess, begun
     while ahead and len(solutions) < most_stages and not (solutions and stop()):
         factor = ahead[0]
         try:
-            program, own = stage_program(bench, chart, factor, by)
+            program, own = stage_program(bench, attempt.chart, factor, attempt.by)
         except InvalidInput:
             if len(ahead) == 1:
                 raise
             ahead.pop(0)
             continue
-        solution = solve(program, begin(program) if x is None else x, height_factor=own, max_iterations=max_iterations)
+        begin = attempt.guess(program) if x is None else x
+        solution = solve(program, begin, height_factor=own, max_iterations=max_iterations)
         solutions, factors = [*solutions, solution], [*factors, factor]
         if solution.success:
             x, reached = solution.x, ahead.pop(0)
-        elif (len(heights) == 1 and not begun) or factor - reached < LEAST:
+        elif alone or factor - reached < LEAST:
             break
         else:
             ahead.insert(0, 0.5 * (reached + factor))
-    return Climb(solutions=tuple(solutions), factors=tuple(factors))
+    return HomotopyPath(solutions=tuple(solutions), factors=tuple(factors))
 
 
 def stage_program(
-    bench: Workbench, chart: ChartName, factor: float, by: Homotopy = "height"
+    bench: Workbench, chart: str, factor: float, by: Homotopy = "height"
 ) -> tuple[GaitProgram, float]:
     """The program of a stage and the factor to solve it at: 1 where the stage has a terrain and a map of its own."""
-    if factor == 1.0 or (chart in SCALED and by == "height"):
+    if factor == 1.0 or (CHARTS.get(chart).scales and by == "height"):
         return bench.program(chart), factor
     terrain = bench.task.terrain
     lower = replace(bench.task, terrain=terrain.scaled(factor) if by == "height" else softened(terrain, factor))

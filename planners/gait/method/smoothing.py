@@ -13,9 +13,7 @@ from typing import Protocol
 from ...errors import InvalidInput
 from ...files.arrays import Array, checked
 from ...verify.trajectories import GaitReport, check_trajectory
-from ..formulation import GaitProgram
-from ..solution import GaitSolution
-from ..transcription.ipopt import Costs
+from ..gait_program import Costs, GaitProgram, GaitSolution
 
 
 class Solve(Protocol):

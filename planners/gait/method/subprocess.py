@@ -19,8 +19,7 @@ import numpy as np
 
 from ...errors import PlanningFailed
 from ...files.arrays import Array, frozen
-from ..formulation import GaitProgram
-from ..solution import GaitSolution
+from ..gait_program import GaitProgram, GaitSolution
 from ..transcription.ipopt import Callback
 
 if TYPE_CHECKING:
@@ -32,23 +31,23 @@ FIELDS = ("success", "iterations", "violations", "status", "seconds", "seconds_e
           "height_factor")  # fmt: skip
 
 
-def solve_apart(
+def solve_in_subprocess(
     program: GaitProgram,
     guess: Array | None = None,
     *,
     time_limit_s: float = 60.0,
     callback: Callback | None = None,
-    shown: Callback | None = None,
+    on_iterate: Callback | None = None,
     **options: Any,
 ) -> GaitSolution:
     """``program.solve(guess, callback, **options)`` in a child; the callback runs there.
 
-    shown(iteration, violation, cost): called here while the child works; the child ends soon after it returns True.
+    on_iterate(iteration, violation, cost): called here while the child works, which ends soon after it returns True.
     Raises PlanningFailed when the child has not answered after time_limit_s of wall-clock time, or died.
     """
     if not hasattr(os, "fork"):
         return program.solve(
-            guess, lambda *at: bool(shown and shown(*at)) | bool(callback and callback(*at)), **options
+            guess, lambda *at: bool(on_iterate and on_iterate(*at)) | bool(callback and callback(*at)), **options
         )
     here, there = Pipe()
     child = os.fork()
@@ -57,7 +56,7 @@ def solve_apart(
         _answer(program, guess, callback, options, there)
     there.close()
     try:
-        return _solution(program, _received(here, time_limit_s, shown))
+        return _solution(program, _received(here, time_limit_s, on_iterate))
     finally:
         here.close()
         _ended(child)
@@ -69,7 +68,7 @@ def _answer(
     """The child's whole life: it leaves without any of the parent's clean-up, and where the parent is gone."""
     status = 1
 
-    def told(*at: Any) -> bool:
+    def on_iterate(*at: Any) -> bool:
         try:
             pipe.send(at)
             stop = pipe.poll()
@@ -80,7 +79,7 @@ def _answer(
     try:
         for number in (signal.SIGINT, signal.SIGTERM):  # come to the whole group; the parent decides
             signal.signal(number, signal.SIG_IGN)
-        solution = program.solve(guess, told, **options)
+        solution = program.solve(guess, on_iterate, **options)
         header = {name: getattr(solution, name) for name in FIELDS}
         content = io.BytesIO()
         np.savez(content, x=solution.x, history=np.array(solution.history), header=np.array(json.dumps(header)))
@@ -90,17 +89,17 @@ def _answer(
         os._exit(status)
 
 
-def _received(pipe: Pair, time_limit_s: float, shown: Callback | None) -> bytes:
+def _received(pipe: Pair, time_limit_s: float, on_iterate: Callback | None) -> bytes:
     """The child's answer, after all that it has to show. Raises PlanningFailed."""
     deadline = time.monotonic() + time_limit_s
     while pipe.poll(max(deadline - time.monotonic(), 0.0)):
         try:
-            said = pipe.recv()
+            message = pipe.recv()
         except (EOFError, OSError):
             raise PlanningFailed("the solver's process died") from None
-        if isinstance(said, bytes):
-            return said
-        if shown is not None and shown(*said):
+        if isinstance(message, bytes):
+            return message
+        if on_iterate is not None and on_iterate(*message):
             with suppress(OSError):  # it may have come to its end
                 pipe.send("stop")
     raise PlanningFailed(f"the solver did not answer within {time_limit_s:g} s")

@@ -18,36 +18,36 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array, csr_array, vstack
 
 from ...files.arrays import Array
-from .taylor import JetMap, Site
+from .taylor import ExpansionPoint, TaylorMap
 
 Rows = NDArray[np.intp]
 
 
-Signal = Callable[[cs.SX, cs.SX], cs.SX]
-Place = Callable[[cs.SX, Site | None], cs.SX]
+Features = Callable[[cs.SX, cs.SX], cs.SX]
+Place = Callable[[cs.SX, ExpansionPoint | None], cs.SX]
 
 
-def itself(v: cs.SX, constants: cs.SX) -> cs.SX:
-    """The signal of a family whose arguments are what kernels want."""
+def identity(v: cs.SX, constants: cs.SX) -> cs.SX:
+    """The feature of a variables whose arguments are what kernels want."""
     return v
 
 
 @dataclass(frozen=True, eq=False)
-class Family:
+class VariableGroup:
     """Signals of one kind at many instances, e.g. the torso at all nodes.
 
-    rows: shape (K · width, size), the local arguments of each instance; signal: what kernels get of (arguments,
-    constants); constants: shape (K, c); map: the smooth map that kernels see about the point of a signal, which is
+    rows: shape (K · width, size), the local arguments of each instance; feature: what kernels get of (arguments,
+    constants); constants: shape (K, c); map: the smooth map that kernels see about the point of a feature, which is
     its first entries or ``place`` of it. inner: a map that ``place`` needs about the first entries, to find the point.
     """
 
     name: str
     rows: csr_array
     width: int
-    map: JetMap | None = None
-    signal: Signal = itself
+    map: TaylorMap | None = None
+    features: Features = identity
     constants: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    inner: JetMap | None = None
+    inner: TaylorMap | None = None
     place: Place | None = None
 
     @property
@@ -64,36 +64,36 @@ class Family:
         """Length of all jets of an instance, the inner map's before the outer's."""
         return sum(one.size(order) for one in (self.inner, self.map) if one is not None)
 
-    def sites(self, signal: cs.SX, order: int, jets: cs.SX) -> list[Site]:
-        """The inner and the outer map about their points, as far as the family has them."""
-        found: list[Site] = []
+    def expansions(self, feature: cs.SX, order: int, jets: cs.SX) -> list[ExpansionPoint]:
+        """The inner and the outer map about their points, as far as the variables has them."""
+        found: list[ExpansionPoint] = []
         if self.inner is not None:
-            found.append(_site(self.inner, signal[: self.inner.inputs], order, jets[: self.inner.size(order)]))
+            found.append(_expansion(self.inner, feature[: self.inner.inputs], order, jets[: self.inner.size(order)]))
         if self.map is not None:
-            point = signal if self.place is None else self.place(signal, found[0] if found else None)
+            point = feature if self.place is None else self.place(feature, found[0] if found else None)
             own = jets[self.jets(order) - self.map.size(order) :]
-            found.append(_site(self.map, point[: self.map.inputs], order, own))
+            found.append(_expansion(self.map, point[: self.map.inputs], order, own))
         return found
 
 
-def _site(chart_map: JetMap, point: cs.SX, order: int, jet: cs.SX) -> Site:
-    return Site(chart_map.polynomial(order), point, cs.SX.sym("b", chart_map.inputs), jet)
+def _expansion(chart_map: TaylorMap, point: cs.SX, order: int, jet: cs.SX) -> ExpansionPoint:
+    return ExpansionPoint(chart_map.polynomial(order), point, cs.SX.sym("b", chart_map.inputs), jet)
 
 
-Port = tuple[Family, Rows]
-"""A family and, for each instance of a block, which of its instances is meant."""
-Kernel = Callable[[list[cs.SX], list[Site | None]], cs.SX]
+Selection = tuple[VariableGroup, Rows]
+"""A variables and, for each instance of a block, which of its instances is meant."""
+Kernel = Callable[[list[cs.SX], list[ExpansionPoint | None]], cs.SX]
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """One kernel at K instances. ports: its arguments; scatter: shape (K, outputs), the row of each output.
+    """One kernel at K instances. selections: its arguments; scatter: shape (K, outputs), the row of each output.
 
-    order: how many derivatives of a port's map the kernel's value needs (1: the map and its Jacobian).
+    order: how many derivatives of a selection's map the kernel's value needs (1: the map and its Jacobian).
     """
 
     kernel: Kernel
-    ports: tuple[Port, ...]
+    selections: tuple[Selection, ...]
     scatter: Rows
     order: int = 1
 
@@ -127,10 +127,10 @@ class Compiled:
 
     def __init__(self, block: Block) -> None:
         self.block = block
-        self.families = [family for family, _ in block.ports]
+        self.groups = [variables for variables, _ in block.selections]
         self.gather = _gathered(block)
-        self.width = sum(family.width for family in self.families)
-        fixed = [family.constants[columns] for family, columns in block.ports if family.fixed]
+        self.width = sum(variables.width for variables in self.groups)
+        fixed = [variables.constants[columns] for variables, columns in block.selections if variables.fixed]
         self.constants: Array = np.concatenate(fixed, axis=1) if fixed else np.zeros((block.count, 0))
 
     @cached_property
@@ -151,88 +151,92 @@ class Compiled:
     def _function(self, derivatives: int) -> cs.Function:
         v, c = cs.SX.sym("v", self.width), cs.SX.sym("c", self.constants.shape[1])
         order = self.block.order + derivatives
-        jets = cs.SX.sym("j", sum(family.jets(order) for family in self.families))
-        output, sites = self._evaluated(v, c, jets, order)
+        jets = cs.SX.sym("j", sum(variables.jets(order) for variables in self.groups))
+        output, expansions = self._evaluated(v, c, jets, order)
         inputs = [v, c, jets]
         if derivatives == 1:
             output = cs.jacobian(output, v)
         elif derivatives == 2:
             multipliers = cs.SX.sym("m", self.block.scatter.shape[1])
             output, inputs = cs.hessian(cs.dot(multipliers, output), v)[0], [*inputs, multipliers]
-        for site in reversed(sites):  # every jet at its own point, so that powers of the distance to it vanish
-            output = cs.substitute(output, site.base, site.point)
+        for expansion in reversed(expansions):  # every jet at its own point: powers of the distance to it vanish
+            output = cs.substitute(output, expansion.base, expansion.point)
         return cs.Function("kernel", inputs, [output])
 
-    def _evaluated(self, v: cs.SX, c: cs.SX, jets: cs.SX, order: int) -> tuple[cs.SX, list[Site]]:
-        signals: list[cs.SX] = []
-        shown: list[Site | None] = []
-        every: list[Site] = []
+    def _evaluated(self, v: cs.SX, c: cs.SX, jets: cs.SX, order: int) -> tuple[cs.SX, list[ExpansionPoint]]:
+        features: list[cs.SX] = []
+        shown: list[ExpansionPoint | None] = []
+        every: list[ExpansionPoint] = []
         at = constant = jet = 0
-        for family in self.families:
-            signals.append(family.signal(v[at : at + family.width], c[constant : constant + family.fixed]))
-            sites = family.sites(signals[-1], order, jets[jet : jet + family.jets(order)])
-            at, constant, jet = at + family.width, constant + family.fixed, jet + family.jets(order)
-            shown += sites or [None]
-            every += sites
-        return self.block.kernel(signals, shown), every
+        for variables in self.groups:
+            features.append(variables.features(v[at : at + variables.width], c[constant : constant + variables.fixed]))
+            expansions = variables.expansions(features[-1], order, jets[jet : jet + variables.jets(order)])
+            at, constant, jet = at + variables.width, constant + variables.fixed, jet + variables.jets(order)
+            shown += expansions or [None]
+            every += expansions
+        return self.block.kernel(features, shown), every
 
-    def at(self, x: cs.MX, bank: JetBank, derivatives: int) -> list[cs.MX]:
+    def at(self, x: cs.MX, bank: TaylorBank, derivatives: int) -> list[cs.MX]:
         """Arguments of ``value``, ``jacobian`` or ``hessian`` (but its multipliers) at all instances."""
         order = self.block.order + derivatives
         v = cs.reshape(matrix(self.gather) @ x, self.width, self.block.count)
-        jets = [bank(family, order)[:, columns.tolist()] for family, columns in self.block.ports if family.jets(order)]
+        jets = [
+            bank(variables, order)[:, columns.tolist()]
+            for variables, columns in self.block.selections
+            if variables.jets(order)
+        ]
         empty = cs.MX(0, self.block.count)
         constants = cs.MX(cs.DM(self.constants.T)) if self.constants.size else empty
         return [v, constants, cs.vertcat(*jets) if jets else empty]
 
 
-class JetBank:
-    """Jets of whole families at one decision vector, each asked for once."""
+class TaylorBank:
+    """Jets of whole groups at one decision vector, each asked for once."""
 
     def __init__(self, x: cs.MX, height_factor: cs.MX) -> None:
         self._x, self._factor = x, height_factor
         self._found: dict[tuple[int, int], cs.MX] = {}
 
-    def __call__(self, family: Family, order: int) -> cs.MX:
+    def __call__(self, variables: VariableGroup, order: int) -> cs.MX:
         """Jets of all instances, shape (jets, K)."""
-        key = (id(family), order)
+        key = (id(variables), order)
         if key not in self._found:
-            v = cs.reshape(matrix(family.rows) @ self._x, family.width, family.count)
-            constants = cs.MX(cs.DM(family.constants.T)) if family.fixed else cs.MX(0, family.count)
-            points = self._mapped(family, v, constants)
+            v = cs.reshape(matrix(variables.rows) @ self._x, variables.width, variables.count)
+            constants = cs.MX(cs.DM(variables.constants.T)) if variables.fixed else cs.MX(0, variables.count)
+            points = self._mapped(variables, v, constants)
             jets = []
-            if family.inner is not None:
-                jets.append(self._jets(family.inner, points, order))
-                if family.place is not None:
-                    points = self._placed(family, points, self._jets(family.inner, points, 1))
-            elif family.place is not None:
-                points = self._placed(family, points, cs.MX(0, family.count))
-            if family.map is not None:
-                jets.append(self._jets(family.map, points, order))
+            if variables.inner is not None:
+                jets.append(self._jets(variables.inner, points, order))
+                if variables.place is not None:
+                    points = self._placed(variables, points, self._jets(variables.inner, points, 1))
+            elif variables.place is not None:
+                points = self._placed(variables, points, cs.MX(0, variables.count))
+            if variables.map is not None:
+                jets.append(self._jets(variables.map, points, order))
             self._found[key] = cs.vertcat(*jets)
         return self._found[key]
 
-    def _jets(self, chart_map: JetMap, points: cs.MX, order: int) -> cs.MX:
+    def _jets(self, chart_map: TaylorMap, points: cs.MX, order: int) -> cs.MX:
         jets = chart_map.jet(order).map(points.shape[1])(points[: chart_map.inputs, :])
         return self._factor * jets if chart_map.homogeneous else jets
 
     @staticmethod
-    def _mapped(family: Family, v: cs.MX, constants: cs.MX) -> cs.MX:
-        if family.signal is itself:
+    def _mapped(variables: VariableGroup, v: cs.MX, constants: cs.MX) -> cs.MX:
+        if variables.features is identity:
             return v
-        a, c = cs.SX.sym("v", family.width), cs.SX.sym("c", family.fixed)
-        return cs.Function("signal", [a, c], [cs.densify(family.signal(a, c))]).map(family.count)(v, constants)
+        a, c = cs.SX.sym("v", variables.width), cs.SX.sym("c", variables.fixed)
+        return cs.Function("feature", [a, c], [cs.densify(variables.features(a, c))]).map(variables.count)(v, constants)
 
     @staticmethod
-    def _placed(family: Family, signals: cs.MX, jets: cs.MX) -> cs.MX:
-        assert family.place is not None
-        signal, jet = cs.SX.sym("s", signals.shape[0]), cs.SX.sym("j", jets.shape[0])
-        site = None
-        if family.inner is not None:
-            point = signal[: family.inner.inputs]
-            site = Site(family.inner.polynomial(1), point, point, jet)
-        place = cs.Function("place", [signal, jet], [cs.densify(family.place(signal, site))])
-        return place.map(family.count)(signals, jets)
+    def _placed(variables: VariableGroup, features: cs.MX, jets: cs.MX) -> cs.MX:
+        assert variables.place is not None
+        feature, jet = cs.SX.sym("s", features.shape[0]), cs.SX.sym("j", jets.shape[0])
+        expansion = None
+        if variables.inner is not None:
+            point = feature[: variables.inner.inputs]
+            expansion = ExpansionPoint(variables.inner.polynomial(1), point, point, jet)
+        place = cs.Function("place", [feature, jet], [cs.densify(variables.place(feature, expansion))])
+        return place.map(variables.count)(features, jets)
 
 
 def matrix(rows: Any) -> cs.DM:
@@ -252,13 +256,13 @@ def scattered(rows: Rows, total: int) -> csr_array:
 def _gathered(block: Block) -> csr_array:
     """Rows of all arguments, instance by instance, shape (K · width, size)."""
     parts, order = [], []
-    width = sum(family.width for family, _ in block.ports)
+    width = sum(variables.width for variables, _ in block.selections)
     at = 0
-    for family, columns in block.ports:
-        local = np.arange(family.width)
-        parts.append(family.rows[(family.width * np.asarray(columns)[:, None] + local).ravel()])
+    for variables, columns in block.selections:
+        local = np.arange(variables.width)
+        parts.append(variables.rows[(variables.width * np.asarray(columns)[:, None] + local).ravel()])
         order.append((width * np.arange(block.count)[:, None] + at + local).ravel())
-        at += family.width
+        at += variables.width
     stacked = csr_array(vstack(parts))
     return csr_array(stacked[np.argsort(np.concatenate(order), kind="stable")])
 
@@ -268,6 +272,6 @@ def blocks_of(constraints: Sequence[Constraint]) -> list[Block]:
     found, first = [], 0
     for constraint in constraints:
         for block in constraint.blocks:
-            found.append(Block(block.kernel, block.ports, block.scatter + first, block.order))
+            found.append(Block(block.kernel, block.selections, block.scatter + first, block.order))
         first += constraint.rows
     return found

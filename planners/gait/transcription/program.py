@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from ...files.arrays import Array
-from .blocks import Block, Compiled, Constraint, JetBank, blocks_of, matrix, scattered
+from .blocks import Block, Compiled, Constraint, TaylorBank, blocks_of, matrix, scattered
 
 
 class Program:
@@ -30,7 +30,7 @@ class Program:
         self._linear = matrix(vstack(linear))
         self._x, self._p = cs.MX.sym("x", size), cs.MX.sym("p", size + 4)
         self._reference, self._weights, self._factor = cs.vertsplit(self._p, [0, size, size + 3, size + 4])
-        self._bank = JetBank(self._x, self._factor)
+        self._bank = TaylorBank(self._x, self._factor)
 
     @cached_property
     def _costs(self) -> list[Compiled]:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 DEGREE = 3
 
 
-class JetMap:
+class TaylorMap:
     """A map R^d → R^m of tensor-product cubic splines, and its jets.
 
     control: coefficients, shape (m, n₁, …, n_d); knots: along each axis, shape (n_k + 4,). homogeneous: whether the map
@@ -40,7 +40,7 @@ class JetMap:
         self._derivatives: dict[tuple[int, ...], cs.Function] = {}
 
     @classmethod
-    def of_heights(cls, field: HeightField) -> JetMap:
+    def of_heights(cls, field: HeightField) -> TaylorMap:
         """h(x, y) of a terrain."""
         return cls(*field.spline, homogeneous=True)
 
@@ -100,7 +100,7 @@ class JetMap:
         return value
 
 
-class SnappedMap(JetMap):
+class SnappedMap(TaylorMap):
     """φ of a warp map: splines s(x̄), and a correction fade(z̄) · δ(s_x, s_y) upward that makes the ground exact.
 
     Its jet is that of s and then that of δ.
@@ -108,7 +108,7 @@ class SnappedMap(JetMap):
 
     def __init__(self, warp: SplineMap) -> None:
         super().__init__(*warp.spline, homogeneous=False)
-        self._snap = None if warp.snap is None else JetMap.of_heights(warp.snap)
+        self._snap = None if warp.snap is None else TaylorMap.of_heights(warp.snap)
         self._fade_m = warp.fade_m
 
     def size(self, order: int) -> int:
@@ -137,7 +137,7 @@ class SnappedMap(JetMap):
 
 
 @dataclass(frozen=True, eq=False)
-class Site:
+class ExpansionPoint:
     """The map about one point of a kernel: its jet, as symbols, and where the jet was taken."""
 
     polynomial: cs.Function
@@ -146,11 +146,11 @@ class Site:
     jet: cs.SX
 
     def at(self, point: cs.SX) -> tuple[cs.SX, cs.SX]:
-        """Value (m) and Jacobian (m, d) of the map near the site."""
+        """Value (m) and Jacobian (m, d) of the map near the expansion."""
         value, jacobian = self.polynomial(point, self.base, self.jet)
         return value, jacobian
 
     @cached_property
     def here(self) -> tuple[cs.SX, cs.SX]:
-        """Value (m) and Jacobian (m, d) of the map at the site."""
+        """Value (m) and Jacobian (m, d) of the map at the expansion."""
         return self.at(self.point)

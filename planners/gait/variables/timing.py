@@ -1,55 +1,111 @@
-"""Optimised phase durations (paper W §III-A, TOWR): feet at fixed times whose phases begin and end at variables.
+"""Feet at fixed times, by the schedule or with optimised phase durations (paper W §III-A, TOWR).
 
-The variables are the switching times, so durations are their differences and sum up to T by themselves. A switching
-time may move by the settings' slack about the schedule; a node that it can pass belongs to both phases, and the
-variables decide. Between phases place, velocity and force are continuous, so the program is C¹ in the switching times.
+Where durations are optimised, phases begin and end at variables, the switching times: durations are their differences
+and sum up to T by themselves. A switching time may move by the settings' slack about the schedule; a node that it can
+pass belongs to both phases, and the variables decide. Between phases place, velocity and force are continuous, so the
+program is C¹ in the switching times.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from dataclasses import dataclass
 
 import casadi as cs
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
-from ..transcription.blocks import Constraint, Family
-from .layout import NOTHING, FootEntries, Index
+from ...files.arrays import Array
+from ..transcription.blocks import Features, Rows, Selection, VariableGroup, identity
+from ..transcription.taylor import TaylorMap
+from .layout import NOTHING, FootEntries, Index, Layout
 from .splines import clamped_symbolic, hermite
-from .structure import FootGroup, Structure
-
-SHORTEST_S = 0.1
-"""No phase gets shorter than this [s]."""
-
 
 _Key = tuple[tuple[str, int], ...]
 """Kinds of the phases that a node may be in, each with its number of force coefficients."""
 
 
-def ordered(structure: Structure) -> Constraint | None:
-    """Every phase lasts, and no switching time leaves its slack; in seconds. None where timings are fixed."""
-    rows, lower, upper = [], [], []
-    slack, layout = structure.settings.switch_slack_s, structure.layout
-    for foot in layout.feet:
-        if not len(foot.switches):
-            return None
-        own = layout.entry_rows(foot.switches)
-        rows += [own, csr_array(own[1:] - own[:-1])]
-        lasting = np.diff(foot.phases.switches_s)
-        lower += [foot.phases.switches_s - slack, np.minimum(SHORTEST_S, lasting)]
-        upper += [foot.phases.switches_s + slack, np.full(len(lasting), np.inf)]
-    return Constraint("durations", np.concatenate(lower), np.concatenate(upper), (), csr_array(vstack(rows)))
+@dataclass(frozen=True, eq=False)
+class FootGroup:
+    """Feet of one kind at nodes. foot, node: shape (K,); pushes: whether they may stand.
+
+    variables: their features are (p̄_i, f̄_i), or p̄_i of feet that only swing.
+    """
+
+    variables: VariableGroup
+    foot: NDArray[np.intp]
+    node: NDArray[np.intp]
+    pushes: bool
+
+    def selection(self, chosen: Rows | None = None) -> Selection:
+        """All its instances, or some."""
+        return self.variables, np.arange(len(self.foot)) if chosen is None else chosen
 
 
-def moving_groups(structure: Structure) -> tuple[FootGroup, ...]:
-    """All feet at all nodes, grouped by the phases that they may be in."""
+def scheduled_groups(layout: Layout, times_s: Array, foot_map: TaylorMap | None) -> tuple[FootGroup, ...]:
+    """All feet at all nodes by the schedule's phases: those that stand, then those that swing.
+
+    times_s: of the nodes, shape (K,) [s]; foot_map: the chart's.
+    """
+    at: dict[bool, list[tuple[int, int]]] = {True: [], False: []}
+    rows: dict[bool, list[csr_array]] = {True: [], False: []}
+    for foot, entries in enumerate(layout.feet):
+        stands = entries.phases.stands(times_s)
+        places, forces = layout.foot_rows(foot, times_s), layout.force_rows(foot, times_s)
+        for node in range(len(times_s)):
+            where, standing = slice(3 * node, 3 * node + 3), bool(stands[node])
+            at[standing].append((foot, node))
+            place = places[where]
+            rows[standing] += [place[:2] if layout.flat else place, forces[where]] if standing else [place]
+    width, features = (5, on_ground) if layout.flat else (6, identity)
+    kinds: list[tuple[bool, str, int, Features]] = [(True, "stance", width, features), (False, "swing", 3, identity)]
+    groups = []
+    for standing, name, size, made in kinds:
+        if at[standing]:
+            variables = VariableGroup(name, csr_array(vstack(rows[standing])), size, foot_map, made)
+            foot_of, node_of = np.array(at[standing]).T
+            groups.append(FootGroup(variables, foot_of, node_of, standing))
+    return tuple(groups)
+
+
+def on_ground(v: cs.SX, constants: cs.SX) -> cs.SX:
+    """(p̄, f̄) of a foot that stands on z̄ = 0, from (x̄, ȳ, f̄) (W8)."""
+    return cs.vertcat(v[:2], 0.0, v[2:5])
+
+
+def entry_group(layout: Layout, name: str, entries: Index, entry_map: TaylorMap | None = None) -> VariableGroup:
+    """Entries of the decision vector as features, shape (K, width); columns that are NOTHING throughout are 0."""
+    used = [k for k in range(entries.shape[1]) if np.any(entries[:, k] != NOTHING)]
+    width = entries.shape[1]
+
+    def spread(v: cs.SX, constants: cs.SX) -> cs.SX:
+        out = cs.SX.zeros(width)
+        for at, k in enumerate(used):
+            out[k] = v[at]
+        return out
+
+    return VariableGroup(name, layout.entry_rows(entries[:, used]), len(used), entry_map, spread)
+
+
+def moving_groups(
+    layout: Layout, times_s: Array, foot_map: TaylorMap | None, slack_s: float
+) -> tuple[FootGroup, ...]:
+    """All feet at all nodes, grouped by the phases that they may be in where switching times may move by slack_s."""
     found: dict[_Key, list[tuple[int, int, Index]]] = {}
-    for foot, entries in enumerate(structure.layout.feet):
-        for node, time in enumerate(structure.times_s):
-            candidates = _candidates(entries, float(time), structure.settings.switch_slack_s)
-            key, columns = _columns(entries, candidates)
+    for foot, entries in enumerate(layout.feet):
+        for node, time in enumerate(times_s):
+            key, columns = _columns(entries, _candidates(entries, float(time), slack_s))
             found.setdefault(key, []).append((foot, node, columns))
-    return tuple(_moving_group(structure, key, members) for key, members in found.items())
+    groups = []
+    for key, members in found.items():
+        foot_of, node_of = np.array([member[:2] for member in members]).T
+        plain = entry_group(layout, "moving", np.array([member[2] for member in members]))
+        features = _moving_features(key, plain.features, layout.duration_s)
+        variables = VariableGroup(
+            "moving feet", plain.rows, plain.width, foot_map, features, np.asarray(times_s)[node_of][:, None]
+        )
+        groups.append(FootGroup(variables, foot_of, node_of, any(kind != "swing" for kind, _ in key)))
+    return tuple(groups)
 
 
 def _candidates(entries: FootEntries, time: float, slack: float) -> list[int]:
@@ -79,19 +135,10 @@ def _columns(entries: FootEntries, candidates: list[int]) -> tuple[_Key, Index]:
     return tuple(key), np.concatenate(columns)
 
 
-def _moving_group(structure: Structure, key: _Key, members: list[tuple[int, int, Index]]) -> FootGroup:
-    foot, node = np.array([member[:2] for member in members]).T
-    plain = structure.entries("moving", np.array([member[2] for member in members]))
-    times = structure.times_s[node][:, None]
-    signal = _signal(key, plain.signal, structure.task.duration_s)
-    family = Family("moving feet", plain.rows, plain.width, structure.chart.foot_map, signal, times)
-    return FootGroup(family, foot, node, any(kind != "swing" for kind, _ in key))
-
-
-def _signal(key: _Key, inner: Callable[[cs.SX, cs.SX], cs.SX], duration_s: float) -> Callable[[cs.SX, cs.SX], cs.SX]:
+def _moving_features(key: _Key, inner: Features, duration_s: float) -> Features:
     """(p̄, f̄) at a node: of its one phase, or of the first until the switch and of the second from it on."""
 
-    def signal(v: cs.SX, constants: cs.SX) -> cs.SX:
+    def features(v: cs.SX, constants: cs.SX) -> cs.SX:
         at, time = inner(v, constants), constants[0]
         first = 0
         found, begins = [], []
@@ -108,7 +155,7 @@ def _signal(key: _Key, inner: Callable[[cs.SX, cs.SX], cs.SX], duration_s: float
             result = cs.if_else(time < begin, result, phase)
         return result
 
-    return signal
+    return features
 
 
 def _standing(own: cs.SX, time: cs.SX, begin: cs.SX, end: cs.SX) -> cs.SX:

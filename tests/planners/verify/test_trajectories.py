@@ -17,7 +17,7 @@ from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.robot.single_body import Foot, GaitRobot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import GROUPS, Limits, check_trajectory
-from stancekit.planners.verify.trajectory_measurements import Motion
+from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
 
 G = 9.81
 STEP_S = 0.005
@@ -231,7 +231,7 @@ def test_the_residuals_are_what_is_missing_in_newtons_and_newton_metres():
     sway = swaying()
     push = np.array(sway.forces_n)
     push[40, 0] += [20.0, 0.0, 0.0]
-    motion, pushed = Motion(sway), Motion(replace(sway, forces_n=push))
+    motion, pushed = TrajectoryMeasurements(sway), TrajectoryMeasurements(replace(sway, forces_n=push))
     arm = sway.feet_m[40, 0] - sway.torso_m[40]
     force = pushed.force_residual().values - motion.force_residual().values
     moment = pushed.moment_residual().values - motion.moment_residual().values
@@ -259,7 +259,7 @@ def test_curved_ground_is_met_at_its_true_normal():
     feet = above[:, None] * normals - [0.0, 0.0, radius]
     lean = 100.0 * (normals + 0.3 * np.cross(normals, [0.0, 1.0, 0.0]) / np.linalg.norm(
         np.cross(normals, [0.0, 1.0, 0.0]), axis=1, keepdims=True))  # fmt: skip
-    motion = Motion(
+    motion = TrajectoryMeasurements(
         replace(still, terrain=dome, feet_m=np.tile(feet, (101, 1, 1)), forces_n=np.tile(lean, (101, 1, 1)))
     )
     assert np.allclose(motion.contact_gap().values[0], [0.0, 5e-4, 5e-4, 0.0], atol=1e-6)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.formulation import GaitProgram, formulate
+from stancekit.planners.gait.charts.pushforward import Pushforward
+from stancekit.planners.gait.formulation import formulate
+from stancekit.planners.gait.gait_program import GaitProgram
 from stancekit.planners.gait.method.guess import Walk
-from stancekit.planners.gait.solution import Pushforward
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import Foot, GaitRobot, anymal, hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
@@ -64,7 +65,7 @@ def test_what_a_chart_pulls_back_it_pushes_forward(small: Build, chart: str) -> 
     rng = np.random.default_rng(0)
     feet, forces = rng.uniform(-1.0, 1.0, (5, 3)), rng.standard_normal((5, 3))
     bar = structure.chart.foot_bar(feet)
-    push = Pushforward(structure)
+    push = Pushforward(structure.chart)
     p_i, f_i = push.foot(bar, structure.chart.force_bar(forces, bar))
     assert p_i == pytest.approx(feet, abs=1e-12)
     assert f_i == pytest.approx(forces, abs=1e-12)

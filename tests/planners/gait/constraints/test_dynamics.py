@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.gait.charts.chart import Ambient
-from stancekit.planners.gait.charts.rotations import euler, euler_angles, shear_rotation
+from stancekit.planners.gait.charts.ambient import Ambient
+from stancekit.planners.gait.charts.rotations import euler, shear_rotation
 from stancekit.planners.gait.constraints.dynamics import centred, newton_euler, printed, wrench
+from stancekit.planners.gait.method.guess import euler_angles
 from stancekit.planners.robot.single_body import GRAVITY_M_S2, anymal
 from stancekit.planners.terrain.heightfield import HeightField
 

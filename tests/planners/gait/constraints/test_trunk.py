@@ -6,7 +6,8 @@ from itertools import product
 import numpy as np
 
 from stancekit.planners.gait.constraints.trunk import lower_face, near
-from stancekit.planners.gait.formulation import GaitProgram, formulate
+from stancekit.planners.gait.formulation import formulate
+from stancekit.planners.gait.gait_program import GaitProgram
 from stancekit.planners.gait.task import GaitTask
 from stancekit.planners.gait.variables.structure import Structure
 from stancekit.planners.robot.single_body import anymal
@@ -26,7 +27,7 @@ def test_points_of_the_lower_face_are_close_enough_together() -> None:
 def test_level_ground_gets_no_rows_and_a_rim_gets_them_when_the_robot_is_there(
     small: Callable[..., GaitProgram],
 ) -> None:
-    assert "trunk" not in {term.name for term in small().program.constraints}
+    assert "trunk" not in {term.name for term in small().nlp.constraints}
     structure = pit().structure
     node, point = near(structure, lower_face(structure.task.robot.trunk_half_m))
     assert 0 < len(node) < 0.5 * structure.nodes * (point.max() + 1)

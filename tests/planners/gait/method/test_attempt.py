@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.gait.method.attempt import Attempt, Workbench
-from stancekit.planners.gait.method.checkpoint import FAILED, Partial
+from stancekit.planners.gait.method.checkpoint import FAILED, Checkpoint
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
@@ -86,7 +86,7 @@ ATTEMPTS = [Attempt(), Attempt(chart="ambient", heights=(0.5, 1.0))]
 
 
 def kept(path, **changes):
-    return Partial(path, changes.get("task", TASK), changes.get("settings", GaitSettings()), ATTEMPTS)
+    return Checkpoint(path, changes.get("task", TASK), changes.get("settings", GaitSettings()), ATTEMPTS)
 
 
 def test_points_come_back_to_the_same_task_and_to_no_other(tmp_path, found):

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.method.attempt import Workbench
+from stancekit.planners.gait.method.attempt import Attempt, Workbench
 from stancekit.planners.gait.method.homotopy import (
     GENTLE,
     GROWTH,
-    climb,
+    follow_homotopy,
     heights_for,
     softened,
     stage_program,
@@ -40,6 +40,10 @@ def answers(*, fails):
     return solve, asked
 
 
+def ambient(*heights, by="height"):
+    return Attempt(chart="ambient", heights=heights, by=by)
+
+
 @pytest.fixture(scope="module")
 def bench():
     return SimpleNamespace(program=lambda chart: SimpleNamespace(guess=np.zeros(1)))
@@ -62,14 +66,14 @@ def test_gentle_terrains_need_no_stages_and_steep_ones_grow_evenly():
 
 def test_each_stage_begins_where_the_last_one_ended(bench):
     solve, asked = answers(fails=lambda factor, at: False)
-    found = climb(bench, "ambient", (0.25, 0.5, 1.0), solve=solve)
+    found = follow_homotopy(bench, ambient(0.25, 0.5, 1.0), solve=solve)
     assert asked == [(0.25, 0.0), (0.5, 0.25), (1.0, 0.5)]
     assert found.reached == 1.0
 
 
 def test_a_stage_that_fails_is_tried_again_from_half_way(bench):
     solve, asked = answers(fails=lambda factor, at: factor - at > 0.3)
-    found = climb(bench, "ambient", (0.25, 1.0), solve=solve)
+    found = follow_homotopy(bench, ambient(0.25, 1.0), solve=solve)
     assert [factor for factor, _ in asked] == [0.25, 1.0, 0.625, 0.4375, 0.625, 1.0, 0.8125, 1.0]
     assert found.reached == 1.0
     assert found.solutions[-1].success
@@ -77,7 +81,7 @@ def test_a_stage_that_fails_is_tried_again_from_half_way(bench):
 
 def test_a_homotopy_that_gets_stuck_says_how_far_it_came(bench):
     solve, asked = answers(fails=lambda factor, at: factor > 0.6)
-    found = climb(bench, "ambient", (0.5, 1.0), solve=solve, most_stages=30)
+    found = follow_homotopy(bench, ambient(0.5, 1.0), solve=solve, most_stages=30)
     assert found.reached == pytest.approx(0.6, abs=0.05)
     assert not found.solutions[-1].success
     assert len(asked) < 12
@@ -85,7 +89,7 @@ def test_a_homotopy_that_gets_stuck_says_how_far_it_came(bench):
 
 def test_without_stages_a_failure_is_final(bench):
     solve, asked = answers(fails=lambda factor, at: True)
-    assert climb(bench, "ambient", (1.0,), solve=solve).reached == 0.0
+    assert follow_homotopy(bench, ambient(1.0), solve=solve).reached == 0.0
     assert len(asked) == 1
 
 
@@ -109,7 +113,7 @@ def test_a_step_of_84_degrees_is_climbed_by_widening_it():
         asked.append(steepest(program.task.terrain))
         return program.solve(guess, **options)
 
-    found = climb(Workbench(task), "ambient", (0.4, 1.0), by="smoothing", solve=solve)
+    found = follow_homotopy(Workbench(task), ambient(0.4, 1.0, by="smoothing"), solve=solve)
     assert found.reached == 1.0
     assert asked[0] == pytest.approx(0.4 * steepest(step), rel=0.02)
     assert asked[-1] == steepest(step)
@@ -125,7 +129,7 @@ def test_terrain_that_no_gaussian_fits_is_solved_as_it_is(bench):
         goal_xy_m=np.array([0.1, 0.0]),
     )  # fmt: skip
     solve, asked = answers(fails=lambda factor, at: False)
-    assert climb(bench, "ambient", (0.5, 1.0), by="smoothing", solve=solve).reached == 1.0
+    assert follow_homotopy(bench, ambient(0.5, 1.0, by="smoothing"), solve=solve).reached == 1.0
     assert asked == [(1.0, 0.0)]
 
 

@@ -11,8 +11,8 @@ import pytest
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.formulation import GaitProgram
-from stancekit.planners.gait.method.subprocess import solve_apart
-from stancekit.planners.gait.transcription.ipopt import Costs
+from stancekit.planners.gait.gait_program import Costs
+from stancekit.planners.gait.method.subprocess import solve_in_subprocess
 from stancekit.planners.verify.trajectories import check_trajectory
 
 Build = Callable[..., GaitProgram]
@@ -124,12 +124,13 @@ def test_a_child_process_finds_the_same_and_an_alarm_ends_one_that_hangs(small: 
         time.sleep(0.05)
 
     program = small()
-    here, apart = program.solve(), solve_apart(program)
+    here, apart = program.solve(), solve_in_subprocess(program)
     assert apart.x.tobytes() == here.x.tobytes()
     assert apart.history == here.history
 
     seen: list[tuple[int, float, float]] = []
-    halted = solve_apart(program, shown=lambda *at: bool(seen.append(at)) or len(seen) == 2, callback=pause)
+    second = lambda *at: bool(seen.append(at)) or len(seen) == 2  # noqa: E731
+    halted = solve_in_subprocess(program, on_iterate=second, callback=pause)
     assert [(violation, cost) for _, violation, cost in seen] == list(halted.history)
     assert len(halted.history) in (2, 3)  # it may be one iterate ahead when it is told to stop
     assert not halted.success
@@ -139,5 +140,5 @@ def test_a_child_process_finds_the_same_and_an_alarm_ends_one_that_hangs(small: 
 
     began = time.monotonic()
     with pytest.raises(PlanningFailed, match=r"did not answer within 0\.5 s"):
-        solve_apart(program, time_limit_s=0.5, callback=hang)
+        solve_in_subprocess(program, time_limit_s=0.5, callback=hang)
     assert time.monotonic() - began < 10.0

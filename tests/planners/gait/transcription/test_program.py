@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.gait.formulation import GaitProgram
-from stancekit.planners.gait.solution import sampled
+from stancekit.planners.gait.variables.samples import sampled
 from stancekit.planners.robot.single_body import GRAVITY_M_S2
 
 Build = Callable[..., GaitProgram]
@@ -37,8 +37,8 @@ def test_jacobian_and_hessian_agree_with_finite_differences(
 ) -> None:
     monkeypatch.setattr("stancekit.planners.gait.constraints.trunk.NEAR_M", 0.28)
     built = small(chart=chart, dynamics=dynamics, timings=timings, trunk_clearance_m=0.02)
-    assert "trunk" in {term.name for term in built.program.constraints}
-    program, (x, way, p), step = built.program, away(built), 1e-6
+    assert "trunk" in {term.name for term in built.nlp.constraints}
+    program, (x, way, p), step = built.nlp, away(built), 1e-6
     slopes = np.asarray(program.jacobian(x, p)[1] @ way).ravel()
     ahead, behind = (np.asarray(program.constraint(x + sign * step * way, p)).ravel() for sign in (1.0, -1.0))
     first = 0
@@ -65,7 +65,7 @@ def test_jacobian_and_hessian_agree_with_finite_differences(
 def test_newton_and_euler_over_a_chart_are_those_of_the_motion_in_the_world(small: Build, chart: str) -> None:
     built = small(chart=chart, dynamics="newton-euler")
     x = built.perturbed(np.random.default_rng(3), 0.005)
-    values = np.asarray(built.program.constraint(x, np.r_[x, 0.0, 0.0, 0.0, 1.0])).ravel()
+    values = np.asarray(built.nlp.constraint(x, np.r_[x, 0.0, 0.0, 0.0, 1.0])).ravel()
     node, step = 17, 1e-4
     at = sampled(built.structure, x, built.structure.times_s[node] + step * np.arange(-1.0, 2.0))
     robot = built.task.robot
@@ -84,7 +84,7 @@ def test_the_gradient_is_dense_and_right(small: Build) -> None:
     built = small(chart="ambient")
     x, way, p = away(built)
     for costs in (False, True):
-        value, gradient = built.program.objective(costs), built.program.gradient(costs)
+        value, gradient = built.nlp.objective(costs), built.nlp.gradient(costs)
         assert gradient.nnz_out(1) == built.size
         found = (float(value(x + 1e-6 * way, p)) - float(value(x - 1e-6 * way, p))) / 2e-6
         assert float(cs.dot(gradient(x, p)[1], way)) == pytest.approx(found, rel=1e-5)
