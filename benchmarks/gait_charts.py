@@ -26,7 +26,7 @@ from stancekit.planners.gait.gait_program import Costs, GaitProgram, GaitSolutio
 from stancekit.planners.gait.method.subprocess import solve_in_subprocess
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import anymal
-from stancekit.planners.terrain.reference import REFERENCES, reference_tasks, reference_terrain
+from stancekit.planners.terrain.reference import TERRAINS, reference_tasks, reference_terrain
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
 from stancekit.planners.warp.conformal import flatten
 
@@ -126,7 +126,7 @@ def summary(terrain: str, chart: str, cells: list[Cell]) -> str:
 def arguments() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--terrains", nargs="+", choices=list(REFERENCES), default=["ripple", "cone", "hill", "pit"])
+    parser.add_argument("--terrains", nargs="+", choices=TERRAINS.names(), default=["ripple", "cone", "hill", "pit"])
     parser.add_argument("--charts", nargs="+", choices=CHARTS.names(),
                         default=["decoupled", "warped-exact", "warped", "ambient"])  # fmt: skip
     parser.add_argument("--tasks", nargs="+", type=int, default=[0, 5, 10])

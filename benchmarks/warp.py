@@ -15,7 +15,7 @@ import json
 from pathlib import Path
 from typing import Any, get_args
 
-from stancekit.planners.terrain.reference import REFERENCES, reference_terrain
+from stancekit.planners.terrain.reference import TERRAINS, reference_terrain
 from stancekit.planners.warp.conformal import CELLS, Method, fit_map
 from stancekit.planners.warp.report import MapReport
 from stancekit.views.map_picture import draw_map_convergence
@@ -25,7 +25,7 @@ from stancekit.views.plot import save
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--terrains", nargs="+", choices=list(REFERENCES), default=["ripple", "cone", "hill", "pit"])
+    parser.add_argument("--terrains", nargs="+", choices=TERRAINS.names(), default=["ripple", "cone", "hill", "pit"])
     parser.add_argument("--cells", nargs=3, type=int, default=CELLS)
     parser.add_argument("--methods", nargs="+", choices=get_args(Method), default=list(get_args(Method)))
     parser.add_argument("--iterations", type=int, default=100)

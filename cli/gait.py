@@ -34,8 +34,8 @@ class Gait:
     """Plan a walk over a terrain and verify it between the knots; write it only if the verifier accepts.
 
     TERRAIN is a reference terrain (ripple, cone, hill, pit, pit-84, pit-87), a drawn one as rough:0.5:7
-    (FAMILY:DIFFICULTY:SEED), or a file of heights. A place is written x,y in metres; before a negative one the sign =
-    is the safe way to write it, as in --start=-2.6,0.
+    (FAMILY:DIFFICULTY:SEED), a function of x and y as FILE.py:NAME, or a file of heights. A place is written x,y in
+    metres; before a negative one the sign = is the safe way to write it, as in --start=-2.6,0.
 
     A run that is interrupted keeps what it has beside --out; the same command goes on from there.
 

@@ -22,11 +22,13 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import checked
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.writing import write_text
+from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.method.budget import SolveBudget
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.terrain import reference
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_tasks, reference_terrain
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
@@ -36,7 +38,6 @@ from .executor import processes
 from .gait_row import checked_row
 
 TERRAINS = ("ripple", "cone", "hill", "pit")
-STEEPER = ("pit-84", "pit-87")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +50,7 @@ class Method:
 
 
 _PAPER = {"dynamics": "printed", "trunk_clearance_m": None}
-METHODS: Mapping[str, Method] = {
+_KNOWN: Mapping[str, Method] = {
     "ambient": Method(label="baseline: ambient, PCDM", settings={"chart": "ambient", **_PAPER}),
     "warped": Method(label="warped, as published", settings={"chart": "warped", **_PAPER}),
     "decoupled": Method(label="ours: decoupled, centred", settings={"chart": "decoupled"}),
@@ -65,7 +66,15 @@ METHODS: Mapping[str, Method] = {
         label="ours: decoupled, L-BFGS", settings={"chart": "decoupled", "hessian": "lbfgs"}
     ),
 }  # fmt: skip
-"""By name. The paper's own methods have its dynamics and no term for the trunk."""
+METHODS: Mapping[str, Method] = {
+    **_KNOWN,
+    **{
+        chart: Method(label=f"{chart}, centred", settings={"chart": chart})
+        for chart in CHARTS.names()
+        if chart not in _KNOWN
+    },
+}
+"""By name, and every further chart by its own. The paper's own methods have its dynamics and no term for the trunk."""
 PAPER: Mapping[str, Mapping[str, float]] = {
     "ambient-lbfgs": {"ripple": 0.48, "cone": 0.0, "hill": 0.0, "pit": 0.0},
     "warped-lbfgs": {"ripple": 0.92, "cone": 1.0, "hill": 1.0, "pit": 0.13},
@@ -94,7 +103,7 @@ class GaitBenchSettings:
     total_s: float = 240.0
 
     def __post_init__(self) -> None:
-        for name, known in (("terrains", (*TERRAINS, *STEEPER)), ("methods", tuple(METHODS))):
+        for name, known in (("terrains", reference.TERRAINS.names()), ("methods", tuple(METHODS))):
             unknown = sorted(set(getattr(self, name)) - set(known))
             if unknown or not getattr(self, name):
                 raise InvalidInput(f"{name}: expected some of {', '.join(known)}, got {', '.join(unknown) or 'none'}")

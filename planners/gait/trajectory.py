@@ -131,7 +131,8 @@ def robot_to_json(robot: GaitRobot) -> dict[str, Any]:
 
 def robot_from_json(data: Any) -> GaitRobot:
     """Read what ``robot_to_json`` wrote. Raises InvalidInput."""
-    from ..robot.single_body import Foot, GaitRobot
+    from ..robot.leg_boxes import Foot
+    from ..robot.single_body import GaitRobot
 
     try:
         feet = tuple(Foot(**foot) for foot in data["feet"])

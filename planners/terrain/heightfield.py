@@ -1,11 +1,10 @@
-"""Height fields h(x, y): terrain as a bicubic C² spline, with exact derivatives (paper W §III-B, after eq. 5)."""
+"""Height fields h(x, y): terrain as a bicubic C² spline, with exact derivatives (paper W §III-B, after W5)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -118,7 +117,7 @@ class HeightField:
         return np.stack([np.stack([xx, mixed], axis=-1), np.stack([mixed, yy], axis=-1)], axis=-2)
 
     def normal(self, xy: Array) -> Array:
-        """Upward unit normal (−∇h, 1)/‖·‖ (paper W, after eq. 5), shape (…, 2) → (…, 3)."""
+        """Upward unit normal (−∇h, 1)/‖·‖ (paper W, after W5), shape (…, 2) → (…, 3)."""
         slope = self.gradient(xy)
         up = np.concatenate([-slope, np.ones((*slope.shape[:-1], 1))], axis=-1)
         return np.asarray(up / np.linalg.norm(up, axis=-1, keepdims=True))
@@ -182,13 +181,6 @@ class HeightField:
         spacing = checked(spacing_m, "spacing_m", above=0.0)
         x_m, y_m = (spacing * (np.arange(count) - 0.5 * (count - 1)) for count in heights.shape)
         return cls(x_m, y_m, heights, name)
-
-    @classmethod
-    def from_file(cls, path: str | Path, **options: Any) -> HeightField:
-        """Read a grid or a mesh: see ``gridfile.read_heights`` for kinds of files and options. Raises InvalidInput."""
-        from .grid_file import read_heights
-
-        return read_heights(path, **options)
 
     def smoothed(self, sigma_m: float) -> HeightField:
         """The field under a Gaussian of this deviation; planes stay. Raises InvalidInput where the grid is uneven."""

@@ -9,7 +9,7 @@ from scipy.interpolate import RectBivariateSpline
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.planners.terrain.reference import FAMILIES, REFERENCES, named_terrain, reference_tasks, reference_terrain
+from stancekit.planners.terrain.reference import FAMILIES, TERRAINS, named_terrain, reference_tasks, reference_terrain
 
 
 @pytest.fixture(scope="module")
@@ -111,13 +111,13 @@ def test_an_uneven_grid_is_interpolated_but_not_smoothed():
         field.smoothed(0.1)
 
 
-@pytest.mark.parametrize("name", REFERENCES)
+@pytest.mark.parametrize("name", TERRAINS.names())
 def test_reference_splines_hold_their_formulas(name):
-    field, (shape, spacing) = reference_terrain(name), REFERENCES[name]
+    field, formula = reference_terrain(name), TERRAINS.get(name)
     at = np.random.default_rng(2).uniform(-4.0, 4.0, (20_000, 2))
-    miss = np.max(np.abs(field.height(at) - shape(at[:, 0], at[:, 1])))
+    miss = np.max(np.abs(field.height(at) - formula.shape(at[:, 0], at[:, 1])))
     assert miss < (0.016 if name == "pit-87" else 0.001)
-    assert np.allclose(np.diff(field.x_m), spacing)
+    assert np.allclose(np.diff(field.x_m), formula.spacing_m)
 
 
 @pytest.mark.parametrize(("name", "degrees"), [("hill", 60), ("pit", 79), ("pit-84", 84), ("pit-87", 87)])
@@ -177,7 +177,7 @@ HOLED = np.where(np.eye(5) > 0, np.nan, 0.0)
         ),
         (
             lambda: reference_terrain("moon"),
-            "terrain: expected one of ripple, cone, hill, pit, pit-84, pit-87, got 'moon'",
+            "terrain: expected one of ripple, cone, hill, pit, pit-84, pit-87, or FILE.py:NAME, got 'moon'",
         ),
         (
             lambda: named_terrain("rough:0.5"),

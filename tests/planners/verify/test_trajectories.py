@@ -14,7 +14,8 @@ from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.gait.trajectory import Trajectory
-from stancekit.planners.robot.single_body import Foot, GaitRobot
+from stancekit.planners.robot.leg_boxes import Foot
+from stancekit.planners.robot.single_body import GaitRobot
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import GROUPS, Limits, check_trajectory
 from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
