@@ -1,4 +1,4 @@
-"""Plans that keep a reserve of friction are plans of the course itself, and no more slippery one is asked for than needed."""
+"""Plans that keep a reserve of friction are plans of the course itself, made as slippery as it may be and no more."""
 
 from collections.abc import Callable
 from dataclasses import replace
