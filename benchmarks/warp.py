@@ -2,8 +2,8 @@
 
     python benchmarks/warp.py [--terrains ripple cone hill pit] [--cells 24 24 6] [--picture NAME.png] [--json]
 
-local-global is Algorithm 1 as printed, gauss-newton the paper's second method; both match softly and have no snap.
-accelerated is Algorithm 1 with the nearest similarity, fast diagonalisation and Anderson acceleration; fast is what
+local-global is Algorithm W1 as printed, gauss-newton the paper's second method; both match softly and have no snap.
+accelerated is Algorithm W1 with the nearest similarity, fast diagonalisation and Anderson acceleration; fast is what
 the product uses. CPU seconds include the checks: min det J on lines three times as dense as the quadrature, the match
 between the terrain's nodes, conformal errors. --picture writes one convergence chart a terrain, NAME-terrain.png.
 """

@@ -25,7 +25,7 @@ class GaitTask:
     """One walk over a terrain (paper W §V).
 
     start_xy_m, goal_xy_m: of the torso's centre of mass, shape (2,) [m]; start_yaw_rad: heading at the start, kept by
-    the initial guess; friction: ν of eq. 5; adhesive: feet without a friction cone, one for each foot or none at all.
+    the initial guess; friction: ν of W5; adhesive: feet without a friction cone, one for each foot or none at all.
     Raises InvalidInput for a place off the terrain or where the robot cannot stand, and for a gait longer than
     the duration.
     """

@@ -73,8 +73,8 @@ def fit_map(
 ) -> MapFit:
     """Make a map of a terrain: x̄ and ȳ span its domain, z̄ spans 0 to ``height_m``.
 
-    method: fast, checked to have det J > 0 and a match of 1 mm; or paper W's local-global (Algorithm 1) or
-    gauss-newton (with barrier and line search), as published and without a snap, or Algorithm 1 accelerated. Whatever
+    method: fast, checked to have det J > 0 and a match of 1 mm; or paper W's local-global (Algorithm W1) or
+    gauss-newton (with barrier and line search), as published and without a snap, or Algorithm W1 accelerated. Whatever
     comes of these three is returned: the report says min det J and the match. More cells let the map bend more sharply
     and cost time in proportion.
     Raises InvalidInput for a bad grid, and PlanningFailed for a terrain that is finer than the snap can hold.

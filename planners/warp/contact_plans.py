@@ -1,6 +1,6 @@
 """The two seeds joined: contact plans of paper E, made on flat ground in warped space, pushed forward to the terrain.
 
-A place in warped space is pushed by φ, a body's orientation by the polar factor 𝒫(J) (paper W eq. 13), and a flat patch
+A place in warped space is pushed by φ, a body's orientation by the polar factor 𝒫(J) (W13), and a flat patch
 to the tangent patch at its pushed centre, with its shear axes turned by 𝒫(J) and its size kept: φ is no isometry, but
 a toe's ground is as large as it is. So an envelope that was learned on flat ground is used on curved ground, and a
 plan of key frames becomes a guess for the gait optimiser.
@@ -44,7 +44,7 @@ class WarpedPose:
 
     @property
     def rotation(self) -> Array:
-        """R_WB = 𝒫(J) R(yaw) at the body (eq. 13), shape (3, 3)."""
+        """R_WB = 𝒫(J) R(yaw) at the body (W13), shape (3, 3)."""
         return self._turned(self.com_bar_m)
 
     def place(self, local: Array) -> Array:

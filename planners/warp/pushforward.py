@@ -1,9 +1,9 @@
-"""Pushing frames forward: 𝒫(J), the rotation nearest to J, and its derivative (paper W eq. 12, Corollary IV.1).
+"""Pushing frames forward: 𝒫(J), the rotation nearest to J, and its derivative (W12, Corollary IV.1).
 
-The corollary as printed, 𝒫 = UVᵀ|UVᵀ| with ω = U(tr(Σ)I − Σ)⁻¹Vᵀ[𝒫ᵀ∂J − ∂Jᵀ𝒫]×⁻¹, solves eq. 12 where det J > 0. Where
+The corollary as printed, 𝒫 = UVᵀ|UVᵀ| with ω = U(tr(Σ)I − Σ)⁻¹Vᵀ[𝒫ᵀ∂J − ∂Jᵀ𝒫]×⁻¹, solves W12 where det J > 0. Where
 det J < 0 its 𝒫 = −UVᵀ is a rotation, and ω is its derivative, but the nearest rotation is U diag(1, 1, −1) Vᵀ.
 ``printed_rotation`` and ``printed_rate`` are the corollary as it stands; ``nearest_rotation`` and ``rotation_rate``
-solve eq. 12 on both sides, with the smallest singular value negative where det J < 0.
+solve W12 on both sides, with the smallest singular value negative where det J < 0.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ NEWTON_STEPS = 8
 
 
 def nearest_rotation(jacobian: Array) -> Array:
-    """𝒫(J) = argmin over SO(3) of ‖R − J‖_F, shape (…, 3, 3) → (…, 3, 3)."""
+    """𝒫(J) = argmin over SO(3) of ‖R − J‖_F (W12), shape (…, 3, 3) → (…, 3, 3)."""
     u, _, vt = _signed_svd(np.asarray(jacobian, dtype=np.float64))
     return np.asarray(u @ vt)
 
@@ -63,7 +63,7 @@ def skew(vector: Array) -> Array:
 
 
 def polar_function(steps: int = NEWTON_STEPS) -> ca.Function:
-    """CasADi function (J: 3 × 3) → (R: 3 × 3): 𝒫(J) for det J > 0 by Newton's R ← ½(γR + R⁻ᵀ/γ), γ = det(R)^(−1/3).
+    """CasADi function (J: 3 × 3) → (R: 3 × 3): 𝒫(J) (W12) for det J > 0 by Newton's R ← ½(γR + R⁻ᵀ/γ), γ = det(R)^(−⅓).
 
     Smooth wherever det J > 0, so that solvers take exact first and second derivatives of it.
     """

@@ -1,4 +1,4 @@
-"""The friction cone of standing feet (paper W eqs. 5 and 9): ν f_n ≥ ‖f_t‖, in units of m·g.
+"""The friction cone of standing feet (W5 and W9): ν f_n ≥ ‖f_t‖, in units of m·g.
 
 It is asked of the coefficients of each stance's spline. The cone is convex and the spline's values are means of its
 coefficients, so the force is in the cone at all times, not at the nodes only. The tip is rounded off so that the
@@ -22,7 +22,7 @@ TIP = 1e-3
 
 
 def cone(structure: Structure) -> Constraint | None:
-    """One row for each coefficient of a force that is free and of a foot without suction."""
+    """ν f_n − ‖f_t‖ ≥ 0 [m·g], a row for each free coefficient of a force of a foot without suction (W5, W9)."""
     feet = [foot for number, foot in enumerate(structure.layout.feet) if not structure.task.adhesive[number]]
     entries = [
         np.concatenate([np.broadcast_to(foot.stances[index], forces.shape), forces], axis=1)

@@ -1,4 +1,4 @@
-"""Standing feet on the terrain (paper W eqs. 3 and 8): z = h(x, y), in metres.
+"""Standing feet on the terrain (W3 and W8): z = h(x, y), in metres.
 
 Where the chart flattens the terrain this is z̄ = 0, which the decision vector has built in.
 """
@@ -14,7 +14,7 @@ from ..variables.structure import Structure
 
 
 def contact(structure: Structure) -> Constraint | None:
-    """One row for each place where a foot stands; none in a flat chart."""
+    """z_i − h(x_i, y_i) = 0 [m], one row for each place where a foot stands (W3); none in a flat chart (W8)."""
     if structure.chart.flat:
         return None
     variables = structure.entries("footholds", np.concatenate([foot.stances for foot in structure.layout.feet]), True)

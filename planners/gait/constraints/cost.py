@@ -1,4 +1,4 @@
-"""What a second phase lowers: acceleration and force rate, and the distance from a reference (E(c) of paper W eq. 1).
+"""What a second phase lowers: acceleration and force rate, and the distance from a reference (E(c) of W1).
 
 Non-dimensional: accelerations in g, moments in m·g·(stand height), force rates in m·g a second, integrated over time.
 """
@@ -16,7 +16,7 @@ from .dynamics import UP, inertia_block
 
 
 def acceleration(structure: Structure) -> Block:
-    """∫ ‖p̈/g‖² + ‖d/dt (R I ω)‖² dt as a sum over the nodes; one row."""
+    """A part of E(c) (W1): ∫ ‖p̈/g‖² + ‖d/dt (R I ω)‖² dt as a sum over the nodes; one row."""
     nodes = np.arange(structure.nodes)
     inner = inertia_block(structure, nodes, np.zeros((len(nodes), 1), dtype=np.intp))
     step_s = structure.settings.step_s

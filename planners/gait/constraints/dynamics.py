@@ -1,7 +1,7 @@
-"""The torso's equations of motion: PCDM, centred or as printed (paper W eq. 11), and Newton and Euler's (eq. 2).
+"""The torso's equations of motion: PCDM, centred or as printed (W11), and Newton and Euler's (W2).
 
 Rows of a node: three of the force balance in units of m·g, three of the moment balance about the centre of mass in
-units of m·g·(stand height), in world axes. Eq. 11 omits gravity in print; it is here.
+units of m·g·(stand height), in world axes. W11 omits gravity in print; it is here.
 """
 
 from __future__ import annotations
@@ -23,7 +23,10 @@ UP = (0.0, 0.0, 1.0)
 
 
 def dynamics(structure: Structure) -> Constraint:
-    """Σ f_i = m (p̈ − g) and Σ (p_i − p) × f_i = d/dt (R I ω) at all nodes, by the settings' form."""
+    """Σ f_i = m (p̈ − g) and Σ (p_i − p) × f_i = d/dt (R I ω) at all nodes (W2, W11).
+
+    Six rows a node, world axes: forces in m·g, moments in m·g·(stand height); by the form that the settings ask for.
+    """
     form, count = structure.settings.dynamics, structure.nodes
     nodes = np.arange(count)
     if form == "centred" and not structure.settings.still_end:
@@ -70,7 +73,7 @@ def wrench(chart: Chart, robot: GaitRobot) -> Kernel:
 
 
 def centred(chart: Chart, robot: GaitRobot, step_s: float) -> Kernel:
-    """PCDM about the node: p̈ ≈ (p₊ − 2 p + p₋) / Δt², and ∫ ρ R x × (R₊ + R₋) x dv / Δt² for the moment."""
+    """PCDM (W11) about the node: p̈ ≈ (p₊ − 2 p + p₋) / Δt², and ∫ ρ R x × (R₊ + R₋) x dv / Δt² for the moment."""
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
         (p_old, r_old), (p, r), (p_new, r_new) = _torsos(chart, features, expansions)
@@ -82,7 +85,7 @@ def centred(chart: Chart, robot: GaitRobot, step_s: float) -> Kernel:
 
 
 def printed(chart: Chart, robot: GaitRobot, step_s: float) -> Kernel:
-    """Eq. 11: p̈ ≈ (p − 2 p₋ + p₋₋) / Δt², and ∫ ρ (2 R₋ − R₋₋) x × R x dv / Δt² for the moment."""
+    """W11: p̈ ≈ (p − 2 p₋ + p₋₋) / Δt², and ∫ ρ (2 R₋ − R₋₋) x × R x dv / Δt² for the moment."""
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
         (p_older, r_older), (p_old, r_old), (p, r) = _torsos(chart, features, expansions)
@@ -94,7 +97,7 @@ def printed(chart: Chart, robot: GaitRobot, step_s: float) -> Kernel:
 
 
 def newton_euler(chart: Chart, robot: GaitRobot) -> Kernel:
-    """Eq. 2 of (p̄, θ̄) and its first two derivatives, shape (18), pushed forward along the chart."""
+    """W2 of (p̄, θ̄) and its first two derivatives, shape (18), pushed forward along the chart."""
 
     def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
         (state,), (expansion,) = features, expansions

@@ -33,7 +33,7 @@ def start(structure: Structure) -> tuple[Constraint, Constraint]:
 
 
 def goal(structure: Structure) -> Constraint:
-    """p_xy = goal at t = T, in metres."""
+    """p_xy = goal at t = T, in metres: a hard constraint (paper W §V)."""
     return over(structure, "goal", structure.nodes - 1, structure.task.goal_xy_m)
 
 

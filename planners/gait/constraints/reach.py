@@ -1,4 +1,4 @@
-"""Every foot within its box (paper W eqs. 4 and 10): Rᵀ (p_i − p) ∈ R_i at all nodes, in metres."""
+"""Every foot within its box (W4 and W10): Rᵀ (p_i − p) ∈ R_i at all nodes, in metres."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..variables.structure import Structure
 
 
 def reach(structure: Structure) -> Constraint:
-    """Standing and swinging feet alike, with the settings' margin in hand."""
+    """Rᵀ (p_i − p) ∈ R_i at all nodes [m] (W4, W10), of standing and swinging feet, with a margin in hand."""
     margin, feet = structure.settings.reach_margin_m, structure.task.robot.feet
     low = np.array([foot.reach_min_m + margin for foot in feet])
     high = np.array([foot.reach_max_m - margin for foot in feet])

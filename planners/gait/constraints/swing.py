@@ -1,4 +1,4 @@
-"""Swinging feet above the terrain (paper W eqs. 3 and 8), in metres.
+"""Swinging feet above the terrain (W3 and W8), in metres.
 
 In a flat chart the height of a swing is two Hermite pieces from 0 to z̄_m and back, so z̄(t) ≥ 0 all along exactly when
 |v̄_z| T/2 ≤ 3 z̄_m; else the height is asked for at nodes within the swing. Half-way a swing has the settings' clearance.
@@ -16,14 +16,14 @@ from ..variables.structure import Structure
 
 
 def swing(structure: Structure) -> tuple[Constraint, ...]:
-    """Rows of all swings."""
+    """Swinging feet on or above the terrain, rows of all swings [m] (W3, W8)."""
     if structure.chart.flat:
         return flat_swing(structure)
     return (curved_swing(structure),)
 
 
 def flat_swing(structure: Structure) -> tuple[Constraint, ...]:
-    """z̄_m ≥ clearance and 3 z̄_m ± v̄_z T/2 ≥ 0 for each swing."""
+    """W8: z̄_m ≥ clearance and 3 z̄_m ± v̄_z T/2 ≥ 0 for each swing."""
     variables, count = swings(structure)
     rows = np.arange(count)
     block = Block(half_way, ((variables, rows),), 3 * rows[:, None] + np.arange(3))
@@ -39,7 +39,7 @@ def half_way(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> 
 
 
 def curved_swing(structure: Structure) -> Constraint:
-    """z − h(x, y) at the settings' number of nodes in each half of a swing, and half-way."""
+    """W3: z − h(x, y) ≥ 0 at the settings' number of nodes in each half of a swing, and half-way."""
     variables, count = swings(structure)
     within = structure.settings.swing_nodes
     half = np.arange(1, within + 1) / (2.0 * (within + 1.0))

@@ -1,7 +1,7 @@
-"""The decision vector c of paper W eq. 1: which entry is what, and the rows that read splines off it.
+"""The decision vector c of W1: which entry is what, and the rows that read splines off it.
 
 All forces are in units of m·g, lengths in metres, angles in radians. A standing foot of a chart that flattens the
-terrain has no height: z̄ = 0 is not a constraint there, it is not a variable (eq. 8).
+terrain has no height: z̄ = 0 is not a constraint there, it is not a variable (W8).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class FootEntries:
 
 
 class Layout:
-    """Places in the decision vector, and sparse rows of the splines in it."""
+    """Places in the decision vector c (W1, W7), and sparse rows of the splines in it."""
 
     def __init__(
         self,

@@ -52,7 +52,7 @@ class Structure:
         return VariableGroup("torso", self.layout.torso_rows(self.times_s), 6, self.chart.torso_map)
 
     def torso_at(self, nodes: Rows) -> Selection:
-        """(p̄, θ̄) at nodes; before the start the robot stands still, and so it does after a still end."""
+        """(p̄, θ̄) at nodes; before the start y₋ = y₋₋ = y₀ (W14), the robot stands still, and so after a still end."""
         return self.torso, np.clip(nodes, 0, self.nodes - 1)
 
     @cached_property
