@@ -109,12 +109,12 @@ def page() -> str:
     untied = [name for name, found in every.items() if not found]
     if untied:
         raise ValueError(f"expected a docstring that cites each equation, got none for {', '.join(untied)}")
-    lines = ["# Equations", "", "Written by `python docs/equations.py` from docstrings; a test keeps it up to date.", ""]
+    lines = ["# Equations", "", "Written by `python docs/equations.py` from docstrings; a test keeps it so.", ""]
     for paper, title in PAPERS.items():
         lines += [f"## Paper {paper}", "", f"{title}.", "", "| | | where |", "|---|---|---|"]
         for name, found in every.items():
             if name.removeprefix("Algorithm ")[0] == paper:
-                where = ", ".join(f"[{tie.file.removesuffix('.py')}:{tie.name}](../{tie.file})" for tie in sorted(found))
+                where = ", ".join(f"[{tie.file}:{tie.name}](../{tie.file})" for tie in found)
                 lines.append(f"| {name} | {EQUATIONS[name]} | {where} |")
         lines.append("")
     return "\n".join(lines)

@@ -35,7 +35,7 @@ class Trajectory:
 
     times_s: shape (K,) [s]; torso_m: centre of mass p_WB, shape (K, 3) [m]; rotation: R_WB, shape (K, 3, 3);
     feet_m: p_WF, shape (K, E, 3) [m]; forces_n: contact forces on the robot f_W, shape (K, E, 3) [N];
-    contact: which feet stand, shape (K, E), bool; friction: ν of paper W eq. 5; adhesive: feet without a friction cone,
+    contact: which feet stand, shape (K, E), bool; friction: ν of W5; adhesive: feet without a friction cone,
     shape (E,), bool; start_xy_m, goal_xy_m: where the torso has to begin and to end, shape (2,) [m];
     provenance: what made it, names to texts or numbers.
 
