@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from ..answer.plan import Plan
 from ..errors import InvalidInput
@@ -165,12 +166,9 @@ def _surface_frame(jacobian: Array, rotation: Array) -> Array:
     """The rotation nearest to ``rotation`` whose third column is the true normal, along J e_x × J e_y."""
     normal = np.cross(jacobian[:, 0], jacobian[:, 1])
     normal = normal / np.linalg.norm(normal)
-    lean = np.cross(rotation[:, 2], normal)
-    cosine = float(rotation[:, 2] @ normal)
-    skew = np.array([[0.0, -lean[2], lean[1]], [lean[2], 0.0, -lean[0]], [-lean[1], lean[0], 0.0]])
-    return np.asarray((np.eye(3) + skew + skew @ skew / (1.0 + cosine)) @ rotation)
+    upright = Rotation.from_quat([*np.cross(rotation[:, 2], normal), 1.0 + rotation[:, 2] @ normal])  # the least turn
+    return np.asarray(upright.as_matrix() @ rotation)
 
 
 def _yaw(angle: float) -> Array:
-    cosine, sine = np.cos(angle), np.sin(angle)
-    return np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(Rotation.from_euler("z", angle).as_matrix())

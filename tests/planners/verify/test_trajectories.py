@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.robot.leg_boxes import Foot
 from stancekit.planners.robot.single_body import GaitRobot
 from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.verify import trajectories
 from stancekit.planners.verify.trajectories import GROUPS, Limits, check_trajectory
 from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
 
@@ -488,3 +491,29 @@ def test_scales_follow_the_robot():
     for factor in (1.04, 1.06):
         verdicts = [check_trajectory(replace(t, forces_n=factor * t.forces_n)).accepted for t in (light, heavy)]
         assert verdicts == [factor < 1.05] * 2
+
+
+def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
+    """What its two files import, and what that imports: arrays, errors, the robot, the terrain and the samples."""
+    planners = Path(trajectories.__file__).parents[1]
+    allowed = {
+        "errors.py", "files/arrays.py", "files/archive.py", "files/documents.py", "files/refusals.py",
+        "gait/trajectory.py", "robot/leg_boxes.py", "robot/model.py", "robot/single_body.py", "terrain/bspline.py",
+        "terrain/heightfield.py", "verify/trajectories.py", "verify/trajectory_measurements.py",
+    }  # fmt: skip
+    todo, seen = ["verify/trajectories.py"], set()
+    while todo:
+        name = todo.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        for node in ast.walk(ast.parse((planners / name).read_text(encoding="utf-8"))):
+            assert not isinstance(node, ast.Import) or all(one.name != "casadi" for one in node.names), name
+            if isinstance(node, ast.ImportFrom) and node.level:
+                folder = (planners / name).parents[node.level - 1].joinpath(*(node.module or "").split("."))
+                if folder.with_suffix(".py").exists():
+                    todo.append(folder.with_suffix(".py").relative_to(planners).as_posix())
+                else:
+                    todo += [f"{folder.relative_to(planners).as_posix()}/{one.name}.py" for one in node.names]
+    assert seen <= allowed, sorted(seen - allowed)
+    assert {"gait/trajectory.py", "terrain/heightfield.py"} <= seen
