@@ -24,10 +24,18 @@ STEEPEST = 1.0
 class GaitTask:
     """One walk over a terrain (paper W §V).
 
-    start_xy_m, goal_xy_m: of the torso's centre of mass, shape (2,) [m]; start_yaw_rad: heading at the start, kept by
-    the initial guess; friction: ν of W5; adhesive: feet without a friction cone, one for each foot or none at all.
-    Raises InvalidInput for a place off the terrain or where the robot cannot stand, and for a gait longer than
-    the duration.
+    Arguments:
+        robot: a torso with feet (``robot.single_body``).
+        terrain: a height field.
+        start_xy_m, goal_xy_m: of the torso's centre of mass, shape (2,) [m].
+        start_yaw_rad: heading at the start, kept by the initial guess [rad].
+        duration_s: T [s], up to 120.
+        friction: ν of W5; less makes walks slower to find, and gentler.
+        adhesive: feet without a friction cone, one truth value for each foot or none at all.
+        gait: a name of ``variables.phases.GAITS``, for as many feet as the robot has.
+        timings: ``fixed``, phases of the gait's schedule; ``optimised``, switching times are variables.
+    Raises:
+        InvalidInput: for a place off the terrain or where the robot cannot stand.
     """
 
     robot: GaitRobot

@@ -17,7 +17,6 @@ import numpy as np
 from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array, checked
 from ...verify.trajectories import GaitReport, check_trajectory
-from ...warp.spline_map import SplineMap
 from ..gait_program import GaitSolution
 from ..task import GaitSettings, GaitTask
 from ..trajectory import Trajectory
@@ -66,15 +65,11 @@ class Caps:
 class GaitPlan:
     """A walk, or what kept it from being one.
 
-    trajectory, report: what the verifier accepts, the smoothest that was found; None where there is nothing, unless
-    the caller asked for what it refuses. attempts: with the best trajectory of each, accepted or not; feasible: the
-    verifier's word on the first feasible point of each, before the second phase, None for none; solves: every one in
-    its order; failures: of attempts that could not begin, e.g. for a terrain that no map fits; stopped: the caller
-    asked it to end.
+    attempts: with the best trajectory of each, accepted or not; feasible: the verifier's word on the first feasible
+    point of each, before the second phase, None for none; solves: every one in its order; failures: of attempts that
+    could not begin, e.g. for a terrain that no map fits; stopped: the caller asked it to end.
     """
 
-    trajectory: Trajectory | None
-    report: GaitReport | None
     attempts: tuple[Attempted, ...]
     feasible: tuple[GaitReport | None, ...]
     solves: tuple[SolveRecord, ...]
@@ -82,9 +77,19 @@ class GaitPlan:
     stopped: bool = False
 
     @property
+    def trajectory(self) -> Trajectory | None:
+        """The smoothest walk that the verifier accepts, None where there is none."""
+        return self.best.trajectory if self.best is not None and self.best.verified else None
+
+    @property
+    def report(self) -> GaitReport | None:
+        """What the verifier says of the trajectory."""
+        return self.best.report if self.best is not None and self.best.verified else None
+
+    @property
     def verified(self) -> bool:
-        """Whether the verifier accepts the trajectory."""
-        return self.report is not None and self.report.accepted
+        """Whether there is a walk that the verifier accepts."""
+        return self.best is not None and self.best.verified
 
     @property
     def best(self) -> Attempted | None:
@@ -116,25 +121,31 @@ def plan_gait(
     *,
     caps: Caps | None = None,
     attempts: Sequence[Attempt] | None = None,
-    warp: SplineMap | None = None,
-    guess: Array | None = None,
     checkpoint: Checkpoint | None = None,
-    unverified: bool = False,
 ) -> GaitPlan:
-    """Try attempts in their order until the verifier accepts one, smoothed and densified.
+    """Find a walk: try attempts in their order until the verifier accepts one, smoothed and densified.
 
-    progress: at every iteration; may return True to stop. attempts: ``default_attempts(task)`` if missing; those in a
-    row that differ in their guess alone are all tried, and the smoothest is the answer. warp: the terrain's map, if it
-    is there. guess: a point to begin the first attempt from in its chart, shape (size,). checkpoint: takes up and keeps
-    where attempts stand.
-    unverified: return the best feasible trajectory even if the verifier refuses it.
-    Raises InvalidInput for settings that do not fit the task.
+    Arguments:
+        task: robot, terrain, start and goal.
+        settings: of every attempt but for its chart; the usual ones if missing.
+        progress: called at every iteration, see ``attempt.Progress``; may return True to stop.
+        caps: what the plan may cost, and what comes after a feasible point.
+        attempts: ``default_attempts(task)`` if missing. Those in a row that differ in their guess alone are all tried,
+            and the smoothest is the answer.
+        checkpoint: takes up and keeps where attempts stand.
+    Returns:
+        A ``GaitPlan``. ``trajectory`` is the walk that the verifier accepted, None where there is none; ``best`` is the
+        best attempt all the same, and ``message`` says what it was refused for.
+    Raises:
+        InvalidInput: for settings that do not fit the task, and for an unknown chart.
+    Source:
+        W1 and W7, for a first feasible point; the order of charts, the second phase and densification are the house's.
     """
     settings = settings or GaitSettings()
     todo = default_attempts(task) if attempts is None else list(attempts)
     caps = caps or Caps()
     checkpoint = checkpoint or Checkpoint(None, task, settings, todo)
-    run = PortfolioRun(Workbench(task, settings, warp), caps, progress, checkpoint)
+    run = PortfolioRun(Workbench(task, settings), caps, progress, checkpoint)
     found, failures = list[Attempted](), list[str]()
     for index, attempt in enumerate(todo):
         if any(one.verified for one in found) and _unperturbed(attempt) != _unperturbed(todo[index - 1]):
@@ -142,18 +153,14 @@ def plan_gait(
         if checkpoint.begin(index)[1] == FAILED:
             continue
         try:
-            found.append(run.run(index, attempt, guess if index == 0 else None))
+            found.append(run.run(index, attempt))
         except PlanningFailed as error:
             failures.append(f"{attempt.name}: {error}")
             continue
         checkpoint.keep(index, found[-1])
         if run.budget.exhausted:
             break
-    best = min(found, key=_merit, default=None)
-    shown = best is not None and best.solution.success and (best.report.accepted or unverified)
     return GaitPlan(
-        trajectory=best.trajectory if best is not None and shown else None,
-        report=best.report if best is not None and shown else None,
         attempts=tuple(found),
         feasible=tuple(run.feasible),
         solves=tuple(run.budget.solves),
@@ -188,14 +195,13 @@ class PortfolioRun:
             solve_s=caps.solve_s, total_s=caps.total_s, in_subprocess=caps.in_subprocess, progress=progress
         )
 
-    def run(self, index: int, attempt: Attempt, guess: Array | None = None) -> Attempted:
+    def run(self, index: int, attempt: Attempt) -> Attempted:
         """A feasible point; if there is one, the second phase and densification; the best of what came out.
 
         index: by which the checkpoint knows the attempt; one that is done is only verified again.
         """
         budget, began = self.budget, len(self.budget.solves)
-        point, stage = self._checkpoint.begin(index)
-        guess = point if point is not None else guess
+        guess, stage = self._checkpoint.begin(index)
         budget.begin(attempt)
         path = follow_homotopy(
             self.bench, attempt, guess, stage=stage, solve=budget, stop=lambda: budget.exhausted,

@@ -61,20 +61,19 @@ def test_the_second_phase_does_not_make_the_peak_worse(plan):
     assert plan.report.figures["peak_acceleration_g"] <= before
 
 
-def test_what_the_verifier_refuses_is_not_returned_unless_asked_for():
+def test_what_the_verifier_refuses_is_no_walk_but_the_best_attempt():
     refused = plan_gait(TASK, LAGGING, caps=PLAIN, attempts=FIRST)
     assert refused.attempts[0].solution.success
     assert not refused.verified
     assert refused.trajectory is None
     assert refused.message.startswith("no walk that the verifier accepts: rejected: ")
-    asked = plan_gait(TASK, LAGGING, caps=PLAIN, attempts=FIRST, unverified=True)
-    assert asked.trajectory is not None
-    assert asked.report is not None
-    assert not asked.report.accepted
+    assert refused.report is None
+    assert refused.best.trajectory.samples > 2
+    assert not refused.best.report.accepted
 
 
 def test_no_feasible_point_is_no_walk():
-    failed = plan_gait(TASK, caps=Caps(iterations=1), attempts=FIRST, unverified=True)
+    failed = plan_gait(TASK, caps=Caps(iterations=1), attempts=FIRST)
     assert failed.trajectory is None
     assert failed.feasible == (None,)
     assert failed.message.startswith("no feasible walk: largest violation ")
@@ -171,7 +170,7 @@ def test_a_gentler_terrain_that_is_walked_is_no_answer():
     asked = replace(TASK, terrain=reference_terrain("hill"), start_xy_m=np.array([-1.95, 0.0]),
                     goal_xy_m=np.array([-1.7, 0.0]), adhesive=(True, True, False, False))  # fmt: skip
     growing = [Attempt(chart="ambient", heights=(0.05, 1.0))]
-    plan = plan_gait(asked, caps=Caps(total_s=0.01), attempts=growing, unverified=True)
+    plan = plan_gait(asked, caps=Caps(total_s=0.01), attempts=growing)
     assert plan.solves[0].success
     assert [step.factor for step in plan.solves] == [0.05]
     (one,) = plan.attempts
