@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 
@@ -34,6 +34,16 @@ class Costs:
     def smooth(self) -> bool:
         """Whether more than the distance from the reference counts."""
         return self.acceleration > 0.0 or self.force_rate > 0.0
+
+
+class SolveOptions(TypedDict, total=False):
+    """What a solve may be asked for besides its guess, see ``GaitProgram.solve``."""
+
+    costs: Costs | None
+    reference: Array | None
+    height_factor: float
+    max_iterations: int | None
+    stop_when_feasible: bool
 
 
 class GaitProgram:

@@ -110,23 +110,12 @@ class Trajectory:
 
 def robot_to_json(robot: GaitRobot) -> dict[str, Any]:
     """A robot as JSON-ready values; ``robot_from_json`` gives it back to the last bit."""
-    return {
-        "name": robot.name,
-        "mass_kg": robot.mass_kg,
-        "inertia_kgm2": robot.inertia_kgm2.tolist(),
-        "stand_height_m": robot.stand_height_m,
-        "trunk_half_m": robot.trunk_half_m.tolist(),
-        "feet": [
-            {
-                "name": foot.name,
-                "nominal_m": foot.nominal_m.tolist(),
-                "reach_min_m": foot.reach_min_m.tolist(),
-                "reach_max_m": foot.reach_max_m.tolist(),
-                "hip_m": foot.hip_m.tolist(),
-            }
-            for foot in robot.feet
-        ],
-    }
+    feet = [{name: _plain(value) for name, value in vars(foot).items()} for foot in robot.feet]
+    return {name: _plain(value) for name, value in vars(robot).items()} | {"feet": feet}
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def robot_from_json(data: Any) -> GaitRobot:

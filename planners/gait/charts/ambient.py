@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Self
-
 import casadi as cs
 
 from ...files.arrays import Array
 from ...terrain.heightfield import HeightField
-from ...warp.spline_map import SplineMap
 from ..transcription.taylor import ExpansionPoint, TaylorMap
 from .chart import Chart
 from .rotations import euler, surface_normal
@@ -21,12 +17,8 @@ class Ambient(Chart):
     flat = False
 
     def __init__(self, terrain: HeightField) -> None:
+        super().__init__(terrain)
         self.foot_map = TaylorMap.of_heights(terrain)
-
-    @classmethod
-    def of(cls, terrain: HeightField, *, smoothing_m: float, flattened: Callable[[], SplineMap]) -> Self:
-        """Of the terrain alone."""
-        return cls(terrain)
 
     def torso(self, bar: cs.SX, expansion: ExpansionPoint | None) -> tuple[cs.SX, cs.SX]:
         """(p̄, θ̄) to p_WB and R_WB."""

@@ -36,14 +36,17 @@ class Chart(ABC):
     torso_map: TaylorMap | None = None
     foot_map: TaylorMap | None = None
 
+    def __init__(self, terrain: HeightField) -> None:
+        self._terrain = terrain
+
     @classmethod
-    @abstractmethod
     def of(cls, terrain: HeightField, *, smoothing_m: float, flattened: Callable[[], SplineMap]) -> Self:
-        """The chart of a terrain.
+        """The chart of a terrain: of that alone, unless a chart says otherwise.
 
         smoothing_m: deviation of the Gaussian of ``GaitSettings`` [m]; flattened: gives the map φ that flattens the
         terrain, for charts that need it. Raises PlanningFailed where no map can be made.
         """
+        return cls(terrain)
 
     @abstractmethod
     def torso(self, bar: cs.SX, expansion: ExpansionPoint | None) -> tuple[cs.SX, cs.SX]:

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Self
-
 import casadi as cs
 import numpy as np
 
 from ...files.arrays import Array
 from ...terrain.heightfield import HeightField
-from ...warp.spline_map import SplineMap
 from ..transcription.taylor import ExpansionPoint, TaylorMap
 from .chart import Chart
 from .rotations import euler, shear_rotation, surface_frame
@@ -23,14 +19,10 @@ class Shear(Chart):
     """
 
     def __init__(self, terrain: HeightField, body: HeightField | None = None) -> None:
-        self._terrain, self._body = terrain, body or terrain
+        super().__init__(terrain)
+        self._body = body or terrain
         self.foot_map = TaylorMap.of_heights(terrain)
         self.torso_map = self.foot_map if body is None else TaylorMap.of_heights(body)
-
-    @classmethod
-    def of(cls, terrain: HeightField, *, smoothing_m: float, flattened: Callable[[], SplineMap]) -> Self:
-        """Of the terrain alone."""
-        return cls(terrain)
 
     def torso(self, bar: cs.SX, expansion: ExpansionPoint | None) -> tuple[cs.SX, cs.SX]:
         """(p̄, θ̄) to p_WB and R_WB, the latter by the shear's own 𝒫(J) (W12, W13)."""

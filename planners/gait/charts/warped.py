@@ -30,6 +30,7 @@ class Warped(Chart):
     scales = False
 
     def __init__(self, terrain: HeightField, warp: SplineMap) -> None:
+        super().__init__(terrain)
         warp.check_fits(terrain)
         self._warp = warp
         self.torso_map = self.foot_map = SnappedMap(warp)

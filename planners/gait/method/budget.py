@@ -5,11 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Unpack
 
 from ...errors import PlanningFailed
 from ...files.arrays import Array
-from ..gait_program import Costs, GaitProgram, GaitSolution
+from ..gait_program import GaitProgram, GaitSolution, SolveOptions
 from .attempt import Attempt, Progress
 from .subprocess import solve_in_subprocess
 
@@ -71,23 +71,8 @@ class SolveBudget:
         """Whether there is nothing left to spend, or the caller asked to stop."""
         return self.stopped or self.seconds >= self._total_s
 
-    def __call__(
-        self,
-        program: GaitProgram,
-        guess: Array,
-        /,
-        *,
-        costs: Costs | None = None,
-        reference: Array | None = None,
-        height_factor: float = 1.0,
-        max_iterations: int | None = None,
-        stop_when_feasible: bool = True,
-    ) -> GaitSolution:
+    def __call__(self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]) -> GaitSolution:
         """Solve within what is left; a solver that hangs or dies has found nothing."""
-        options: dict[str, Any] = {
-            "costs": costs, "reference": reference, "height_factor": height_factor, "max_iterations": max_iterations,
-            "stop_when_feasible": stop_when_feasible,
-        }  # fmt: skip
         limit_s = min(self._solve_s, max(self._total_s - self.seconds, 1.0))
         if self._in_subprocess:
             solution = self._in_child(program, guess, limit_s, options)
@@ -96,7 +81,7 @@ class SolveBudget:
         self.solves.append(self._record(program, solution))
         return solution
 
-    def _in_child(self, program: GaitProgram, guess: Array, limit_s: float, options: dict[str, Any]) -> GaitSolution:
+    def _in_child(self, program: GaitProgram, guess: Array, limit_s: float, options: SolveOptions) -> GaitSolution:
         try:
             return solve_in_subprocess(
                 program, guess, time_limit_s=PATIENCE * limit_s, callback=_TimeLimit(limit_s),

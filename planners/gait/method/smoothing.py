@@ -8,30 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Protocol, Unpack
 
 from ...errors import InvalidInput
 from ...files.arrays import Array, checked
 from ...verify.trajectories import GaitReport, check_trajectory
-from ..gait_program import Costs, GaitProgram, GaitSolution
+from ..gait_program import Costs, GaitProgram, GaitSolution, SolveOptions
 
 
 class Solve(Protocol):
-    """What solves a program from a guess, here or elsewhere; options as ``GaitProgram.solve`` has them."""
+    """What solves a program from a guess, here or elsewhere."""
 
-    def __call__(
-        self,
-        program: GaitProgram,
-        guess: Array,
-        /,
-        *,
-        costs: Costs | None = None,
-        reference: Array | None = None,
-        height_factor: float = 1.0,
-        max_iterations: int | None = None,
-        stop_when_feasible: bool = True,
-    ) -> GaitSolution:
-        """Solve it."""
+    def __call__(self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]) -> GaitSolution:
+        """Solve it, with the options of ``GaitProgram.solve``."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -20,17 +20,11 @@ from stancekit.planners.terrain.reference import TERRAINS, named_terrain
 CHART = '''
 """The shear with the torso's height counted from elsewhere: the same walk, other numbers."""
 
-from typing import Self
-
 from stancekit.planners.gait.charts.shear import Shear
 
 
 class Lifted(Shear):
     """The torso's height counts from 10 cm above the ground."""
-
-    @classmethod
-    def of(cls, terrain, *, smoothing_m, flattened) -> Self:
-        return cls(terrain)
 
     def torso(self, bar, expansion):
         p, rotation = super().torso(bar, expansion)
