@@ -115,20 +115,53 @@ class SampledTasks:
 
 
 class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
-    """One step: see a height field with a start and a goal, choose how to solve the walk, be told what came of it.
+    """Choose how to solve a walk over a height field; the verifier says what came of it.
 
-    Observation, float32, in a frame whose origin is half-way from start to goal on the terrain and whose x points to
-    the goal: ``heights`` (24·24) [m] over a square of 4 m, row by row along x; ``start``, ``goal`` (2) [m]; ``facing``
-    (2), cosine and sine of the robot's heading; ``friction`` (1); ``adhesive`` (one a foot, 0 or 1).
-    Action: (chart, homotopy, initial guess), indices into ``charts``, ``HEIGHTS`` and ``NOISES``; a chart with a map of
-    its own knows no homotopy in height and ignores that choice.
-    Info after a step (numeric, fixed shapes): ``verified``, ``feasible``, ``iterations``, ``violation``, the verifier's
-    figures ``force_rms``, ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``refused`` (how many of its
-    groups), ``reward_<term>``, and ``seconds``, which stays 0 unless ``timing``.
+    ## Description
+    Paper W's question as a decision: which coordinates, which homotopy in the terrain and which initial guess make the
+    gait optimiser find a walk from a start to a goal. The choice is the policy's, the solve is the planner's, and what
+    counts is what the independent verifier accepts.
 
+    ## Observation Space
+    A ``Dict`` of float32 ``Box``es, in a frame whose origin is half-way from start to goal on the terrain and whose x
+    points to the goal; lengths are clipped to ±4 m.
+
+    | name | shape | what | unit |
+    |---|---|---|---|
+    | ``heights`` | (576,) | heights over a square of 4 m, 24 × 24, row by row along x | m |
+    | ``start``, ``goal`` | (2,) | where the torso begins, and has to end | m |
+    | ``facing`` | (2,) | cosine and sine of the robot's heading | 1 |
+    | ``friction`` | (1,) | ν of the terrain | 1 |
+    | ``adhesive`` | (feet,) | 1 for a foot that sticks | 1 |
+
+    ## Action Space
+    ``MultiDiscrete``: indices into ``charts``, ``HEIGHTS`` (homotopies) and ``NOISES`` (initial guesses). A chart with
+    a map of its own knows no homotopy in height and ignores that choice.
+
+    ## Transition Dynamics
+    The walk is solved as chosen (``Attempt``, ``Workbench.run``) and verified between its nodes. ``info`` is numeric,
+    of fixed shapes: ``verified``, ``feasible``, ``iterations``, ``violation``, the verifier's figures ``force_rms``,
+    ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``refused`` (how many of its groups), ``reward_<term>``,
+    and ``seconds``, which stays 0 unless ``timing``.
+
+    ## Reward
+    verified · [the verifier accepts] + feasible · [the solve succeeds] − iterations · [share of the limit that was
+    taken] − seconds · [CPU seconds], with the weights of ``GaitRewardWeights``: 1, .25, .25 and 0.
+
+    ## Starting State
+    A walk drawn by ``tasks`` from the environment's generator.
+
+    ## Episode End
+    Terminated after one step; never truncated.
+
+    ## Arguments
+    terrain: of ``SampledTasks``, where there are no tasks. tasks: draws a walk; all walks have the same number of feet.
     charts: to choose from, names of ``planners.gait.charts.CHARTS`` or ``FILE.py:NAME``, all known ones if missing.
-    tasks: draws a walk, ``SampledTasks(terrain=…)`` where there is none; all walks have the same number of feet.
-    settings: of the optimiser; its max_iterations is the limit of every stage.
+    settings: of the optimiser; its max_iterations is the limit of every stage. weights: of the reward. timing: whether
+    CPU time is measured. render_mode: ``rgb_array`` or None. Raises InvalidInput.
+
+    ## Version History
+    v0: first.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention

@@ -129,14 +129,24 @@ class GaitTask:
 class GaitSettings:
     """How a task is written down and solved.
 
-    chart: how variables become world quantities, a name of ``charts.CHARTS`` or ``FILE.py:NAME``. dynamics:
-    ``centred``, PCDM with the force balanced by y₊ − 2y + y₋; ``printed``, W11 as printed; ``newton-euler``, W2.
-    hessian: ``exact``, or ``lbfgs`` for the paper's comparison. tolerance: success is a largest violation below it.
-    step_s: Δt. torso_knot_s, force_knot_s: spacing of the splines' knots. reach_margin_m: kept in hand inside the reach
-    boxes. clearance_m: of swinging feet in the middle of a swing. swing_nodes: checks of a swing between its ends
-    where the chart does not flatten the terrain. smoothing_m: deviation of the Gaussian of the decoupled chart.
-    trunk_clearance_m: of the trunk's lower face over the terrain, None for no such term. switch_slack_s: how far
-    optimised switching times may move. still_end: end at rest.
+    Arguments:
+        chart: how variables become world quantities, a name of ``charts.CHARTS`` or ``FILE.py:NAME``.
+        dynamics: ``centred``, PCDM with the force balanced by y₊ − 2y + y₋; ``printed``, W11 as printed;
+            ``newton-euler``, W2.
+        hessian: ``exact``, or ``lbfgs`` for the paper's comparison.
+        max_iterations: of one solve.
+        tolerance: success is a largest violation below it [m, m·g, m·g·stand height].
+        step_s: Δt [s], a share of the task's duration; smaller means more rows, and less to find between them.
+        torso_knot_s, force_knot_s: spacing of the splines' knots [s].
+        reach_margin_m: kept in hand inside the reach boxes [m].
+        clearance_m: of swinging feet in the middle of a swing [m]; swing_height_m: the same in the initial guess.
+        trunk_clearance_m: of the trunk's lower face over the terrain [m], None for no such term.
+        swing_nodes: checks of a swing between its ends where the chart does not flatten the terrain.
+        smoothing_m: deviation of the Gaussian under which the decoupled chart has the torso's terrain [m].
+        switch_slack_s: how far optimised switching times may move [s].
+        still_end: end at rest.
+    Raises:
+        InvalidInput: for an unknown chart or word, and for numbers out of range.
     """
 
     chart: str = "decoupled"

@@ -33,7 +33,6 @@ class Attempt:
     """How to solve a task. chart: a name of ``charts.CHARTS`` or ``FILE.py:NAME``.
 
     heights: factors on the terrain's gradients, solved one after another, the last is 1.
-
     by: whether factors below 1 scale the heights, or are what a Gaussian leaves of the steepest gradient.
     noise: deviation of what is added to every variable of the terrain-following guess [m, rad, m·g].
     """
