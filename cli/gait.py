@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -12,19 +11,17 @@ import tyro
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.refusals import shown
 
+from . import gait_options
 from .console import as_options, emit, err, out
 from .terrain import TerrainFile
 from .watch import interruptible, watching
 
 if TYPE_CHECKING:
-    from stancekit.planners.files.arrays import Array
     from stancekit.planners.gait.method.attempt import Attempt, Attempted
     from stancekit.planners.gait.method.checkpoint import Checkpoint
     from stancekit.planners.gait.method.portfolio import Caps, GaitPlan
     from stancekit.planners.gait.task import GaitSettings, GaitTask
-    from stancekit.planners.robot.single_body import GaitRobot
 
-ROBOTS = ("anymal", "hexapod")
 LIMITS = {True: 80, False: 200}
 """Iterations of a solve in a portfolio, and in one chart."""
 
@@ -167,8 +164,8 @@ class Gait:
     def _task(self) -> GaitTask:
         from stancekit.planners.gait.task import GaitTask
 
-        start, goal = _place(self.start, "--start"), _place(self.goal, "--goal")
-        robot = _robot(self.robot)
+        start, goal = gait_options.place(self.start, "--start"), gait_options.place(self.goal, "--goal")
+        robot = gait_options.robot(self.robot)
         sticky = [name.strip() for name in self.adhesive.split(",")] if self.adhesive else []
         unknown = sorted(set(sticky) - set(robot.foot_names))
         if unknown:
@@ -182,7 +179,7 @@ class Gait:
                 terrain=terrain,
                 start_xy_m=start,
                 goal_xy_m=goal,
-                start_yaw_rad=_heading(self.heading, goal - start),
+                start_yaw_rad=gait_options.heading(self.heading, goal - start),
                 duration_s=self.duration_s,
                 friction=self.friction,
                 adhesive=tuple(name in sticky for name in robot.foot_names),
@@ -190,7 +187,7 @@ class Gait:
                 timings=self.timings,
             )
         except InvalidInput as error:
-            raise InvalidInput(_as_options(str(error))) from None
+            raise InvalidInput(gait_options.in_options(str(error))) from None
 
     def _settings(self) -> GaitSettings:
         from stancekit.planners.gait.task import GaitSettings
@@ -234,7 +231,7 @@ class Gait:
             try:
                 plan = plan_gait(task, settings, progress, caps=caps, attempts=attempts, checkpoint=checkpoint)
             except InvalidInput as error:
-                raise InvalidInput(_as_options(str(error))) from None
+                raise InvalidInput(gait_options.in_options(str(error))) from None
         if plan.stopped:
             if checkpoint.path is not None:
                 err.print(f"{checkpoint.path}: kept; the same command goes on from there")
@@ -262,45 +259,3 @@ class Gait:
         elif self.out is not None:
             kept = ", from what this run found" if best.solution.success else ""
             out.print(f"{self.out}: not written; --unverified writes what the verifier refuses{kept}")
-
-
-def _place(text: str, option: str) -> Array:
-    """A place X,Y, shape (2,) [m]."""
-    import numpy as np
-
-    try:
-        x, y = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InvalidInput(f"{option}: expected a place X,Y in metres, got {shown(text)}") from None
-    return np.array([x, y])
-
-
-def _heading(text: str, way: Array) -> float:
-    """An angle, or that of the way to the goal [rad]."""
-    if text == "goal":
-        return math.atan2(way[1], way[0])
-    try:
-        return float(text)
-    except ValueError:
-        raise InvalidInput(f"--heading: expected an angle in rad, or goal, got {shown(text)}") from None
-
-
-def _robot(name: str) -> GaitRobot:
-    from stancekit.planners.robot.single_body import GaitRobot, anymal, hexapod_walker
-
-    if name in ROBOTS:
-        return anymal() if name == "anymal" else hexapod_walker()
-    if not Path(name).exists():
-        raise InvalidInput(f"--robot: expected {', '.join(ROBOTS)} or a robot's file, got {name!r}")
-    return GaitRobot.from_yaml(name)
-
-
-def _as_options(message: str) -> str:
-    """A task's message with the names of its fields as the options that gave them."""
-    names = {"start_xy_m": "start", "goal_xy_m": "goal", "start_yaw_rad": "heading"}
-    parts = []
-    for part in message.split("; "):
-        name, colon, rest = part.partition(":")
-        known = names.get(name, name if name in ("duration_s", "friction", "gait", "timings", "adhesive") else "")
-        parts.append(f"--{known.replace('_', '-')}{colon}{rest}" if known else part)
-    return "; ".join(parts)

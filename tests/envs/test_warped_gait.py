@@ -11,13 +11,13 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
+from stancekit.envs.distributions.walks import SampledTasks
 from stancekit.envs.warped_gait import (
     HEIGHTS,
     NOISES,
     PATCH,
     PATCH_M,
     GaitRewardWeights,
-    SampledTasks,
     WarpedGaitEnv,
     observe,
 )
