@@ -41,53 +41,66 @@ class GaitRewardWeights:
 
 
 class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
-    """Choose how to solve a walk over a height field; the verifier says what came of it.
+    """Choose how to solve a walk over a height field; the verifier judges what comes of it.
 
     ## Description
-    Paper W's question as a decision: which coordinates, which homotopy in the terrain and which initial guess make the
-    gait optimiser find a walk from a start to a goal. The choice is the policy's, the solve is the planner's, and what
-    counts is what the independent verifier accepts.
+
+    One walk an episode (paper W): a height field with a start and a goal. The agent chooses the coordinates to
+    optimise in, a homotopy and an initial guess; the optimiser solves, and the verifier looks between the knots.
 
     ## Observation Space
-    A ``Dict`` of float32 ``Box``es, in a frame whose origin is half-way from start to goal on the terrain and whose x
-    points to the goal; lengths are clipped to ±4 m.
 
-    | name | shape | what | unit |
-    |---|---|---|---|
-    | ``heights`` | (576,) | heights over a square of 4 m, 24 × 24, row by row along x | m |
-    | ``start``, ``goal`` | (2,) | where the torso begins, and has to end | m |
-    | ``facing`` | (2,) | cosine and sine of the robot's heading | 1 |
-    | ``friction`` | (1,) | ν of the terrain | 1 |
-    | ``adhesive`` | (feet,) | 1 for a foot that sticks | 1 |
+    A ``Dict`` of flat float32 ``Box``es, in a frame whose origin is half-way from start to goal on the terrain and
+    whose x points to the goal; E feet:
+
+    | name | shape | meaning |
+    |---|---|---|
+    | heights | (24 * 24,) | the terrain over a square of 4 m, row by row along x [m] |
+    | start | (2,) | [m] |
+    | goal | (2,) | [m] |
+    | facing | (2,) | cosine and sine of the robot's heading |
+    | friction | (1,) | ν |
+    | adhesive | (E,) | 1 for feet that stick |
 
     ## Action Space
-    ``MultiDiscrete``: indices into ``charts``, ``HEIGHTS`` (homotopies) and ``NOISES`` (initial guesses). A chart with
-    a map of its own knows no homotopy in height and ignores that choice.
 
-    ## Transition Dynamics
-    The walk is solved as chosen (``Attempt``, ``Workbench.run``) and verified between its nodes. ``info`` is numeric,
-    of fixed shapes: ``verified``, ``feasible``, ``iterations``, ``violation``, the verifier's figures ``force_rms``,
-    ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``refused`` (how many of its groups), ``reward_<term>``,
-    and ``seconds``, which stays 0 unless ``timing``.
+    ``MultiDiscrete``: indices into ``charts``, ``HEIGHTS`` (homotopies) and ``NOISES`` (guesses). A chart with a map of
+    its own knows no homotopy in height and ignores that choice.
 
     ## Reward
-    verified · [the verifier accepts] + feasible · [the solve succeeds] − iterations · [share of the limit that was
-    taken] − seconds · [CPU seconds], with the weights of ``GaitRewardWeights``: 1, .25, .25 and 0.
+
+    verified · [the verifier accepts] + feasible · [the solve succeeds] − iterations · (share of the limit that was
+    taken) − seconds · (CPU seconds, with ``timing`` only), with the weights of ``GaitRewardWeights``.
 
     ## Starting State
-    A walk drawn by ``tasks`` from the environment's generator.
+
+    A walk of ``tasks``, or ``SampledTasks(terrain)``; all have the same number of feet.
 
     ## Episode End
+
     Terminated after one step; never truncated.
 
+    ## Info
+
+    After a step (numeric, fixed shapes): ``verified``, ``feasible``, ``iterations``, ``violation``, the verifier's
+    figures ``force_rms``, ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``refused`` (how many of its
+    groups), ``reward_<term>``, and ``seconds``, which stays 0 unless ``timing``.
+
     ## Arguments
-    terrain: of ``SampledTasks``, where there are no tasks. tasks: draws a walk; all walks have the same number of feet.
-    charts: to choose from, names of ``planners.gait.charts.CHARTS`` or ``FILE.py:NAME``, all known ones if missing.
-    settings: of the optimiser; its max_iterations is the limit of every stage. weights: of the reward. timing: whether
-    CPU time is measured. render_mode: ``rgb_array`` or None. Raises InvalidInput.
+
+    | argument | default | meaning |
+    |---|---|---|
+    | terrain | 'mixed' | a family, "mixed" for all of them, a terrain of `TERRAINS`, or "FILE.py:NAME" |
+    | tasks | None | a function that draws a walk from a generator, in place of ``terrain`` |
+    | charts | None | coordinates to choose from, all of `planners.gait.charts.CHARTS` if None, or "FILE.py:NAME" |
+    | settings | GaitSettings(max_iterations=50) | of the optimiser; its limit is that of every stage |
+    | weights | GaitRewardWeights() | what a step is worth |
+    | timing | False | put CPU seconds into ``info`` and the reward |
+    | render_mode | None | "rgb_array" |
 
     ## Version History
-    v0: first.
+
+    - v0: the first version
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
