@@ -25,12 +25,14 @@ class Layout:
     """What decides the rows and columns of a program; programs of equal layouts differ in their numbers only.
 
     holds: the foothold under each limb at each frame, (M, N); stances: (frame, limbs) of each;
-    corners: how many vertices each open candidate has, by foothold.
+    corners: how many vertices each open candidate has, by foothold; reach_rows: how many half-spaces each limb's reach
+    has, by limb; empty where none has any.
     """
 
     holds: tuple[tuple[int, ...], ...]
     stances: tuple[tuple[int, tuple[int, ...]], ...]
     corners: tuple[tuple[int, ...], ...]
+    reach_rows: tuple[int, ...] = ()
 
     @property
     def frames(self) -> int:
@@ -57,6 +59,11 @@ class Layout:
         ]
         stance, limb, foothold = np.array(found, dtype=np.int_).T
         return stance, limb, foothold
+
+    @cached_property
+    def row_limbs(self) -> Index:
+        """The limb of every half-space of reach, shape (H,)."""
+        return np.repeat(np.arange(len(self.reach_rows)), np.array(self.reach_rows, dtype=np.int_))
 
     @cached_property
     def stance_frames(self) -> Index:

@@ -70,7 +70,9 @@ def fix_toes(scaled: Scaled, held: Point, *, hold_body: bool, least_moment: bool
     forces = Forces.of_contacts(scaled)
     arms = held.toes[scaled.layout.contacts[2]]
     moment = plan.net(cross(arms, forces.world), forces.stance)
-    body = plan.stays_at(held) if hold_body else {**plan.within_reach(), **plan.within_limits(), **plan.steps()}
+    body = plan.stays_at(held)
+    if not hold_body:
+        body = {**plan.within_reach(inner=True), **plan.within_limits(), **plan.steps()}
     return _with_moment(plan, moment, {**_on_forces(forces), **body}, least_moment)
 
 
@@ -80,7 +82,7 @@ def fix_forces(scaled: Scaled, held: Point) -> Model:
     stance, _, foothold = scaled.layout.contacts
     levers = cross(plan.toes[foothold], scaled.in_world(held.forces))
     moment = plan.net(levers, stance)
-    return _with_moment(plan, moment, _on_toes(plan), least_moment=True)
+    return _with_moment(plan, moment, _on_toes(plan, inner=True), least_moment=True)
 
 
 def linearised(scaled: Scaled, about: Point, *, price: float | None) -> Model:
@@ -91,13 +93,13 @@ def linearised(scaled: Scaled, about: Point, *, price: float | None) -> Model:
     moment = plan.net(moved, forces.stance)
     residual, terms = within(moment)
     cost = residual if price is None else plan.objective() + price * residual
-    return Model(cost, {**terms, **_on_toes(plan), **_on_forces(forces)})
+    return Model(cost, {**terms, **_on_toes(plan, inner=True), **_on_forces(forces)})
 
 
 def positions(scaled: Scaled) -> Model:
     """Body and toes without forces, as a decoupled planner chooses them first."""
     plan = Plan(scaled)
-    return Model(plan.objective(), _on_toes(plan))
+    return Model(plan.objective(), _on_toes(plan, inner=True))
 
 
 def coupled(scaled: Scaled, axes: Axes) -> tuple[Plan, Products, Terms]:
@@ -108,8 +110,9 @@ def coupled(scaled: Scaled, axes: Axes) -> tuple[Plan, Products, Terms]:
     return plan, products, {**_on_toes(plan), **_on_forces(forces), **products.terms()}
 
 
-def _on_toes(plan: Plan) -> Terms:
-    return {**plan.on_patches(), **plan.within_reach(), **plan.within_limits(), **plan.steps()}
+def _on_toes(plan: Plan, *, inner: bool = False) -> Terms:
+    """inner: of half-spaces of reach, for plans; relaxations have the outer sets."""
+    return {**plan.on_patches(), **plan.within_reach(inner=inner), **plan.within_limits(), **plan.steps()}
 
 
 def _on_forces(forces: Forces) -> Terms:

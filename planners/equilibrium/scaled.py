@@ -7,7 +7,7 @@ units of the length scale, forces of the force scale (a course's is the robot's 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..answer.outcome import Posture
 from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course, Weights
+from .half_spaces import HalfSpaces
 from .layout import Layout
 
 
@@ -46,7 +47,8 @@ class Scaled:
     options: most candidates of a foothold in the problem; which: the number, in the problem, of every open candidate,
     by foothold. vertices: v_u, shape (V, 3); a toe that
     already stands is a candidate of one vertex. frames: R_WC, columns n, y, z, shape (K, 3, 3); friction: (K,).
-    shoulders: (N, 3); reach: (N,). force_min, force_max: on (f_n, f_y, f_z) of every stance contact, (B, 3).
+    shoulders: (N, 3); reach: (N,); half_spaces: of reach.
+    force_min, force_max: on (f_n, f_y, f_z) of every stance contact, (B, 3).
     weight: m·g. com: nominal, (M, 3); com_radius: (M,). tilt: limit [rad]. steps: largest step of the COM, of a toe and
     of the rotation; direction: of the nominal steps, (M − 1, 3); progress: least along them, (M − 1,). goal: (3,).
     weights: of the objective, None for a posture, which has none.
@@ -73,6 +75,7 @@ class Scaled:
     weights: Weights | None
     length_m: float
     force_n: float
+    half_spaces: HalfSpaces = field(default_factory=HalfSpaces.none)
 
     @classmethod
     def of(cls, problem: PostureProblem | Course) -> Scaled:
@@ -212,7 +215,7 @@ def _of_posture(problem: PostureProblem) -> Scaled:
     feet = tuple(range(len(contacts)))
     corners = tuple((len(contact.patch.vertices_m),) for contact in contacts)
     return Scaled(
-        layout=Layout(holds=(feet,), stances=((0, feet),), corners=corners),
+        layout=Layout(holds=(feet,), stances=((0, feet),), corners=corners, reach_rows=HalfSpaces.counts(contacts)),
         options=1,
         which=((0,),) * len(contacts),
         vertices=np.concatenate([contact.patch.vertices_m for contact in contacts]) / length_m,
@@ -230,6 +233,7 @@ def _of_posture(problem: PostureProblem) -> Scaled:
         goal=problem.com_nominal_m / length_m, weights=None,
         length_m=length_m,
         force_n=force_n,
+        half_spaces=HalfSpaces.of(contacts, length_m, problem.tilt_limit_rad),
     )  # fmt: skip
 
 
@@ -246,6 +250,7 @@ def _of_course(course: Course) -> Scaled:
         holds=tuple(tuple(row) for row in course.holds.tolist()),
         stances=tuple((stance.frame, stance.limbs) for stance in course.stances),
         corners=tuple(tuple(next(sizes) for _ in placement.candidates) for placement in course.placements),
+        reach_rows=HalfSpaces.counts(limbs),
     )
     direction = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
     carrying = sum(len(limbs) for _, limbs in layout.stances)
@@ -271,6 +276,7 @@ def _of_course(course: Course) -> Scaled:
         weights=course.weights,
         length_m=scale,
         force_n=course.weight_n,
+        half_spaces=HalfSpaces.of(limbs, scale, course.tilt_limit_rad),
     )
 
 
@@ -281,5 +287,3 @@ def cones_met(low: Array, high: Array, friction: Sequence[float] | Array) -> tup
     low[:, 0] = np.maximum(low[:, 0], 0.0)
     low[:, 1:], high[:, 1:] = np.maximum(low[:, 1:], -shear), np.minimum(high[:, 1:], shear)
     return low, high
-
-

@@ -160,7 +160,10 @@ class Course:
         bounds = np.array([[contact.force_min, contact.force_max] for contact in problem.contacts])
         if np.ptp(bounds, axis=0).max() > 0.0:
             raise InvalidInput("contacts: expected one force_min and force_max for all in a course, got several")
-        limbs = tuple(Limb(name=c.leg, shoulder_m=c.shoulder_m, reach_m=c.reach_m) for c in problem.contacts)
+        limbs = tuple(
+            Limb(name=c.leg, shoulder_m=c.shoulder_m, reach_m=c.reach_m, reach_rows=c.reach_rows)
+            for c in problem.contacts
+        )
         patches = tuple(contact.patch for contact in problem.contacts)
         return cls(
             name=name,
@@ -240,7 +243,7 @@ class Course:
             contacts.append(
                 Contact(
                     leg=owner.name, shoulder_m=owner.shoulder_m, reach_m=owner.reach_m, patch=patch,
-                    force_min=self.force_min, force_max=self.force_max,
+                    force_min=self.force_min, force_max=self.force_max, reach_rows=owner.reach_rows,
                 )
             )  # fmt: skip
         return PostureProblem(

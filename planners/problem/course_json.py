@@ -12,8 +12,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from ..errors import InvalidInput
 from ..files.refusals import refusals
 from ..robot.model import Limb, Robot
+from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 from .course import Course, Placement, StepLimits, Weights
+from .posture import ReachRowsJson
 
 FORMAT = "stancekit/course/1"
 
@@ -32,10 +34,7 @@ def course_to_json(course: Course) -> dict[str, Any]:
         "robot": {
             "name": course.robot.name,
             "mass_kg": course.robot.mass_kg,
-            "limbs": [
-                {"name": limb.name, "shoulder_m": limb.shoulder_m.tolist(), "reach_m": limb.reach_m}
-                for limb in course.robot.limbs
-            ],
+            "limbs": [_limb_to_json(limb) for limb in course.robot.limbs],
         },
         "terrain": [_patch_to_json(patch) for patch in course.terrain],
         "placements": [
@@ -99,10 +98,20 @@ class _Notes:
 
 
 def _robot(raw: _RobotJson) -> Robot:
-    limbs = tuple(
-        Limb(name=limb.name, shoulder_m=np.array(limb.shoulder_m), reach_m=limb.reach_m) for limb in raw.limbs
-    )
-    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=limbs)
+    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=tuple(_limb(limb) for limb in raw.limbs))
+
+
+def _limb(raw: _LimbJson) -> Limb:
+    try:
+        rows = None if raw.reach_rows is None else ReachRows(**raw.reach_rows.model_dump())
+    except InvalidInput as error:
+        raise InvalidInput(f"limb {raw.name}: {error}") from None
+    return Limb(name=raw.name, shoulder_m=np.array(raw.shoulder_m), reach_m=raw.reach_m, reach_rows=rows)
+
+
+def _limb_to_json(limb: Limb) -> dict[str, Any]:
+    written = {"name": limb.name, "shoulder_m": limb.shoulder_m.tolist(), "reach_m": limb.reach_m}
+    return written if limb.reach_rows is None else {**written, "reach_rows": limb.reach_rows.to_json()}
 
 
 def _placement(raw: _PlacementJson, place: str, notes: _Notes) -> Placement | None:
@@ -130,6 +139,7 @@ class _LimbJson(_Keys):
     name: str
     shoulder_m: list[float]
     reach_m: float
+    reach_rows: ReachRowsJson | None = None
 
 
 class _RobotJson(_Keys):

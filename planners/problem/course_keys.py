@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_val
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
 from ..robot.model import Limb, Robot, hexapod
+from ..robot.reach import ReachRows
 from .course import MOST_FRAMES, StepLimits
 from .course_terrain import AnyTerrain, Length, Point, Positive
 from .posture import TILT_LIMIT_RAD
@@ -30,11 +31,36 @@ class _Keys(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+class ReachRowsSpec(_Keys):
+    """A limb's workspace as half-spaces, see ``ReachRows``."""
+
+    normals: list[Point]
+    bounds_m: list[Length]
+
+    @model_validator(mode="after")
+    def _agree(self) -> ReachRowsSpec:
+        try:
+            self.rows()
+        except InvalidInput as error:
+            raise InvalidInput(str(error).removeprefix("reach_rows.")) from None
+        return self
+
+    def rows(self) -> ReachRows:
+        """The same as a limb wants it. Raises InvalidInput."""
+        return ReachRows(normals=np.array(self.normals).reshape(-1, 3), bounds_m=np.array(self.bounds_m))
+
+
 class LimbSpec(_Keys):
     """One limb of a robot that the file brings with it."""
 
     shoulder_m: Point
     reach_m: Positive
+    reach_rows: ReachRowsSpec | None = None
+
+    def make(self, name: str) -> Limb:
+        """The limb of this name."""
+        rows = None if self.reach_rows is None else self.reach_rows.rows()
+        return Limb(name=name, shoulder_m=np.array(self.shoulder_m), reach_m=self.reach_m, reach_rows=rows)
 
 
 class RobotSpec(_Keys):
@@ -154,10 +180,7 @@ class CourseSpec(_Keys):
         """The robot of the course."""
         if isinstance(self.robot, str):
             return hexapod()
-        limbs = tuple(
-            Limb(name=name, shoulder_m=np.array(limb.shoulder_m), reach_m=limb.reach_m)
-            for name, limb in self.robot.limbs.items()
-        )
+        limbs = tuple(limb.make(name) for name, limb in self.robot.limbs.items())
         return Robot(name=self.robot.name, mass_kg=self.robot.mass_kg, limbs=limbs)
 
     def with_frames(self, frames: int) -> CourseSpec:

@@ -13,6 +13,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen, gathered
 from ..files.refusals import refusals
 from ..robot.model import Robot, hexapod
+from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 
 FORMAT = "stancekit/posture/1"
@@ -25,7 +26,8 @@ UP = (0.0, 0.0, 1.0)
 class Contact:
     """One limb on one patch.
 
-    shoulder_m: shoulder in the body frame, shape (3,) [m]; reach_m: workspace radius [m];
+    shoulder_m: shoulder in the body frame, shape (3,) [m]; reach_m: workspace radius [m]; reach_rows: half-spaces that
+    the toe is in, too;
     force_min, force_max: bounds on (f_n, f_y, f_z), in units of the problem's force scale, shape (3,).
     """
 
@@ -35,6 +37,7 @@ class Contact:
     patch: Patch
     force_min: Array
     force_max: Array
+    reach_rows: ReachRows | None = None
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -117,6 +120,7 @@ class PostureProblem:
                     "friction": contact.patch.friction,
                     "force_min": contact.force_min.tolist(),
                     "force_max": contact.force_max.tolist(),
+                    **({} if contact.reach_rows is None else {"reach_rows": contact.reach_rows.to_json()}),
                 }
                 for contact in self.contacts
             ],
@@ -172,11 +176,16 @@ def _checked_body(**values: Any) -> dict[str, Any]:
 def _contact(item: _ContactJson, index: int, robot: Robot) -> Contact:
     """One contact of the JSON form. Raises InvalidInput with everything that is wrong with it."""
     surface = item.model_dump(include={"vertices_m", "normal", "shear_reference", "friction"})
-    rest = item.model_dump(include={"leg", "shoulder_m", "reach_m", "force_min", "force_max"})
+    rest: dict[str, Any] = item.model_dump(include={"leg", "shoulder_m", "reach_m", "force_min", "force_max"})
     patches = list[Patch]()
     wrong = []
+
+    def bounded() -> None:
+        rest["reach_rows"] = None if item.reach_rows is None else ReachRows(**item.reach_rows.model_dump())
+
     for check in (
         lambda: robot.select([item.leg]),
+        bounded,
         lambda: patches.append(Patch(**surface)),
         lambda: Contact(patch=cast(Patch, patches[:1]), **rest),  # the limb's own numbers, whatever the patch
     ):
@@ -187,6 +196,14 @@ def _contact(item: _ContactJson, index: int, robot: Robot) -> Contact:
     if wrong:
         raise InvalidInput("; ".join(f"contacts[{index}].{text}" for text in wrong))
     return Contact(patch=patches[0], **rest)
+
+
+class ReachRowsJson(BaseModel):
+    """Half-spaces in a file, see ``ReachRows``."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+    normals: list[list[float]]
+    bounds_m: list[float]
 
 
 class _ContactJson(BaseModel):
@@ -200,6 +217,7 @@ class _ContactJson(BaseModel):
     friction: float
     force_min: list[float]
     force_max: list[float]
+    reach_rows: ReachRowsJson | None = None
 
 
 class _PostureJson(BaseModel):

@@ -40,7 +40,7 @@ class FixToes:
         if hold_body:
             body.held()
         else:
-            body.reach(HeldToes(rows))
+            body.reach(HeldToes(rows), inner=True)
             body.limits()
             body.steps(None)
         self._hold_body, self._least = hold_body, least_moment
@@ -67,7 +67,7 @@ class FixForces:
         _levers(moments, layout, toes)
         moments.of_weight(body)
         rows.linear(moments.within(rows), 1.0)
-        body.reach(toes)
+        body.reach(toes, inner=True)
         body.limits()
         body.steps(toes)
 
@@ -116,7 +116,7 @@ class Linearised:
             rows.linear(residual, MOMENT_PRICE)
         forces.in_cones()
         forces.in_box(implied=False)
-        body.reach(toes)
+        body.reach(toes, inner=True)
         body.limits()
         body.steps(toes)
 

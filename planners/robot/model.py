@@ -9,18 +9,21 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, frozen
+from .reach import ReachRows
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limb:
     """One limb: its shoulder in the body frame (paper E's v, eq. 11) and the radius of its spherical workspace.
 
-    shoulder_m: p_BS, shape (3,) [m]; reach_m: Δ_FK of eq. 11 [m].
+    shoulder_m: p_BS, shape (3,) [m]; reach_m: Δ_FK of eq. 11 [m]. reach_rows: half-spaces that the toe is in, too;
+    where they alone should count, reach_m is that of a ball which holds them.
     """
 
     name: str
     shoulder_m: Array
     reach_m: float
+    reach_rows: ReachRows | None = None
 
     def __post_init__(self) -> None:
         checked_name(self.name, "limb name")

@@ -12,6 +12,8 @@ balances of moments, whose largest component is off by ε, has
       + Σ_steps a·(c' − c) − Δ_c‖a‖ + t·(Θ' − Θ) − Δ_Θ‖t‖ + g (progress − d·(c' − c)) + Σ_toes b·(q' − q) − Δ_p‖b‖
       ≤  Σ_stances ‖ν_M‖₁ ε.
 
+Half-spaces of reach add terms of the form of r (``half_spaces``).
+
 (The moment about c is Σ q × C f − c × w e_z because Σ C f = w e_z; q and c are in the world frame; g ≥ 0.) Where the
 least value ℓ of the left side is positive, ε ≥ ℓ / Σ ‖ν_M‖₁. It separates: a ball for each c, a box for each Θ, and for
 each toe the least over its open slots and their vertices v of (Σ r + Σ b)·v + Σ_stances min {a·f : f in B and in the
@@ -40,6 +42,7 @@ from numpy.typing import NDArray
 
 from ..files.arrays import Array
 from .geometry import cross, length
+from .half_spaces import bending, half_space_pulls
 from .stances import Index, Schedule
 from .work import SLACK, least_works, misses_cone
 
@@ -72,6 +75,8 @@ class Numbers:
     steps: Array  # (3,)
     progress: Array  # (M − 1,)
     ahead: Array  # (M − 1, 3)
+    row_normals: Array  # (Q, H, 3), of the half-spaces of reach
+    row_bounds: Array  # (Q, H)
 
     @cached_property
     def first_slot(self) -> Index:
@@ -114,6 +119,7 @@ class Multipliers:
     rotation_step: Array  # (L, M − 1, 3)
     progress: Array  # (L, M − 1)
     toe_step: Array  # (L, moves, 3)
+    reach_rows: Array  # (L, M, H)
 
     @classmethod
     def of(cls, who: Schedule, rows: Array) -> Multipliers:
@@ -125,6 +131,11 @@ class Multipliers:
             begin = end
         return cls(**parts)
 
+    def gripped(self, numbers: Numbers, problem: Index) -> Array | None:
+        """What the half-spaces of reach add to r, shape (L, M, N, 3), or None; problem: of each leaf."""
+        limbs = numbers.schedule.row_limb
+        return half_space_pulls(limbs, numbers.row_normals[problem], self.reach_rows, self.reach.shape[2])
+
 
 def multiplier_shapes(who: Schedule) -> dict[str, tuple[int, ...]]:
     """Shape of every group of a leaf's multipliers."""
@@ -132,6 +143,7 @@ def multiplier_shapes(who: Schedule) -> dict[str, tuple[int, ...]]:
     return {
         "nu_F": (stances, 3), "nu_M": (stances, 3), "reach": (frames, limbs, 3), "com_step": (frames - 1, 3),
         "rotation_step": (frames - 1, 3), "progress": (frames - 1,), "toe_step": (len(who.moves), 3),
+        "reach_rows": (frames, len(who.row_limb)),
     }  # fmt: skip
 
 
@@ -163,10 +175,7 @@ def least_lagrangians(numbers: Numbers, leaves: Leaves) -> tuple[Array, NDArray[
     chunk = np.cumsum(rows) // MOST_ROWS
     ends = [0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), len(rows)]
     with np.errstate(all="ignore"):
-        found = [
-            _least(numbers, leaves.part(begin, end), sizes[begin:end])
-            for begin, end in itertools.pairwise(ends)
-        ]
+        found = [_least(numbers, leaves.part(begin, end), sizes[begin:end]) for begin, end in itertools.pairwise(ends)]
     if len(found) == 1:
         return found[0]
     return np.concatenate([values for values, _ in found], axis=1), np.concatenate([empty for _, empty in found])
@@ -176,8 +185,10 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     """``least_lagrangians`` of leaves that are few enough; sizes: vertices of each slot, shape (L, T)."""
     who, q = numbers.schedule, leaves.problem
     m = Multipliers.of(who, leaves.multipliers)
-    toes = toe_pulls(who, m)
-    pull, twist = body_pulls(numbers, q, m)
+    gripped = m.gripped(numbers, q)
+    pulls = m.reach if gripped is None else m.reach + gripped
+    toes = toe_pulls(who, pulls, m)
+    pull, twist = body_pulls(numbers, q, pulls, m)
     com, weight, shoulders, tilt = numbers.com[q], numbers.weight[q], numbers.shoulders[q], numbers.tilt[q]
     far_com = length(com) + numbers.com_radius[q] + SLACK  # ‖c‖, (L, M)
     most = length(np.maximum(np.abs(leaves.lower), np.abs(leaves.upper))) + 2.0 * SLACK  # ‖f‖, (L, B)
@@ -188,7 +199,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     leverage = (torque[:, who.stance] * most) @ who.on_placement  # Σ ‖ν_M‖ ‖f‖ at each placement, (L, P)
     slack = np.array([0.0, SLACK])[:, None]  # as the problem is, and widened
     off_patch = leaves.sag[leaves.pieces] * (leaves.pieces >= 0) + slack[..., None]
-    slots -= off_patch * (length(toes) + leverage)[:, numbers.slot]                   # ‖q − Σ λ v‖ ≤ off_patch
+    slots -= off_patch * (length(toes) + leverage)[:, numbers.slot]  # ‖q − Σ λ v‖ ≤ off_patch
     value = (
         np.vecdot(pull, com).sum(axis=1) - np.vecdot(numbers.com_radius[q], pulled)   # ‖c − c_nominal‖ ≤ com_radius
         - tilt * twisted                                                              # |Θ_k| ≤ tilt
@@ -210,12 +221,21 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     if len(who.holds) > 1:
         used = np.stack([length(group).sum(axis=1) for group in (m.com_step, m.rotation_step, m.toe_step)], axis=1)
         gained, most_com = m.progress.sum(axis=1), 2.0 * far_com.max(axis=1)
-        value += m.progress @ numbers.progress - used @ numbers.steps                 # d·(c' − c) ≥ progress, ≤ Δ
+        value += m.progress @ numbers.progress - used @ numbers.steps  # d·(c' − c) ≥ progress, ≤ Δ
         loose += used.sum(axis=1) + gained
         terms += used @ numbers.steps + (used[:, 0] + gained) * most_com
         terms += used[:, 1] * 2.0 * (tilt + SLACK) + used[:, 2] * 2.0 * far.max(axis=1)
         value = np.where((m.progress < 0.0).any(axis=1), -np.inf, value)
-    value -= GUARD * len(who.holds) * (1.0 + terms)
+    if gripped is not None:
+        used, bounds, bent = m.reach_rows.sum(axis=1), numbers.row_bounds[q], length(gripped).sum(axis=1)
+        value = value - np.vecdot(used, bounds)  # (a + Θ × a)·(q − c) ≤ b
+        value = value - bending(gripped, shoulders, tilt + slack, numbers.reach[q] + slack[..., None])
+        value = np.where((m.reach_rows < 0.0).any(axis=(1, 2)), -np.inf, value)
+        loose += used.sum(axis=1)
+        farthest = far.max(axis=1) + far_com.max(axis=1)
+        terms += np.vecdot(used, np.abs(bounds)) + 3.0 * used.sum(axis=1) * farthest
+        terms += 3.0 * np.vecdot(bent, arm)
+    value = value - GUARD * len(who.holds) * (1.0 + terms)
     return np.minimum.reduceat(slots, numbers.first_slot, axis=2).sum(axis=2) + value - slack * loose, empty
 
 
@@ -261,11 +281,14 @@ def _slots(
     return slots.reshape(2, *shape), farthest, empty
 
 
-def body_pulls(numbers: Numbers, problem: Index, m: Multipliers) -> tuple[Array, Array]:
-    """Slopes of the left side in every c and Θ of L leaves; problem: of each. Shapes (L, M, 3) and (L, M, 3)."""
+def body_pulls(numbers: Numbers, problem: Index, pulls: Array, m: Multipliers) -> tuple[Array, Array]:
+    """Slopes of the left side in every c and Θ of L leaves, shape (L, M, 3) each.
+
+    problem: of each leaf; pulls: r + α of every limb at every frame, (L, M, N, 3).
+    """
     who = numbers.schedule
-    pull = -m.reach.sum(axis=2)
-    twist = -cross(numbers.shoulders[problem][:, None], m.reach).sum(axis=2)
+    pull = -pulls.sum(axis=2)
+    twist = -cross(numbers.shoulders[problem][:, None], pulls).sum(axis=2)
     weight, first = numbers.weight[problem][:, None], np.searchsorted(who.frame, np.arange(len(who.holds)))
     moments = np.add.reduceat(m.nu_M, first, axis=1)
     pull[..., 0] += weight * moments[..., 1]  # −ν·(c × e_z) = (−e_z × ν)·c
@@ -278,10 +301,10 @@ def body_pulls(numbers: Numbers, problem: Index, m: Multipliers) -> tuple[Array,
     return pull, twist
 
 
-def toe_pulls(who: Schedule, m: Multipliers) -> Array:
-    """Slopes of the left side in every toe of L leaves, moments left out, shape (L, P, 3)."""
-    leaves = len(m.reach)
-    toes = np.add.reduceat(m.reach.reshape(leaves, -1, 3)[:, who.standing], who.first_standing, axis=1)
+def toe_pulls(who: Schedule, pulls: Array, m: Multipliers) -> Array:
+    """Slopes of the left side in every toe of L leaves, moments left out, shape (L, P, 3); pulls: as ``body_pulls``."""
+    leaves = len(pulls)
+    toes = np.add.reduceat(pulls.reshape(leaves, -1, 3)[:, who.standing], who.first_standing, axis=1)
     before, after = who.moves.T
     toes[:, after] += m.toe_step  # a placement is moved to once at most, and from once
     toes[:, before] -= m.toe_step

@@ -10,6 +10,7 @@ earlier frame has a stance (c, Θ, f) of some of these limbs, the later one (c',
 both, the forces sum up to the weight everywhere, so Σ (p − c) × f = Σ p × f + c × m g is linear in (c, f), and zero at
 both ends. Cones, bounds (which admit a zero force), reach with the linearised rotation, tilt box and the interpolated
 ball about the nominal COM are convex. So every point between is a posture, too. Five of them are recomputed anyway.
+Half-spaces of reach are bilinear in Θ and c; their largest value on the way is worked out (``half_spaces.bowed``).
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array
 from .geometry import contact_frames, cross, length, patch_distances
+from .half_spaces import beyond, bowed, reach_rows
 from .postures import NOTHING, worst_groups
 from .report import PLAN_GROUPS, GroupViolation, Report, plan_shapes, refused
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, violations, worst_of
@@ -75,6 +77,7 @@ class _Sweep:
         self._who = Schedule.of_course(plan.course)
         self._shoulders = np.array([limb.shoulder_m for limb in plan.course.robot.limbs])
         self._reach = np.array([limb.reach_m for limb in plan.course.robot.limbs])
+        self._rows = reach_rows(plan.course.robot.limbs)
         self._patches = [
             put.candidates[int(chosen)] for put, chosen in zip(plan.course.placements, plan.choice, strict=True)
         ]
@@ -87,6 +90,7 @@ class _Sweep:
         """The report on all groups."""
         ways = self._ways()
         between = self._stances(ways, shares)
+        self._bowed(ways)
         self._idle()
         self._steps()
         bent, exact_m = self._linearisation()
@@ -124,9 +128,7 @@ class _Sweep:
         along = worst_of(at, found)[stances:]
         return float(along.max())
 
-    def _points(
-        self, frame: Index, share: Array, owner: Index, limb: Index, rows: tuple[Index, Index]
-    ) -> Stances:
+    def _points(self, frame: Index, share: Array, owner: Index, limb: Index, rows: tuple[Index, Index]) -> Stances:
         """Points ``share`` of the way from each frame to the next, from the forces in one row to those in another."""
         course, plan, t = self._course, self._plan, share[:, None]
         following = np.minimum(frame + 1, course.frames - 1)
@@ -149,8 +151,12 @@ class _Sweep:
             length_m=self._units["m"] * each, force_n=self._units["N"] * each, toes_m=plan.toes_m[placement],
             forces_n=forces, frames=contact_frames(axes[:, 0], axes[:, 1])[placement], friction=friction[placement],
             shoulders_m=self._shoulders[limb], reach_m=self._reach[limb], force_min_n=bounds[0], force_max_n=bounds[1],
-            off_patch_m=self._off_patch[placement],
+            off_patch_m=self._off_patch[placement], rows=self._rows_of(limb),
         )  # fmt: skip
+
+    def _rows_of(self, limb: Index) -> tuple[Array, Array] | None:
+        """Half-spaces of reach of these limbs."""
+        return None if self._rows is None else (self._rows[0][limb], self._rows[1][limb])
 
     def _ways(self) -> list[tuple[int, int, int, list[int]]]:
         """Somebody carries at every frame and on every way between two.
@@ -182,6 +188,15 @@ class _Sweep:
             found.append((k, before, after, limbs))
         return found
 
+    def _bowed(self, ways: list[tuple[int, int, int, list[int]]]) -> None:
+        """Half-spaces of reach on the ways, which are not convex in the share of the way."""
+        for k, _, _, limbs in ways if self._rows is not None else []:
+            limb, ends, plan = np.array(limbs), slice(k, k + 2), self._plan
+            legs = plan.toes_m[self._who.holds[k, limb]] - plan.com_m[ends, None]
+            rows = self._rows_of(limb)
+            assert rows is not None
+            self._note("reach", bowed(plan.rotation_rad[ends], legs, rows), np.full(len(limb), k), limb)
+
     def _idle(self) -> None:
         """Toes that stood stay there; who carries nowhere at a frame is in place and in reach, and does not push."""
         course, plan, who = self._course, self._plan, self._who
@@ -201,7 +216,10 @@ class _Sweep:
         toes, v = plan.toes_m[who.holds[frame, limb]], self._shoulders[limb]
         to_toe = toes - plan.com_m[frame] - v - cross(plan.rotation_rad[frame], v)
         self._note("patch", self._off_patch[who.holds[frame, limb]], frame, limb)
-        self._note("reach", length(to_toe) - self._reach[limb], frame, limb)
+        out = beyond(
+            length(to_toe) - self._reach[limb], plan.rotation_rad[frame], toes - plan.com_m[frame], self._rows_of(limb)
+        )
+        self._note("reach", out, frame, limb)
 
     def _steps(self) -> None:
         """Steps and progress between neighbouring frames (eq. 11)."""

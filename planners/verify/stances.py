@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -14,6 +14,7 @@ from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course
 from .geometry import contact_frames, cross, length, patch_distances
+from .half_spaces import beyond, reach_rows, row_counts
 from .report import GROUPS
 
 LARGEST_UNIT_M = 1.0
@@ -37,6 +38,7 @@ class Schedule:
     frame: Index  # (S,), of each stance, ascending; every frame has one
     stance: Index  # (B,), ascending
     limb: Index  # (B,)
+    row_limb: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # (H,), of each half-space of reach
 
     @cached_property
     def placement(self) -> Index:
@@ -83,10 +85,10 @@ class Schedule:
 
     @staticmethod
     @lru_cache(maxsize=64)
-    def of_posture(contacts: int) -> Schedule:
-        """That of a posture."""
-        limbs, zeros = np.arange(contacts), np.zeros(contacts, dtype=np.intp)
-        return Schedule(holds=limbs[None], frame=zeros[:1], stance=zeros, limb=limbs)
+    def of_posture(rows: tuple[int, ...]) -> Schedule:
+        """That of a posture. rows: how many half-spaces of reach each contact has."""
+        limbs, zeros = np.arange(len(rows)), np.zeros(len(rows), dtype=np.intp)
+        return Schedule(holds=limbs[None], frame=zeros[:1], stance=zeros, limb=limbs, row_limb=np.repeat(limbs, rows))
 
     @staticmethod
     def of_course(course: Course) -> Schedule:
@@ -101,6 +103,7 @@ class Schedule:
             frame=np.array([stance.frame for stance in course.stances]),
             stance=np.repeat(np.arange(len(limbs)), [len(row) for row in limbs]),
             limb=np.array([i for row in limbs for i in row]),
+            row_limb=np.repeat(np.arange(len(names)), row_counts(course.robot.limbs)),
         )
 
 
@@ -131,6 +134,7 @@ class Stances:
     force_min_n: Array  # (K, 3)
     force_max_n: Array  # (K, 3)
     off_patch_m: Array  # (K,)
+    rows: tuple[Array, Array] | None = None  # half-spaces of reach [m], see ``reach_rows``, or none at all
 
     @staticmethod
     def of_postures(problems: Sequence[PostureProblem], postures: Sequence[Posture]) -> Stances:
@@ -163,6 +167,7 @@ class Stances:
             frames=contact_frames(axes[:, 0], axes[:, 1]), friction=numbers[:, 0], shoulders_m=rest[:, 0],
             reach_m=numbers[:, 1], force_min_n=bounds[:, 0], force_max_n=bounds[:, 1],
             off_patch_m=patch_distances([contact.patch.vertices_m for contact in contacts], toes),
+            rows=reach_rows(contacts),
         )  # fmt: skip
 
 
@@ -176,15 +181,15 @@ def violations(at: Stances) -> dict[str, Array]:
     arms = at.toes_m - at.com_m[owner]
     net = np.add.reduceat(at.forces_n, starts)
     net[:, 2] -= at.weight_n
-    f = (at.forces_n[:, None, :] @ at.frames)[:, 0]                                   # f_n, f_y, f_z            (3)
-    to_toe = arms - at.shoulders_m - cross(at.rotation_rad[owner], at.shoulders_m)    # p_w − c − (I + [Θ]×) v  (11)
+    f = (at.forces_n[:, None, :] @ at.frames)[:, 0]  # f_n, f_y, f_z            (3)
+    to_toe = arms - at.shoulders_m - cross(at.rotation_rad[owner], at.shoulders_m)  # p_w − c − (I + [Θ]×) v  (11)
     return {
         "patch": at.off_patch_m,                                                      # p_w = Σ λ v              (1)
         "force_balance": net,                                                         # Σ f + m g = 0            (5)
         "moment_balance": np.add.reduceat(cross(arms, at.forces_n), starts),          # Σ (p_w − c) × f = 0      (6)
         "friction": length(f[:, 1:]) - at.friction * f[:, 0],                         # ‖f_t‖ ≤ μ f_n           (10)
         "force_bounds": np.maximum(at.force_min_n - f, f - at.force_max_n),           # f_min ≤ f ≤ f_max
-        "reach": length(to_toe) - at.reach_m,                                         # ‖·‖ ≤ reach             (11)
+        "reach": beyond(length(to_toe) - at.reach_m, at.rotation_rad[owner], arms, at.rows),  # ‖·‖ ≤ reach     (11)
         "tilt": np.abs(at.rotation_rad) - at.tilt_limit_rad[:, None],                 # |Θ_i| ≤ tilt limit
         "com": length(at.com_m - at.com_nominal_m) - at.com_radius_m,                 # ‖c − c_nominal‖ ≤ radius
     }  # fmt: skip

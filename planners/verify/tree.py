@@ -12,6 +12,7 @@ from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course
 from .geometry import contact_frames, cut, sag
+from .half_spaces import row_counts, scaled_half_spaces
 from .lagrangian import Leaves, Numbers, multiplier_count
 from .stances import Index, Schedule
 
@@ -69,12 +70,13 @@ class Forest:
             steps=np.array([steps.com_m / length, steps.rotation_rad, steps.toe_m / length]),
             progress=np.where(ahead.any(axis=1), steps.progress_m / length, 0.0),
             ahead=ahead,
+            **scaled_half_spaces([limbs], np.array([length])),
         )
         return Forest(numbers, [vertices / length for vertices in points])
 
     @staticmethod
     def of_postures(problems: Sequence[PostureProblem]) -> Forest:
-        """Posture problems with equally many contacts."""
+        """Posture problems with equally many contacts, each with as many half-spaces of reach."""
         contacts = [contact for problem in problems for contact in problem.contacts]
         count, many = len(problems[0].contacts), len(problems)
         lengths = np.array([problem.length_scale_m for problem in problems])
@@ -87,9 +89,10 @@ class Forest:
             ]
         ).reshape(many, count, 5, 3)
         scalars = np.array([(c.patch.friction, c.reach_m) for c in contacts]).reshape(many, count, 2)
+        who = Schedule.of_posture(row_counts(problems[0].contacts))
         numbers = Numbers(
-            schedule=Schedule.of_posture(count),
-            slot=Schedule.of_posture(count).limb,
+            schedule=who,
+            slot=who.limb,
             frames=contact_frames(vectors[:, :, 0], vectors[:, :, 1]),
             friction=scalars[..., 0],
             shoulders=vectors[:, :, 2] / lengths[:, None, None],
@@ -103,6 +106,7 @@ class Forest:
             steps=np.zeros(3),
             progress=np.zeros(0),
             ahead=np.zeros((0, 3)),
+            **scaled_half_spaces([problem.contacts for problem in problems], lengths),
         )
         whole = np.concatenate([contact.patch.vertices_m for contact in contacts])
         sizes = [len(contact.patch.vertices_m) for contact in contacts]
