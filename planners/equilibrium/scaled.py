@@ -47,7 +47,8 @@ class Scaled:
     options: most candidates of a foothold in the problem; which: the number, in the problem, of every open candidate,
     by foothold. vertices: v_u, shape (V, 3); a toe that
     already stands is a candidate of one vertex. frames: R_WC, columns n, y, z, shape (K, 3, 3); friction: (K,).
-    shoulders: (N, 3); reach: (N,); half_spaces: of reach.
+    shoulders: (N, 3); reach: (N,); half_spaces: of reach. offsets: from the toe to the points of its foot, on
+    every candidate, with zeros after them, shape (K, points, 3); of point feet (0, 1, 3).
     force_min, force_max: on (f_n, f_y, f_z) of every stance contact, (B, 3).
     weight: m·g. com: nominal, (M, 3); com_radius: (M,). tilt: limit [rad]. steps: largest step of the COM, of a toe and
     of the rotation; direction: of the nominal steps, (M − 1, 3); progress: least along them, (M − 1,). goal: (3,).
@@ -76,6 +77,7 @@ class Scaled:
     length_m: float
     force_n: float
     half_spaces: HalfSpaces = field(default_factory=HalfSpaces.none)
+    offsets: Array = field(default_factory=lambda: np.zeros((0, 1, 3)))
 
     @classmethod
     def of(cls, problem: PostureProblem | Course) -> Scaled:
@@ -125,8 +127,24 @@ class Scaled:
     @cached_property
     def arms(self) -> Array:
         """[v_u]× R_WC of every vertex under a stance contact: maps a force at it to its moment, shape (F, 3, 3)."""
-        vertex = self.layout.contact_vertices[1]
-        return np.asarray(np.matmul(skew(self.vertices[vertex]), self.frames[self.layout.vertex_candidates[vertex]]))
+        candidate = self.layout.vertex_candidates[self.layout.contact_vertices[1]]
+        return np.asarray(np.matmul(skew(self.bearing_vertices), self.frames[candidate]))
+
+    @cached_property
+    def bearing_vertices(self) -> Array:
+        """Where the force of a stance contact acts, its toe being at each vertex under it, shape (F, 3)."""
+        contact, vertex = self.layout.contact_vertices
+        if not self.layout.points:
+            return np.asarray(self.vertices[vertex])
+        point, candidate = self.layout.contact_points[contact], self.layout.vertex_candidates[vertex]
+        return np.asarray(self.vertices[vertex] + self.offsets[candidate, point])
+
+    def bearing_points(self, toes: Array) -> Array:
+        """Where the force of every stance contact acts; one candidate a foothold; toes: (P, 3); shape (B, 3)."""
+        foothold = self.layout.contacts[2]
+        if not self.layout.points:
+            return np.asarray(toes[foothold])
+        return np.asarray(toes[foothold] + self.offsets[foothold, self.layout.contact_points])
 
     def opened(self) -> Array:
         """1 where a candidate of a foothold is open, shape (P, options)."""
@@ -155,6 +173,7 @@ class Scaled:
             vertices=self.vertices[kept[self.layout.vertex_candidates]],
             frames=self.frames[kept],
             friction=self.friction[kept],
+            offsets=self.offsets[kept] if self.layout.points else self.offsets,
         )
 
     def chosen(self, choice: NDArray[np.int_]) -> Scaled:
@@ -186,12 +205,30 @@ class Scaled:
 
     def posture(self, point: Point) -> Posture:
         """Give a point of one frame its units back."""
+        forces, soles = self.forces_si(point)
         return Posture(
             com_m=point.com.reshape(3) * self.length_m,
             rotation_rad=point.rotation.reshape(3),
             toes_m=point.toes * self.length_m,
-            forces_n=self.in_world(point.forces) * self.force_n,
+            forces_n=forces[0],
+            **{name: part[0] if name == "point_forces_n" else part for name, part in soles.items()},
         )
+
+    def forces_si(self, point: Point) -> tuple[Array, dict[str, Array]]:
+        """Forces of every limb in every stance, in the world, (S, N, 3) [N]; one candidate a foothold.
+
+        And of soles, where there are: point_forces_n, (S, N, points, 3) [N], which add up to them, and points_m, where
+        the points of every foothold are, (P, points, 3) [m].
+        """
+        (stance, limb, _), layout = self.layout.contacts, self.layout
+        forces, world = np.zeros((len(layout.stances), layout.limbs, 3)), self.in_world(point.forces) * self.force_n
+        if not layout.points:
+            forces[stance, limb] = world
+            return forces, {}
+        each = np.zeros((len(layout.stances), layout.limbs, max(layout.points), 3))
+        each[stance, limb, layout.contact_points] = world
+        points = (point.toes[:, None] + self.offsets) * self.length_m
+        return np.asarray(each.sum(axis=2)), {"points_m": points, "point_forces_n": each}
 
     def point(self, posture: Posture) -> Array:
         """[p, f] of a posture, the columns p_x p_y p_z f_n f_y f_z: p in world axes, f in the frames; shape (N, 6)."""
@@ -213,18 +250,23 @@ def _of_posture(problem: PostureProblem) -> Scaled:
     length_m, force_n = problem.length_scale_m, float(problem.force_scale_n or 1.0)
     contacts, nothing = problem.contacts, np.zeros((0, 3))
     feet = tuple(range(len(contacts)))
-    corners = tuple((len(contact.patch.vertices_m),) for contact in contacts)
+    regions = [contact.region for contact in contacts]
+    corners = tuple((len(region.vertices_m),) for region in regions)
+    points, offsets = _offsets([contact.offsets_m for contact in contacts], length_m)
+    bearing = np.repeat(np.arange(len(contacts)), points or 1)
     return Scaled(
-        layout=Layout(holds=(feet,), stances=((0, feet),), corners=corners, reach_rows=HalfSpaces.counts(contacts)),
+        layout=Layout(
+            holds=(feet,), stances=((0, feet),), corners=corners, reach_rows=HalfSpaces.counts(contacts), points=points
+        ),
         options=1,
         which=((0,),) * len(contacts),
-        vertices=np.concatenate([contact.patch.vertices_m for contact in contacts]) / length_m,
+        vertices=np.concatenate([region.vertices_m for region in regions]) / length_m,
         frames=np.array([contact.patch.frame for contact in contacts]),
         friction=np.array([contact.patch.friction for contact in contacts]),
         shoulders=np.array([contact.shoulder_m for contact in contacts]) / length_m,
         reach=np.array([contact.reach_m for contact in contacts]) / length_m,
-        force_min=np.array([contact.force_min for contact in contacts]),
-        force_max=np.array([contact.force_max for contact in contacts]),
+        force_min=np.array([contact.force_min for contact in contacts])[bearing],
+        force_max=np.array([contact.force_max for contact in contacts])[bearing],
         weight=problem.weight_n / force_n,
         com=problem.com_nominal_m[None] / length_m,
         com_radius=np.array([problem.com_radius_m / length_m]),
@@ -234,6 +276,7 @@ def _of_posture(problem: PostureProblem) -> Scaled:
         length_m=length_m,
         force_n=force_n,
         half_spaces=HalfSpaces.of(contacts, length_m, problem.tilt_limit_rad),
+        offsets=offsets,
     )  # fmt: skip
 
 
@@ -242,18 +285,20 @@ def _of_course(course: Course) -> Scaled:
     patches = [patch for placement in course.placements for patch in placement.candidates]
     borders = [
         patch.vertices_m if placement.toe_m is None else placement.toe_m[None]
-        for placement in course.placements
-        for patch in placement.candidates
+        for placement, regions in zip(course.placements, course.regions, strict=True)
+        for patch in regions
     ]
+    points, offsets = _offsets([each for row in course.offsets_m for each in row], scale)
     sizes = iter(len(border) for border in borders)
     layout = Layout(
         holds=tuple(tuple(row) for row in course.holds.tolist()),
         stances=tuple((stance.frame, stance.limbs) for stance in course.stances),
         corners=tuple(tuple(next(sizes) for _ in placement.candidates) for placement in course.placements),
         reach_rows=HalfSpaces.counts(limbs),
+        points=tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs) if points else (),
     )
     direction = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
-    carrying = sum(len(limbs) for _, limbs in layout.stances)
+    carrying = len(layout.contact_points)
     return Scaled(
         layout=layout,
         options=max(len(placement.candidates) for placement in course.placements),
@@ -277,7 +322,19 @@ def _of_course(course: Course) -> Scaled:
         length_m=scale,
         force_n=course.weight_n,
         half_spaces=HalfSpaces.of(limbs, scale, course.tilt_limit_rad),
+        offsets=offsets,
     )
+
+
+def _offsets(each: Sequence[Array], length_m: float) -> tuple[tuple[int, ...], Array]:
+    """How many points each has, () where all have one, and ``Scaled.offsets``."""
+    counts = tuple(len(offsets) for offsets in each)
+    if max(counts) == 1:
+        return (), np.zeros((0, 1, 3))
+    table = np.zeros((len(each), max(counts), 3))
+    for row, offsets in zip(table, each, strict=True):
+        row[: len(offsets)] = offsets / length_m
+    return counts, table
 
 
 def cones_met(low: Array, high: Array, friction: Sequence[float] | Array) -> tuple[Array, Array]:

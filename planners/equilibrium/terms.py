@@ -36,8 +36,7 @@ class Given:
     @cached_property
     def held_arms(self) -> Array:
         """[p̄_w]× R_WC of every stance contact, the toes held; one candidate a foothold; shape (B, 3, 3)."""
-        toes = self.held.toes[self.scaled.layout.contacts[2]]
-        return np.asarray(np.matmul(skew(toes), self.scaled.contact_frames))
+        return np.asarray(np.matmul(skew(self.scaled.bearing_points(self.held.toes)), self.scaled.contact_frames))
 
     @cached_property
     def held_levers(self) -> Array:

@@ -65,6 +65,8 @@ class FixForces:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
         body, toes, moments = Body(rows, layout), FreeToes(rows, layout, explicit=True), Moments(layout)
         _levers(moments, layout, toes)
+        if layout.points:
+            moments.shift(_sole_moments)
         moments.of_weight(body)
         rows.linear(moments.within(rows), 1.0)
         body.reach(toes, inner=True)
@@ -137,6 +139,15 @@ def _levers(moments: Moments, layout: Layout, toes: FreeToes) -> None:
     stance, _, foothold = layout.contacts
     assert toes.points is not None
     moments.add(stance, toes.points[foothold], -Of("held_levers"))
+
+
+def _sole_moments(given: Given) -> Array:
+    """Σ o × F̄ of every stance, o from the toe to the point that bears."""
+    scaled = given.scaled
+    total = np.zeros((len(scaled.layout.stances), 3))
+    arms = scaled.bearing_points(np.zeros_like(given.held.toes))
+    np.add.at(total, scaled.layout.contacts[0], np.cross(arms, scaled.in_world(given.held.forces)))
+    return total
 
 
 def _toes(solution: ConicSolution, scaled: Scaled) -> Array:

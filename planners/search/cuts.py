@@ -235,6 +235,7 @@ def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
         ),
         which=tuple(scaled.which[p] for p in footholds),
         vertices=scaled.vertices[vertices], frames=scaled.frames[kept], friction=scaled.friction[kept],
+        offsets=scaled.offsets[kept] if layout.points else scaled.offsets,
         force_min=scaled.force_min[contacts], force_max=scaled.force_max[contacts],
         com=scaled.com[[frame]], com_radius=scaled.com_radius[[frame]],
         direction=np.zeros((0, 3)), progress=np.zeros(0),

@@ -94,7 +94,7 @@ class FarkasCuts:
         value = np.sum(scaled.vertices * pull[layout.vertex_footholds], axis=1)
         contact, vertex = layout.contact_vertices
         stance, candidate = layout.contacts[0][contact], layout.vertex_candidates[vertex]
-        nu = parts["nu_F"][stance] + np.cross(parts["nu_M"][stance], scaled.vertices[vertex])  # ν·(v × F) = (ν × v)·F
+        nu = parts["nu_F"][stance] + np.cross(parts["nu_M"][stance], scaled.bearing_vertices)  # ν·(v × F) = (ν × v)·F
         slope = np.matmul(nu[:, None], scaled.frames[candidate])[:, 0]
         along = slope[:, 0] - scaled.friction[candidate] * np.hypot(slope[:, 1], slope[:, 2])  # of f_n, in the cone
         normal = np.stack([np.maximum(scaled.force_min[contact, 0], 0.0), scaled.force_max[contact, 0]])

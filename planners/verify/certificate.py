@@ -21,6 +21,7 @@ from ..problem import PostureProblem
 from ..problem.course import Course
 from .half_spaces import row_counts
 from .lagrangian import leaf_bounds
+from .soles import counts_of
 from .tree import Forest, Replayed
 
 GAP = 1e-4
@@ -83,7 +84,7 @@ def check_certificates(problems: Sequence[PostureProblem], certificates: Sequenc
     A problem is refuted where this exceeds the tolerance, not below 0. Problems may have any number of contacts.
     """
     bounds = np.zeros(len(problems))
-    kinds = [row_counts(problem.contacts) for problem in problems]
+    kinds = [(row_counts(problem.contacts), counts_of(problem.contacts)) for problem in problems]
     for kind in set(kinds):
         rows = [row for row, its in enumerate(kinds) if its == kind]
         forest = Forest.of_postures([problems[row] for row in rows])

@@ -104,7 +104,8 @@ def _of_posture(problem: PostureProblem, numbers: Numbers, leaves: Leaves, least
     for i, contact in enumerate(problem.contacts):
         one = np.eye(len(problem.contacts))[i]
         outermost = np.zeros(leaves.upper.shape, dtype=bool)
-        outermost[:, i, 0] = leaves.upper[:, i, 0] == contact.force_max[0]
+        mine = numbers.schedule.limb == i
+        outermost[:, mine, 0] = leaves.upper[:, mine, 0] == contact.force_max[0]
 
         def friction(by: float, one: Array = one) -> Array:
             return leaf_bounds(replace(numbers, friction=numbers.friction + by * one), leaves)

@@ -77,6 +77,7 @@ class Numbers:
     ahead: Array  # (M − 1, 3)
     row_normals: Array  # (Q, H, 3), of the half-spaces of reach
     row_bounds: Array  # (Q, H)
+    offsets: Array | None = None  # (Q, T, points, 3), from the toe to where a sole's forces act
 
     @cached_property
     def first_slot(self) -> Index:
@@ -262,7 +263,8 @@ def _slots(
     bearing = who.by_placement[who.first_borne[place][row] + nth]
     leaf_row, stance = leaf[row], who.stance[bearing]
     problem, slot_row = leaves.problem[leaf_row], slot[row]
-    nu = m.nu_F[leaf_row, stance] + cross(m.nu_M[leaf_row, stance], v[row])  # ν·(v × F) = (ν × v)·F
+    acts = v[row] if numbers.offsets is None else v[row] + numbers.offsets[problem, slot_row, who.point[bearing]]
+    nu = m.nu_F[leaf_row, stance] + cross(m.nu_M[leaf_row, stance], acts)  # ν·(v × F) = (ν × v)·F
     a = (nu[:, None, :] @ numbers.frames[problem, slot_row])[:, 0]
     lower, upper = leaves.lower[leaf_row, bearing], leaves.upper[leaf_row, bearing]
     friction = numbers.friction[problem, slot_row]
@@ -275,6 +277,7 @@ def _slots(
         slots[:, there] = np.minimum.reduceat(work + np.vecdot(toes[leaf, place], v), begins, axis=1)
         gone[there] = missed[begins]
         far[there] = np.maximum.reduceat(length(v), begins)
+        far[there] += 0.0 if numbers.offsets is None else float(length(numbers.offsets).max())
     slots[:, gone] = np.inf
     empty = np.asarray(np.logical_and.reduceat(gone.reshape(shape), numbers.first_slot, axis=1).any(axis=1))
     farthest = np.maximum.reduceat(far.reshape(shape), numbers.first_slot, axis=1)

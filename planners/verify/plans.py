@@ -23,11 +23,13 @@ import numpy as np
 from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array
+from ..terrain.patch import Patch
 from .geometry import contact_frames, cross, length, patch_distances
 from .half_spaces import beyond, bowed, reach_rows
 from .postures import NOTHING, worst_groups
 from .report import PLAN_GROUPS, GroupViolation, Report, plan_shapes, refused
-from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, violations, worst_of
+from .soles import counts_of, forces_defect, off_sole, sole_points
+from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 
 BETWEEN = tuple(k / 6.0 for k in range(1, 6))
 """Shares of the way from one frame to the next at which it is recomputed."""
@@ -81,10 +83,27 @@ class _Sweep:
         self._patches = [
             put.candidates[int(chosen)] for put, chosen in zip(plan.course.placements, plan.choice, strict=True)
         ]
-        self._off_patch = patch_distances([patch.vertices_m for patch in self._patches], plan.toes_m)
+        regions = [row[int(chosen)] for row, chosen in zip(plan.course.regions, plan.choice, strict=True)]
+        self._off_patch = patch_distances([region.vertices_m for region in regions], plan.toes_m)
+        self._points = counts_of(plan.course.robot.limbs)
+        self._forces, self._offsets = plan.forces_n[:, :, None], np.zeros((len(plan.toes_m), 1, 3))
+        if self._points:
+            self._on_soles(regions)
         length_m = min(plan.course.length_scale_m, LARGEST_UNIT_M)
         self._units = {"m": length_m, "N": plan.course.weight_n, "rad": 1.0, "": 1.0}
         self._found = dict(NOTHING)
+
+    def _on_soles(self, regions: list[Patch]) -> None:
+        """Forces are those at the points of soles, and these where yaw and centre put them, near to what is claimed."""
+        plan, soles = self._plan, {limb.name: limb.sole_m for limb in self._course.robot.limbs}
+        assert plan.points_m is not None
+        assert plan.point_forces_n is not None
+        self._forces, self._offsets = plan.point_forces_n, np.zeros_like(plan.points_m)
+        for p, (put, patch) in enumerate(zip(self._course.placements, self._patches, strict=True)):
+            yaw = put.yaws_rad[int(plan.choice[p])] if put.yaws_rad else 0.0
+            its = sole_points(soles[put.limb], patch, yaw)
+            self._offsets[p, : len(its)] = its
+            self._off_patch[p] = off_sole(patch, regions[p], its, plan.toes_m[p], plan.points_m[p])
 
     def report(self, tolerance: float, joints: dict[str, Any], shares: tuple[float, ...]) -> Report:
         """The report on all groups."""
@@ -120,7 +139,13 @@ class _Sweep:
         limbs = [limbs for *_, limbs in ways for _ in shares]
         owner = np.concatenate([who.stance, np.repeat(stances + np.arange(len(limbs)), [len(own) for own in limbs])])
         limb = np.concatenate([who.limb, np.array([i for own in limbs for i in own], dtype=np.intp)])
-        at = self._points(frame, share, owner, limb, (before, after))
+        point = who.point
+        if self._points:
+            of_stances = len(who.limb)
+            nth, more = expanded(limb[of_stances:], self._points)
+            owner = np.concatenate([who.stance, owner[of_stances:][nth]])
+            limb, point = np.concatenate([who.limb, limb[of_stances:][nth]]), np.concatenate([point, more])
+        at = self._measured(frame, share, owner, limb, point, (before, after))
         found = violations(at)
         self._found |= worst_groups(at, found, frame, share, limb, self._names)
         if not len(limbs):
@@ -128,7 +153,9 @@ class _Sweep:
         along = worst_of(at, found)[stances:]
         return float(along.max())
 
-    def _points(self, frame: Index, share: Array, owner: Index, limb: Index, rows: tuple[Index, Index]) -> Stances:
+    def _measured(
+        self, frame: Index, share: Array, owner: Index, limb: Index, point: Index, rows: tuple[Index, Index]
+    ) -> Stances:
         """Points ``share`` of the way from each frame to the next, from the forces in one row to those in another."""
         course, plan, t = self._course, self._plan, share[:, None]
         following = np.minimum(frame + 1, course.frames - 1)
@@ -136,7 +163,8 @@ class _Sweep:
         axes = np.array([(patch.normal, patch.shear_reference) for patch in self._patches])
         friction = np.array([patch.friction for patch in self._patches])
         before, after = rows
-        forces = (1.0 - t[owner]) * plan.forces_n[before[owner], limb] + t[owner] * plan.forces_n[after[owner], limb]
+        start, end = (self._forces[row[owner], limb, point if self._points else 0] for row in (before, after))
+        forces = (1.0 - t[owner]) * start + t[owner] * end
         each = np.ones(len(frame))
 
         def way(values: Array) -> Array:
@@ -152,6 +180,7 @@ class _Sweep:
             forces_n=forces, frames=contact_frames(axes[:, 0], axes[:, 1])[placement], friction=friction[placement],
             shoulders_m=self._shoulders[limb], reach_m=self._reach[limb], force_min_n=bounds[0], force_max_n=bounds[1],
             off_patch_m=self._off_patch[placement], rows=self._rows_of(limb),
+            offsets_m=self._offsets[placement, point] if self._points else None,
         )  # fmt: skip
 
     def _rows_of(self, limb: Index) -> tuple[Array, Array] | None:
@@ -209,7 +238,7 @@ class _Sweep:
         bears = np.zeros(plan.forces_n.shape[:2], dtype=bool)
         bears[who.stance, who.limb] = True
         row, limb = np.nonzero(~bears)
-        self._note("idle_force", length(plan.forces_n[row, limb]), who.frame[row], limb)
+        self._note("idle_force", length(self._forces[row, limb]).max(axis=-1), who.frame[row], limb)
         carries = np.zeros(who.holds.shape, dtype=bool)
         np.logical_or.at(carries, who.frame, bears)
         frame, limb = np.nonzero(~carries)
@@ -271,6 +300,8 @@ def _plan_defect(plan: Plan) -> tuple[str, int, str]:
         array = getattr(plan, name)
         if array is None and name == "modes":
             continue
+        if array is None:
+            return f"{name}: expected shape {shape}, got nothing", -1, ""
         if array.shape != shape:
             return f"{name}: expected shape {shape}, got {array.shape}", -1, ""
         if not np.isfinite(array).all():
@@ -284,4 +315,6 @@ def _plan_defect(plan: Plan) -> tuple[str, int, str]:
                 f"choice: frame {put.frame}, limb {put.limb}: expected a candidate from 0 to {most}, got {chosen}",
                 put.frame, put.limb,
             )  # fmt: skip
+    if course.has_soles and plan.point_forces_n is not None:
+        return forces_defect(plan.forces_n, plan.point_forces_n, counts_of(course.robot.limbs)), -1, ""
     return "", -1, ""

@@ -14,8 +14,10 @@ from ..answer.outcome import Posture
 from ..files.arrays import Array
 from ..problem import PostureProblem
 from .geometry import length
+from .half_spaces import row_counts
 from .report import GROUPS, PLAN_GROUPS, GroupViolation, Report, refused
-from .stances import BALANCES, OF_CONTACTS, Index, Stances, units_of, violations, worst_of
+from .soles import counts_of, forces_defect
+from .stances import BALANCES, OF_CONTACTS, Index, Schedule, Stances, units_of, violations, worst_of
 
 PARTS = {
     "force_balance": ("x", "y", "z"),
@@ -39,8 +41,9 @@ def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float
         return refused(problem, posture, tolerance, defect)
     with np.errstate(all="ignore"):
         at = Stances.of_postures((problem,), (posture,))
-        zeros = np.zeros(len(problem.contacts), dtype=np.intp)
-        groups = worst_groups(at, violations(at), zeros, zeros, np.arange(len(zeros)), problem.legs)
+        limb = Schedule.of_posture(row_counts(problem.contacts), counts_of(problem.contacts)).limb
+        zeros = np.zeros(len(limb), dtype=np.intp)
+        groups = worst_groups(at, violations(at), zeros, zeros, limb, problem.legs)
     worst = max(group.worst for group in groups.values())
     if not math.isfinite(worst):
         return refused(problem, posture, tolerance, "the numbers overflow")
@@ -98,11 +101,20 @@ def worst_groups(
 
 def _posture_defect(problem: PostureProblem, posture: Posture) -> str:
     """What keeps the posture from being one at all; empty when nothing does."""
-    rows = len(problem.contacts)
-    for name, shape in (("com_m", (3,)), ("rotation_rad", (3,)), ("toes_m", (rows, 3)), ("forces_n", (rows, 3))):
+    rows, counts = len(problem.contacts), counts_of(problem.contacts)
+    shapes: dict[str, tuple[int, ...]] = {
+        "com_m": (3,), "rotation_rad": (3,), "toes_m": (rows, 3), "forces_n": (rows, 3)
+    }  # fmt: skip
+    if counts:
+        shapes |= {name: (rows, max(counts), 3) for name in ("points_m", "point_forces_n")}
+    for name, shape in shapes.items():
         array = getattr(posture, name)
+        if array is None:
+            return f"{name}: expected shape {shape}, got nothing"
         if array.shape != shape:
             return f"{name}: expected shape {shape}, got {array.shape}"
         if not np.isfinite(array).all():
             return f"{name}: expected finite numbers"
+    if counts and posture.point_forces_n is not None:
+        return forces_defect(posture.forces_n, posture.point_forces_n, counts)
     return ""
