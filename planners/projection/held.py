@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..equilibrium.gather import Of
+from ..equilibrium.gather import Fill, Of
 from ..equilibrium.layout import Layout
 from ..equilibrium.rows import ConicSolution, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
@@ -135,10 +135,14 @@ class Linearised:
 
 
 def _levers(moments: Moments, layout: Layout, toes: FreeToes) -> None:
-    """p × F̄ of every stance contact, linear in its toe: −[F̄]× p."""
+    """p × F̄ of every stance contact, linear in its toe: −[F̄]× p; of a sole F̄ is the sum over its points."""
     stance, _, foothold = layout.contacts
+    first = np.flatnonzero(layout.contact_points == 0)  # a row a foot
     assert toes.points is not None
-    moments.add(stance, toes.points[foothold], -Of("held_levers"))
+    levers: Of | Fill[Given] = -Of("held_levers")
+    if layout.points:
+        levers = lambda given: -np.add.reduceat(given.held_levers, first)  # noqa: E731
+    moments.add(stance[first], toes.points[foothold[first]], levers)
 
 
 def _sole_moments(given: Given) -> Array:

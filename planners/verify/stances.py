@@ -125,7 +125,8 @@ def expanded(limb: Index, counts: tuple[int, ...]) -> tuple[Index, Index]:
     if not counts:
         return np.arange(len(limb)), np.zeros(len(limb), dtype=np.intp)
     each = np.array(counts)[limb]
-    return np.repeat(np.arange(len(limb)), each), np.concatenate([np.arange(count) for count in each])
+    row = np.repeat(np.arange(len(limb)), each)
+    return row, np.arange(len(row)) - (np.cumsum(each) - each)[row]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

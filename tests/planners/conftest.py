@@ -268,6 +268,30 @@ def _bounded(
 
 
 @pytest.fixture(scope="session")
+def soled() -> Callable[..., PostureProblem | Course]:
+    """``soled(subject, seed)``: every second foot a small sole of three or four points, at its candidate's own yaw."""
+    return _soled
+
+
+def _soled(subject: PostureProblem | Course, seed: int) -> PostureProblem | Course:
+    rng = np.random.default_rng(seed)
+
+    def sole(i: int) -> np.ndarray | None:
+        corners = np.array([[6e-3, 3e-3], [5e-3, -3e-3], [-4e-3, -3e-3], [-4e-3, 3e-3]])
+        return corners[: 3 + (i // 2) % 2] if i % 2 == 0 else None
+
+    if isinstance(subject, PostureProblem):
+        contacts = (
+            replace(contact, sole_m=sole(i), yaw_rad=float(rng.uniform(-3.0, 3.0)))
+            for i, contact in enumerate(subject.contacts)
+        )
+        return replace(subject, contacts=tuple(contacts))
+    limbs = tuple(replace(limb, sole_m=sole(i)) for i, limb in enumerate(subject.robot.limbs))
+    puts = (replace(put, yaws_rad=tuple(rng.uniform(-3.0, 3.0, len(put.candidates)))) for put in subject.placements)
+    return replace(subject, robot=replace(subject.robot, limbs=limbs), placements=tuple(puts))
+
+
+@pytest.fixture(scope="session")
 def near() -> Callable[[Scaled, int], Point]:
     """``near(scaled, seed)``: toes on one candidate a foothold, body and forces about nominal."""
     return _near
