@@ -20,6 +20,8 @@ from ..files.arrays import Array, checked, frozen, gathered
 from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
 from ..terrain.sole import sole_offsets, sole_region
+from .limits import StepLimits as StepLimits
+from .limits import Weights as Weights
 from .posture import GRAVITY_M_S2, TILT_LIMIT_RAD, Contact, PostureProblem
 
 MOST_FRAMES = 200
@@ -63,48 +65,6 @@ class Stance:
     limbs: tuple[int, ...]
 
 
-@dataclass(frozen=True, kw_only=True)
-class StepLimits:
-    """Largest steps between neighbouring key frames (eq. 11), and the least progress.
-
-    com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max. progress_m: the paper's least step is not
-    convex; in its place the COM moves at least this far along the straight line of its nominal path, where that moves.
-    """
-
-    com_m: float = 0.15
-    toe_m: float = 0.30
-    rotation_rad: float = 0.15
-    progress_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        gathered(
-            *(lambda n=n: checked(getattr(self, n), f"steps.{n}", above=0.0) for n in ("com_m", "toe_m")),
-            lambda: checked(self.rotation_rad, "steps.rotation_rad", least=0.0),
-            lambda: checked(self.progress_m, "steps.progress_m", least=0.0),
-        )
-        if self.progress_m > self.com_m:
-            raise InvalidInput(
-                f"steps.progress_m: expected at most steps.com_m = {self.com_m:g}, the largest step, "
-                f"got {self.progress_m:g}"
-            )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Weights:
-    """Of the objective: squared distance of the last COM from the goal, squared steps, squared tilt; lengths in m.
-
-    The paper: "minimizes the distance of the planned final configuration to the goal and penalizes the step size".
-    """
-
-    goal: float = 1.0
-    com_step: float = 0.2
-    toe_step: float = 0.05
-    tilt: float = 0.05
-
-    def __post_init__(self) -> None:
-        gathered(*(lambda n=n: checked(getattr(self, n), f"weights.{n}", least=0.0) for n in self.__annotations__))
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Course:
     """M key frames of one robot over one terrain.
@@ -126,8 +86,8 @@ class Course:
     com_nominal_m: Array
     com_radius_m: Array
     goal_m: Array
-    steps: StepLimits = StepLimits()
-    weights: Weights = Weights()
+    steps: StepLimits = field(default_factory=StepLimits)
+    weights: Weights = field(default_factory=Weights)
     tilt_limit_rad: float = TILT_LIMIT_RAD
     gravity_m_s2: float = GRAVITY_M_S2
     length_scale_m: float = 0.6

@@ -16,14 +16,8 @@ from ..problem import PostureProblem
 from ..problem.course import Course
 from .certificate import GAP, check_certificate, forest_of
 from .geometry import length
-from .lagrangian import (
-    Leaves,
-    Multipliers,
-    Numbers,
-    body_pulls,
-    leaf_bounds,
-    least_lagrangians,
-)
+from .lagrangian import Leaves, Numbers, body_pulls, leaf_bounds, least_lagrangians
+from .multipliers import Multipliers
 
 FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = 10.0, 1.0, 10.0, 1.0, 0.5 * math.pi
 """``explain`` looks no further: largest friction and tilt, largest growth of reach, force (in its scale), radius."""
@@ -187,7 +181,7 @@ def _limits(course: Course, numbers: Numbers, leaf: Leaves, value: float) -> tup
 def _lengths(course: Course, numbers: Numbers, leaf: Leaves, m: Multipliers, value: float) -> list[Relaxation]:
     """Every limit that the Lagrangian is linear in, where a change within reason lifts the proof."""
     unit_m, steps = course.length_scale_m, course.steps
-    gripped, reach = m.gripped(numbers, leaf.problem), length(m.reach)[0]
+    gripped, reach = m.gripped(numbers.schedule, numbers.row_normals[leaf.problem]), length(m.reach)[0]
     if gripped is not None:
         for h, limb in enumerate(numbers.schedule.row_limb):
             reach[:, limb] += m.reach_rows[0, :, h]

@@ -33,7 +33,6 @@ the sum of these sizes over M frames. Ten times that, ``GUARD`` M of the sum, is
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -42,7 +41,8 @@ from numpy.typing import NDArray
 
 from ..files.arrays import Array
 from .geometry import cross, length
-from .half_spaces import bending, half_space_pulls
+from .half_spaces import bending
+from .multipliers import Multipliers
 from .stances import Index, Schedule
 from .work import SLACK, least_works, misses_cone
 
@@ -109,50 +109,6 @@ class Leaves:
         return replace(self, **rows)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Multipliers:
-    """The multipliers of L leaves by group, in the order in which a row has them."""
-
-    nu_F: Array  # (L, S, 3)
-    nu_M: Array  # (L, S, 3)
-    reach: Array  # (L, M, N, 3)
-    com_step: Array  # (L, M − 1, 3)
-    rotation_step: Array  # (L, M − 1, 3)
-    progress: Array  # (L, M − 1)
-    toe_step: Array  # (L, moves, 3)
-    reach_rows: Array  # (L, M, H)
-
-    @classmethod
-    def of(cls, who: Schedule, rows: Array) -> Multipliers:
-        """Rows of a certificate, shape (L, count), by group."""
-        parts, begin = {}, 0
-        for name, shape in multiplier_shapes(who).items():
-            end = begin + math.prod(shape)
-            parts[name] = rows[:, begin:end].reshape(len(rows), *shape)
-            begin = end
-        return cls(**parts)
-
-    def gripped(self, numbers: Numbers, problem: Index) -> Array | None:
-        """What the half-spaces of reach add to r, shape (L, M, N, 3), or None; problem: of each leaf."""
-        limbs = numbers.schedule.row_limb
-        return half_space_pulls(limbs, numbers.row_normals[problem], self.reach_rows, self.reach.shape[2])
-
-
-def multiplier_shapes(who: Schedule) -> dict[str, tuple[int, ...]]:
-    """Shape of every group of a leaf's multipliers."""
-    (frames, limbs), stances = who.holds.shape, len(who.frame)
-    return {
-        "nu_F": (stances, 3), "nu_M": (stances, 3), "reach": (frames, limbs, 3), "com_step": (frames - 1, 3),
-        "rotation_step": (frames - 1, 3), "progress": (frames - 1,), "toe_step": (len(who.moves), 3),
-        "reach_rows": (frames, len(who.row_limb)),
-    }  # fmt: skip
-
-
-def multiplier_count(who: Schedule) -> int:
-    """How many multipliers a leaf has."""
-    return sum(math.prod(shape) for shape in multiplier_shapes(who).values())
-
-
 def leaf_bounds(numbers: Numbers, leaves: Leaves) -> Array:
     """Proved lower bound on the moment residual at every leaf, shape (L,); 0 where nothing is proved, inf where empty.
 
@@ -186,7 +142,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     """``least_lagrangians`` of leaves that are few enough; sizes: vertices of each slot, shape (L, T)."""
     who, q = numbers.schedule, leaves.problem
     m = Multipliers.of(who, leaves.multipliers)
-    gripped = m.gripped(numbers, q)
+    gripped = m.gripped(who, numbers.row_normals[q])
     pulls = m.reach if gripped is None else m.reach + gripped
     toes = toe_pulls(who, pulls, m)
     pull, twist = body_pulls(numbers, q, pulls, m)

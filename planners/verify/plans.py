@@ -22,13 +22,14 @@ import numpy as np
 
 from ..answer.plan import Plan
 from ..errors import InvalidInput
-from ..files.arrays import LARGEST, Array
+from ..files.arrays import Array
 from ..terrain.patch import Patch
+from .defects import plan_defect
 from .geometry import contact_frames, cross, length, patch_distances
 from .half_spaces import beyond, bowed, reach_rows
 from .postures import NOTHING, worst_groups
-from .report import PLAN_GROUPS, GroupViolation, Report, plan_shapes, refused
-from .soles import counts_of, forces_defect, off_sole, sole_points
+from .report import PLAN_GROUPS, GroupViolation, Report, refused
+from .soles import counts_of, off_sole, sole_points
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 
 BETWEEN = tuple(k / 6.0 for k in range(1, 6))
@@ -42,7 +43,7 @@ def check_plan(plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, bet
     weight, moments in their product and angles in rad. joints: ask inverse kinematics, too. between: recompute points
     between the frames; without them, what convexity proves of the way is taken as proved.
     """
-    defect, frame, limb = _plan_defect(plan)
+    defect, frame, limb = plan_defect(plan)
     if defect:
         return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
     angles = check_joints(plan) if joints else {"verdict": "not asked for"}
@@ -291,30 +292,3 @@ class _Sweep:
         to_toe = self._plan.toes_m[self._who.holds] - self._plan.com_m[:, None] - exact
         beyond = float((length(to_toe) - self._reach).max())
         return float(length(exact - v - once).max()), max(0.0, beyond)
-
-
-def _plan_defect(plan: Plan) -> tuple[str, int, str]:
-    """What keeps the plan from being one at all, with its frame and limb; empty when nothing does."""
-    course = plan.course
-    for name, shape in plan_shapes(course).items():
-        array = getattr(plan, name)
-        if array is None and name == "modes":
-            continue
-        if array is None:
-            return f"{name}: expected shape {shape}, got nothing", -1, ""
-        if array.shape != shape:
-            return f"{name}: expected shape {shape}, got {array.shape}", -1, ""
-        if not np.isfinite(array).all():
-            return f"{name}: expected finite numbers", -1, ""
-        if np.abs(array).max(initial=0) > LARGEST:
-            return f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}", -1, ""
-    for put, chosen in zip(course.placements, plan.choice, strict=True):
-        if not 0 <= chosen < len(put.candidates):
-            most = len(put.candidates) - 1
-            return (
-                f"choice: frame {put.frame}, limb {put.limb}: expected a candidate from 0 to {most}, got {chosen}",
-                put.frame, put.limb,
-            )  # fmt: skip
-    if course.has_soles and plan.point_forces_n is not None:
-        return forces_defect(plan.forces_n, plan.point_forces_n, counts_of(course.robot.limbs)), -1, ""
-    return "", -1, ""

@@ -13,7 +13,8 @@ from ..problem import PostureProblem
 from ..problem.course import Course
 from .geometry import contact_frames, cut, sag
 from .half_spaces import row_counts, scaled_half_spaces
-from .lagrangian import Leaves, Numbers, multiplier_count
+from .lagrangian import Leaves, Numbers
+from .multipliers import multiplier_count
 from .soles import counts_of, sole_points
 from .stances import Index, Schedule
 
