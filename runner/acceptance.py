@@ -81,6 +81,8 @@ def proven(content: Plan | Trajectory, digest: str, source: str) -> Plan | Traje
         raise InvalidInput(
             f"{source}: expected a {'gait' if gait else 'plan'} that the verifier accepts, {report.message}"
         )
+    if isinstance(plain, Plan) and plain.course.has_soles:
+        raise InvalidInput(f"{source}: expected point feet, which can be executed, got soles")
     if report.digest != digest:
         raise InvalidInput(
             f"{source}: expected what digest {digest!s:.12} is of, got {report.digest:.12}: changed since"

@@ -332,6 +332,15 @@ def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
     assert len(plan.course.placements) == 6
 
 
+def test_plans_with_soles_are_not_executed(climbed):
+    from stancekit.runner.acceptance import proven
+
+    plan = climbed[1].plan
+    with pytest.raises(InvalidInput) as refused:
+        proven(plan, check_plan(plan).digest, "plan.json")
+    assert str(refused.value) == "plan.json: expected point feet, which can be executed, got soles"
+
+
 def test_envelopes_are_for_point_feet(planner, soled, drawn):
     scaled = Scaled.of(soled(drawn("wall-3", 1), 1))
     with pytest.raises(InvalidInput) as refused:
