@@ -68,8 +68,9 @@ class Layout:
     def contact_points(self) -> Index:
         """Which point of its foot every stance contact is, shape (B,)."""
         limbs = [limb for _, limbs in self.stances for limb in limbs]
-        counts = [range(self.points[limb] if self.points else 1) for limb in limbs]
-        return np.array([k for points in counts for k in points], dtype=np.int_)
+        if not self.points:
+            return np.zeros(len(limbs), dtype=np.int_)
+        return np.array([k for limb in limbs for k in range(self.points[limb])], dtype=np.int_)
 
     def check_point_feet(self, what: str) -> None:
         """Raise InvalidInput where a foot is a sole. what: is made for point feet alone."""

@@ -58,7 +58,7 @@ def of_course(course: Course) -> Scaled:
         for placement, regions in zip(course.placements, course.regions, strict=True)
         for patch in regions
     ]
-    points, offsets = _offsets([each for row in course.offsets_m for each in row], scale)
+    points, offsets = _offsets([each for row in course.offsets_m for each in row] if course.has_soles else [], scale)
     sizes = iter(len(border) for border in borders)
     layout = Layout(
         holds=tuple(tuple(row) for row in course.holds.tolist()),
@@ -99,7 +99,7 @@ def of_course(course: Course) -> Scaled:
 def _offsets(each: Sequence[Array], length_m: float) -> tuple[tuple[int, ...], Array]:
     """How many points each has, () where all have one, and ``Scaled.offsets``."""
     counts = tuple(len(offsets) for offsets in each)
-    if max(counts) == 1:
+    if max(counts, default=1) == 1:
         return (), np.zeros((0, 1, 3))
     table = np.zeros((len(each), max(counts), 3))
     for row, offsets in zip(table, each, strict=True):

@@ -44,10 +44,13 @@ class Placement:
 
     def __post_init__(self) -> None:
         where = f"frame {self.frame}, limb {self.limb}"
-        yaws = frozen(self.yaws_rad, (None,), f"{where}: yaws_rad").tolist()
-        if yaws and len(yaws) != len(self.candidates):
-            raise InvalidInput(f"{where}: yaws_rad: expected {len(self.candidates)}, one a candidate, got {len(yaws)}")
-        object.__setattr__(self, "yaws_rad", tuple(yaws))
+        if len(self.yaws_rad):
+            yaws = frozen(self.yaws_rad, (None,), f"{where}: yaws_rad")
+            if len(yaws) != len(self.candidates):
+                raise InvalidInput(
+                    f"{where}: yaws_rad: expected {len(self.candidates)}, one a candidate, got {len(yaws)}"
+                )
+            object.__setattr__(self, "yaws_rad", tuple(yaws.tolist()))
         if not self.candidates:
             raise InvalidInput(f"{where}: expected one or more candidate patches, got none within reach")
         object.__setattr__(self, "candidates", tuple(self.candidates))
