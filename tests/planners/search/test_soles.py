@@ -22,6 +22,7 @@ from stancekit.planners.projection.project import PROJECTIONS, SURFACE, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.robot.model import Limb, Robot
+from stancekit.planners.robot.urdf import hexapod_urdf
 from stancekit.planners.search.decoupled import DecoupledPlanner
 from stancekit.planners.search.exact import ExactCoursePlanner, ExactPlanner
 from stancekit.planners.search.plan_window import Standing
@@ -223,6 +224,25 @@ def test_proofs_with_soles_are_no_proofs_of_what_can_be_held(planner, soled, dra
     np.testing.assert_allclose(bounds, [check_certificate(*pair).lower_bound for pair in proofs])
 
 
+def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_course_takes(
+    programs, ragged, bounded, soled
+):
+    """Over several candidates, whose trees and nogoods carry all multipliers."""
+    courses = TwoStageCoursePlanner(programs=programs, max_nodes=60, time_limit_s=4.0)
+    plans, proofs = [], []
+    for seed in range(10):
+        rough = replace(ragged(seed, frames=2, ice=0.1), tilt_limit_rad=0.05)
+        course = soled(bounded(rough, seed, 0.15), seed)
+        outcome = courses.solve(course)
+        plans += [] if outcome.plan is None else [course]
+        proofs += [] if outcome.certificate is None else [outcome.certificate]
+        if outcome.certificate is not None:
+            assert check_certificate(course, outcome.certificate).accepted
+    assert min(len(plans), len(proofs)) > 1
+    for course in plans:
+        assert not any(check_certificate(course, proof).accepted for proof in proofs)
+
+
 def beam_course(com_y: float, yaws=(0.0, 0.5 * np.pi)) -> Course:
     """One foot of a robot that has to lean to its side, at one of two yaws, as a course of one frame."""
     problem = on_one_sole(com_y, 0.5 * np.pi)
@@ -339,6 +359,9 @@ def test_plans_with_soles_are_not_executed(climbed):
     with pytest.raises(InvalidInput) as refused:
         proven(plan, check_plan(plan).digest, "plan.json")
     assert str(refused.value) == "plan.json: expected point feet, which can be executed, got soles"
+    with pytest.raises(InvalidInput, match="robot biped: expected point feet for a URDF of its own, got soles"):
+        hexapod_urdf(plan.course.robot)
+    assert check_plan(plan, joints=True).joints["verdict"] == "not checked"
 
 
 def test_envelopes_are_for_point_feet(planner, soled, drawn):
