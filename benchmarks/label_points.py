@@ -1,12 +1,12 @@
 """Points that selectors learn from: do they follow from their problems alone, and does what is learned move?
 
     python benchmarks/label_points.py same                                     # rows labelled in other ways
-    python benchmarks/label_points.py genetic --benches ../a/bench ../b/bench  # one GA, many seeds, two data sets
+    python benchmarks/label_points.py seeds --benches ../a/bench ../b/bench    # one method, many seeds, both data sets
     python benchmarks/label_points.py table --benches ../a/bench ../b/bench    # Table I, cell by cell
 
 `same`: every problem is labelled in blocks of 512, with Clarabel's equilibration on and on its careful settings, alone,
 and in blocks of 7; the farthest apart of any [p, f], how many rows are more than 1e-5 apart, and whose toes the search
-had to find. Beside them, what the search alone would have kept, with and without equilibration. `genetic`, `table`:
+had to find. Beside them, what the search alone would have kept, with and without equilibration. `seeds`, `table`:
 folders of `stancekit bench envelopes --quick`, the first of which is the old one.
 """
 
@@ -15,7 +15,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -26,35 +26,37 @@ from threadpoolctl import threadpool_limits
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.learners.dataset import Dataset
-from stancekit.learners.selectors.genetic import GeneticSettings, fit_genetic
+from stancekit.learners.evaluate import evaluate, scenes_of
+from stancekit.learners.experiment import Experiment
+from stancekit.learners.fitting import learn
 from stancekit.planners.answer.outcome import Posture, Status
 from stancekit.planners.equilibrium import rows as conic_rows
 from stancekit.planners.equilibrium.batch import ScaledBatch
-from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch
-from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.search.batch import canonical, solve_all, without_moments
 from stancekit.planners.search.exact import ExactPlanner
 
 Points = dict[int, Array]
 APART = 1e-5
+CONFIG = Path(__file__).resolve().parents[1] / "configs" / "bench-envelopes.yaml"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
     """Which study, and how much of it."""
 
-    study: Annotated[Literal["same", "genetic", "table"], tyro.conf.Positional] = "same"
+    study: Annotated[Literal["same", "seeds", "table"], tyro.conf.Positional] = "same"
     problems: tuple[str, ...] = tuple(DISTRIBUTIONS)
     count: int = 1000
     """Natural samples a class (same)."""
     seed: int = 0
     seeds: int = 8
-    """Of the GA (genetic)."""
+    """How many (seeds)."""
+    method: Literal["ga", "neural"] = "ga"
+    """Which (seeds)."""
     benches: tuple[Path, ...] = ()
-    """Folders of `bench envelopes --quick` (genetic, table)."""
+    """Folders of `bench envelopes --quick` (seeds, table)."""
 
 
 def same(options: Options) -> Iterator[str]:
@@ -132,29 +134,25 @@ def apart(mine: Points, theirs: Points, *, keys: bool = True) -> str:
     return f"{len(both)} rows{only}; {farthest}"
 
 
-def genetic(options: Options) -> Iterator[str]:
-    """The GA of ``--quick`` with many seeds on each bench's own data: is it the data or the seed?"""
-    programs = Programs()
+def seeds(options: Options) -> Iterator[str]:
+    """One method of ``--quick`` with many seeds on each bench's own data: is it the data or the seed?"""
+    fit = Experiment.from_yaml(CONFIG, quick=True).fit
+    knobs = {"ga": "genetic", "neural": "neural"}[options.method]
     for name in options.problems:
         for bench in options.benches:
-            train, test = (Dataset.open(bench / name / part) for part in ("train", "test"))
-            tests = [
-                [Scaled.of(problem) for problem in test.select(rows).problems()]
-                for rows in (test.feasible, test.infeasible)
-            ]
+            train, calibration, test = (Dataset.open(bench / name / part) for part in ("train", "calibration", "test"))
             found = []
             for seed in range(options.seeds):
-                settings = GeneticSettings(population=20, generations=15, terrains=60, seed=seed)
-                (box,) = fit_genetic(train, settings).envelopes
-                admitted = [
-                    sum(programs.get(McCormick, s.layout).solve(s, box).feasible for s in some) for some in tests
-                ]
-                found.append((admitted[0], len(tests[1]) - admitted[1]))
+                settings = replace(fit, **{knobs: {**getattr(fit, knobs), "seed": seed}})
+                selector = learn(options.method, train, settings, calibration=calibration).selector
+                score = evaluate(options.method, selector, scenes_of(test), problem_class=name, projections=("fix-p",))
+                found.append((score.p1_feasible.hits, score.p1_infeasible.hits))
             kept, refused = np.array(found).T
-            of = f"of {len(tests[0])} + {len(tests[1])}"
+            right = kept + refused
             yield (
-                f"{name} {bench}: kept {kept.tolist()} median {np.median(kept):g}; refused {refused.tolist()} median "
-                f"{np.median(refused):g}; right {(kept + refused).mean():.1f} ± {(kept + refused).std(ddof=1):.1f} {of}"
+                f"{name} {options.method} {bench}: kept {kept.tolist()} median {np.median(kept):g}; refused "
+                f"{refused.tolist()} median {np.median(refused):g}; right {right.mean():.1f} ± {right.std(ddof=1):.1f} "
+                f"of {len(test)}"
             )
 
 
@@ -180,7 +178,7 @@ def table(options: Options) -> Iterator[str]:
         yield f"{bench}: {cells - outside} of {cells} cells within the 95 % intervals of {options.benches[0]}"
 
 
-STUDIES: dict[str, Callable[[Options], Iterator[str]]] = {"same": same, "genetic": genetic, "table": table}
+STUDIES: dict[str, Callable[[Options], Iterator[str]]] = {"same": same, "seeds": seeds, "table": table}
 
 
 def main(options: Options) -> None:

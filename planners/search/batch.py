@@ -27,7 +27,7 @@ from .exact import ExactPlanner
 from .witness import witnesses
 
 Index = NDArray[np.intp]
-SHORT, LONG = 48, 320
+SHORT, LONG = 96, 320
 """Steps of the iteration before the lift is asked, and after: most feasible problems need fewer than the first."""
 
 

@@ -72,33 +72,52 @@ def _douglas_rachford(scaled: ScaledBatch, steps: int, moments: bool) -> Iterato
         z += sets.project(2.0 * on - z) - on
 
 
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Rows G x = h of B problems, shape (B, R, D) and (B, R), and how to get there, (B, D, R)."""
+
+    rows: Array
+    right: Array
+    back: Array
+
+    def meet(self, x: Array) -> None:
+        """Move x there, shape (B, D)."""
+        x -= _times(self.back, _times(self.rows, x) - self.right)
+
+    def along(self, others: Array) -> Array:
+        """Other rows, shape (B, ·, D), less what these fix of them."""
+        return np.asarray(others - np.matmul(np.matmul(others, self.back), self.rows))
+
+    def select(self, chosen: Index) -> _Rows:
+        """Some of them, by index."""
+        return _Rows(self.rows[chosen], self.right[chosen], self.back[chosen])
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Sets:
     """A and K of the problems that are left; x is (λ, Θ, c − c_0, u, f), the first two in their units.
 
-    low, high: where cones begin and end, shape (N,) and (B, N). fixed: P x + o, the projection on what of A is always
-    affine, shape (B, D, D) and (B, D); linear, offset: that on A.
+    low, high: where cones begin and end, shape (N,) and (B, N). legs, weight, moments: what makes up A, the rows of u,
+    of Σ C_i f_i, and those that are linearised.
     """
 
     scaled: ScaledBatch
     low: Array
     high: Array
-    fixed: tuple[Array, Array]
-    linear: Array
-    offset: Array
+    legs: _Rows
+    weight: _Rows
+    moments: _Rows | None = None
 
     @classmethod
     def of(cls, scaled: ScaledBatch) -> _Sets:
         """Before the moments are linearised. Shear bounds cut the cones where they begin to leave them."""
-        like = scaled.like
+        like, lifting = scaled.like, _side_by_side(scaled.frames)
         shear = np.minimum(like.force_max[:, 1:], -like.force_min[:, 1:]).min(axis=1)
         high = np.minimum(like.force_max[:, 0], shear / np.maximum(scaled.friction, 1e-12))
-        rows, right = _affine_rows(scaled)
-        back = _back(rows)
-        linear, offset = np.eye(rows.shape[2]) - np.matmul(back, rows), _times(back, right)
+        right = np.tile([0.0, 0.0, like.weight], (len(scaled), 1))
         return cls(
-            scaled=scaled, low=np.maximum(like.force_min[:, 0], 0.0), high=high, fixed=(linear, offset), linear=linear,
-            offset=offset,
+            scaled=scaled, low=np.maximum(like.force_min[:, 0], 0.0), high=high, legs=_legs(scaled),
+            weight=_Rows(lifting, right, lifting.swapaxes(1, 2) / scaled.friction.shape[1]),  # Σ C_i C_i' = N
         )  # fmt: skip
 
     @cached_property
@@ -117,7 +136,7 @@ class _Sets:
         """Toes in the middle of their patches, the nominal c, no tilt, equal shares of the weight along the normals."""
         count, contacts, corners, _ = self.scaled.vertices.shape
         weights, _, balls, forces = self.parts
-        z = np.zeros(self.offset.shape)
+        z = np.zeros((count, forces.stop))
         z[:, weights] = SPREAD / corners
         away = self.scaled.vertices.mean(axis=2) - self.scaled.like.com - self.scaled.like.shoulders
         z[:, balls.start + 3 : balls.stop] = away.reshape(count, -1)
@@ -126,22 +145,25 @@ class _Sets:
 
     def balance(self, z: Array) -> Array:
         """P_A."""
-        return _times(self.linear, z) + self.offset
+        on, forces = z.copy(), self.parts[3]
+        self.legs.meet(on[:, : forces.start])
+        self.weight.meet(on[:, forces])
+        if self.moments is not None:
+            self.moments.meet(on)
+        return on
 
     def linearised(self, x: Array) -> _Sets:
         """The same about x: Σ q × F̄ + Σ q̄ × F − w c × e_z = Σ q̄ × F̄ joins what is always affine."""
         scaled, (weights, _, balls, forces) = self.scaled, self.parts
         toes, force = self.toes(x), _times(scaled.frames, self._vectors(x, forces))
-        rows = np.zeros((len(x), 3, x.shape[1]))
-        arms = skew(toes)
+        rows, arms = np.zeros((len(x), 3, x.shape[1])), skew(toes)
         rows[:, :, forces] = _side_by_side(np.matmul(arms, scaled.frames))
         rows[:, :, weights] = _side_by_side(np.matmul(skew(force), scaled.vertices.swapaxes(2, 3) / -SPREAD))
         right = _times(arms, force).sum(axis=1) + _of_weight(scaled, rows, balls.start)
-        linear, offset = self.fixed
-        right -= _times(rows, offset)
-        rows = np.matmul(rows, linear)
-        back = _back(rows)
-        return replace(self, linear=linear - np.matmul(back, rows), offset=offset + _times(back, right))
+        free = np.concatenate(
+            [self.legs.along(rows[:, :, : forces.start]), self.weight.along(rows[:, :, forces])], axis=2
+        )  # fmt: skip
+        return replace(self, moments=_Rows(rows, right, _back(free)))
 
     def project(self, x: Array) -> Array:
         """P_K, made smaller; x, shape (B, D), is overwritten."""
@@ -195,11 +217,10 @@ class _Sets:
         return _times(self.scaled.vertices.swapaxes(2, 3), shares)
 
     def select(self, chosen: Index) -> _Sets:
-        """Some of them, by index."""
-        fixed = (self.fixed[0][chosen], self.fixed[1][chosen])
+        """Some of them, by index, before the moments are linearised."""
         return _Sets(
-            scaled=self.scaled.select(chosen), low=self.low, high=self.high[chosen], fixed=fixed,
-            linear=self.linear[chosen], offset=self.offset[chosen],
+            scaled=self.scaled.select(chosen), low=self.low, high=self.high[chosen], legs=self.legs.select(chosen),
+            weight=self.weight.select(chosen),
         )  # fmt: skip
 
     def _vectors(self, x: Array, part: slice) -> Array:
@@ -207,21 +228,18 @@ class _Sets:
         return x[:, part].reshape(len(x), -1, 3)
 
 
-def _affine_rows(scaled: ScaledBatch) -> tuple[Array, Array]:
-    """u_i = q_i − c − (I + [Θ]×) s_i and Σ C_i f_i = w e_z as rows of x, shape (B, 3N + 3, D), and their right side."""
+def _legs(scaled: ScaledBatch) -> _Rows:
+    """u_i = q_i − c − (I + [Θ]×) s_i as rows of x without f, 3N of them."""
     count, contacts, corners, _ = scaled.vertices.shape
     body, size = contacts * corners, 3 * contacts
-    rows = np.zeros((count, size + 3, body + 6 + 2 * size))
+    rows, at = np.zeros((count, size, body + 6 + size)), np.arange(size)
     for i in range(contacts):
         own = slice(3 * i, 3 * i + 3)
         rows[:, own, corners * i : corners * (i + 1)] = scaled.vertices[:, i].transpose(0, 2, 1) / SPREAD
         rows[:, own, body : body + 3] = skew(scaled.like.shoulders[i]) / TURN  # −Θ × s = s × Θ
-    at = np.arange(size)
     rows[:, at, body + 3 + at % 3] = rows[:, at, body + 6 + at] = -1.0
-    rows[:, size:, body + 6 + size :] = _side_by_side(scaled.frames)
-    right = np.zeros((count, size + 3))
-    right[:, :size], right[:, -1] = (scaled.like.com + scaled.like.shoulders).ravel(), scaled.like.weight
-    return rows, right
+    right = np.tile((scaled.like.com + scaled.like.shoulders).ravel(), (count, 1))
+    return _Rows(rows, right, _back(rows))
 
 
 def _of_weight(scaled: ScaledBatch, rows: Array, column: int) -> Array:
