@@ -190,7 +190,7 @@ def _contact(item: _ContactJson, index: int, robot: Robot) -> Contact:
 
 
 class _ContactJson(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
     leg: str
     shoulder_m: list[float]
     reach_m: float
@@ -203,7 +203,7 @@ class _ContactJson(BaseModel):
 
 
 class _PostureJson(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
     format: Literal["stancekit/posture/1"]
     mass_kg: float
     gravity_m_s2: float
