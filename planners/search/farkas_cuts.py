@@ -12,6 +12,7 @@ import numpy as np
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array
+from ..relaxation.lift import LiftAnswer
 
 MARGIN = 1e-3
 """A bound above this, for multipliers of at most 1, is refused by no rounding and no tolerance of the verifier."""
@@ -42,11 +43,16 @@ class FarkasCuts:
         best = int(least.argmax())
         return best if least[best] > MARGIN else None
 
-    def relief(self, cut: int, choice: Index, opened: Array) -> Array:
-        """By how much other open candidates of every foothold would weaken a cut against a choice, shape (P,)."""
-        table = self.tables[cut]
-        best = np.where(opened > 0.0, table, np.inf).min(axis=1)
-        return np.asarray(table[np.arange(len(table)), choice] - best)
+    def relief(self, choice: Index, opened: Array) -> Array:
+        """By how much other open candidates of every foothold would weaken the cuts that refute a choice, shape (P,).
+
+        Each in shares of what it proves; zeros where none refutes the choice.
+        """
+        against = self.tables[:, np.arange(len(choice)), choice]
+        proved = against.sum(axis=1) + self.constants
+        refuting = proved > MARGIN
+        best = np.where(opened > 0.0, self.tables[refuting], np.inf).min(axis=2)
+        return np.asarray(((against[refuting] - best) / proved[refuting, None]).sum(axis=0))
 
     def _constant(self, parts: dict[str, Array]) -> float:
         """All of the bound but the toes."""
@@ -93,6 +99,17 @@ class FarkasCuts:
         np.add.at(value, vertex, (along * normal).min(axis=0))
         ends = np.cumsum(np.bincount(layout.vertex_candidates))
         return scaled.by_candidate(np.minimum.reduceat(value, np.r_[0, ends[:-1]]), np.inf)
+
+
+def of_stance(scaled: Scaled, stance: int, lift: LiftAnswer) -> Array:
+    """A certificate's row with the multipliers of one stance alone (``cuts.alone``), and zeros for all others."""
+    layout = scaled.layout
+    steps = 7 * (layout.frames - 1) + 3 * len(layout.moves)
+    row = np.zeros(6 * len(layout.stances) + 3 * layout.frames * layout.limbs + steps)
+    whole, own = split(scaled, row), split(lift.scaled, lift.multipliers)
+    whole["nu_F"][stance], whole["nu_M"][stance] = own["nu_F"][0], own["nu_M"][0]
+    whole["reach"][layout.stances[stance][0]] = own["reach"][0]
+    return row
 
 
 def split(scaled: Scaled, row: Array) -> dict[str, Array]:
