@@ -79,10 +79,11 @@ class Plan:
         Of half-spaces of reach the outer set, or the inner one (``robot.reach``).
         """
         frame = np.repeat(np.arange(self.layout.frames), self.layout.limbs)
-        shoulders = np.tile(self.scaled.shoulders, (self.layout.frames, 1))
+        limb = np.tile(np.arange(self.layout.limbs), self.layout.frames)
+        shoulders = self.scaled.shoulders[limb]
         hips = self.com[frame] + shoulders + cross(self.rotation[frame], shoulders)
         legs = self.toes[np.ravel(self.layout.holds)] - hips
-        ball = {"reach": cp.SOC(np.tile(self.scaled.reach, self.layout.frames), legs, axis=1)}
+        ball = {"reach": cp.SOC(self.scaled.reach[limb], legs, axis=1)}
         return {**ball, **self._half_spaces(frame, inner)} if self.layout.reach_rows else ball
 
     def _half_spaces(self, frame: Index, inner: bool) -> Terms:
@@ -141,7 +142,7 @@ class Plan:
 
         Σ f is fixed to the weight (E5), so that it is Σ p_w × f − c × w e_z, linear in c.
         """
-        up = np.tile([0.0, 0.0, self.scaled.weight], (len(self.layout.stances), 1))
+        up = self.scaled.weight * np.tile([0.0, 0.0, 1.0], (len(self.layout.stances), 1))
         return added(moments, stance, len(up)) - cross(self.com[self.layout.stance_frames], up)
 
     def objective(self) -> cp.Expression:
@@ -199,8 +200,8 @@ class Forces:
     def balance(self) -> Terms:
         """Σ f = w e_z in every stance (E5)."""
         count = len(self._scaled.layout.stances)
-        up = np.tile([0.0, 0.0, self._scaled.weight], (count, 1))
-        return {"balance": added(self.world, self.stance, count) == up}
+        up = self._scaled.weight * np.tile([0.0, 0.0, 1.0], (count, 1))
+        return {"balance": added(self.world, self.stance, count) - up == 0}
 
 
 def within(moment: cp.Expression) -> tuple[cp.Expression, Terms]:

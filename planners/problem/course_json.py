@@ -146,7 +146,7 @@ def _patch_to_json(patch: Patch) -> dict[str, Any]:
 
 
 class _Keys(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
 
 
 class _LimbJson(_Keys):

@@ -236,7 +236,7 @@ class ReachRowsJson(BaseModel):
 
 
 class _ContactJson(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
     leg: str
     shoulder_m: list[float]
     reach_m: float
@@ -252,7 +252,7 @@ class _ContactJson(BaseModel):
 
 
 class _PostureJson(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
     format: Literal["stancekit/posture/1"]
     mass_kg: float
     gravity_m_s2: float

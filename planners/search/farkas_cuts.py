@@ -13,6 +13,7 @@ from ..equilibrium.layout import Index
 from ..equilibrium.multipliers import multiplier_shapes
 from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array
+from ..relaxation.lift import LiftAnswer
 
 MARGIN = 1e-3
 """A bound above this, for multipliers of at most 1, is refused by no rounding and no tolerance of the verifier."""
@@ -43,11 +44,16 @@ class FarkasCuts:
         best = int(least.argmax())
         return best if least[best] > MARGIN else None
 
-    def relief(self, cut: int, choice: Index, opened: Array) -> Array:
-        """By how much other open candidates of every foothold would weaken a cut against a choice, shape (P,)."""
-        table = self.tables[cut]
-        best = np.where(opened > 0.0, table, np.inf).min(axis=1)
-        return np.asarray(table[np.arange(len(table)), choice] - best)
+    def relief(self, choice: Index, opened: Array) -> Array:
+        """By how much other open candidates of every foothold would weaken the cuts that refute a choice, shape (P,).
+
+        Each in shares of what it proves; zeros where none refutes the choice.
+        """
+        against = self.tables[:, np.arange(len(choice)), choice]
+        proved = against.sum(axis=1) + self.constants
+        refuting = proved > MARGIN
+        best = np.where(opened > 0.0, self.tables[refuting], np.inf).min(axis=2)
+        return np.asarray(((against[refuting] - best) / proved[refuting, None]).sum(axis=0))
 
     def _constant(self, parts: dict[str, Array]) -> float:
         """All of the bound but the toes."""
@@ -101,6 +107,16 @@ class FarkasCuts:
         np.add.at(value, vertex, (along * normal).min(axis=0))
         ends = np.cumsum(np.bincount(layout.vertex_candidates))
         return scaled.by_candidate(np.minimum.reduceat(value, np.r_[0, ends[:-1]]), np.inf)
+
+
+def of_stance(scaled: Scaled, stance: int, lift: LiftAnswer) -> Array:
+    """A certificate's row with the multipliers of one stance alone (``cuts.alone``), and zeros for all others."""
+    row = np.zeros(sum(int(np.prod(shape)) for shape in multiplier_shapes(scaled.layout).values()))
+    whole, own = split(scaled, row), split(lift.scaled, lift.multipliers)
+    whole["nu_F"][stance], whole["nu_M"][stance] = own["nu_F"][0], own["nu_M"][0]
+    frame = scaled.layout.stances[stance][0]
+    whole["reach"][frame], whole["reach_rows"][frame] = own["reach"][0], own["reach_rows"][0]
+    return row
 
 
 def split(scaled: Scaled, row: Array) -> dict[str, Array]:

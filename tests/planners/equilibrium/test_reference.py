@@ -9,6 +9,7 @@ from typing import Any
 import cvxpy as cp
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 from stancekit.planners.answer.outcome import Certificate
 from stancekit.planners.equilibrium.programs import Programs
@@ -129,7 +130,7 @@ def test_every_row_is_an_equation_of_the_reference(scaled, near, which):
         model, groups = program.reference(given), program.rows.groups
         for seed in range(3):
             x, expected = at_random(program, model, given, seed)
-            hessian, q, matrix, b = program.rows.load(given)
+            hessian, q, matrix, b = loaded(program, given)
             found = matrix @ x - b
             assert set(groups) - {"toe"} == set(expected), name
             for group, rows in groups.items():
@@ -193,7 +194,7 @@ def test_the_small_form_of_the_lift_is_the_whole_one(drawn):
 
 def in_rows(program, given, solution) -> tuple[np.ndarray, np.ndarray]:
     """x and z of a solution in the order of the rows; toes, where they are columns, and their rows' multipliers."""
-    hessian, q, matrix, b = program.rows.load(given)
+    hessian, q, matrix, b = loaded(program, given)
     x, z = np.zeros(len(q)), np.zeros(len(b))
     for rows, values in ((program.rows.columns, x), (program.rows.groups, z)):
         for name in set(rows) - {"toes", "toe"}:
@@ -204,6 +205,16 @@ def in_rows(program, given, solution) -> tuple[np.ndarray, np.ndarray]:
         objective = 0.0 if solution.status is ConicStatus.INFEASIBLE else q + symmetric(hessian) @ x
         z[toe] = -(objective + matrix.T @ z)[toes]
     return x, z
+
+
+def loaded(program, given):
+    """(P, q, A, b), the matrices as scipy has them."""
+    hessian, q, matrix, b = program.rows.load(given)
+    return as_scipy(hessian), q, as_scipy(matrix), b
+
+
+def as_scipy(matrix):
+    return sp.csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)
 
 
 def symmetric(upper):
@@ -218,7 +229,7 @@ def test_multipliers_are_optimal_whoever_found_them(answers, engine):
     """In the rows' own matrices: A'z + P x + q = 0 and z'(b − A x) = 0; or a ray, A'z = 0 and b'z < 0."""
     for answer in answers:
         solution = answer.solutions[engine]
-        hessian, q, matrix, b = answer.program.rows.load(answer.given)
+        hessian, q, matrix, b = loaded(answer.program, answer.given)
         x, z = in_rows(answer.program, answer.given, solution)
         if solution.status is ConicStatus.INFEASIBLE:
             assert b @ z < 0.0
