@@ -81,7 +81,7 @@ class Scaled:
 
     @classmethod
     def of(cls, problem: PostureProblem | Course) -> Scaled:
-        """Scale a problem."""
+        """Scale a problem: forces (E3) and positions (E4) as non-dimensional numbers."""
         from .scaling import of_course, of_posture  # which make this class
 
         return of_course(problem) if isinstance(problem, Course) else of_posture(problem)

@@ -1,4 +1,4 @@
-"""A course: what a plan of key frames is asked for (paper E eq. 11, §IV-B), with the candidate patches of every toe.
+"""A course: what a plan of key frames is asked for (E11, §IV-B), with the candidate patches of every toe.
 
 A *placement* is one toe put down, by a limb, at a key frame, on one of its candidate patches; it stays until the limb's
 next placement. A *stance* is a set of limbs that must carry the robot alone at a key frame. Between two key frames the

@@ -10,7 +10,7 @@ from ..files.arrays import checked, gathered
 
 @dataclass(frozen=True, kw_only=True)
 class StepLimits:
-    """Largest steps between neighbouring key frames (eq. 11), and the least progress.
+    """Largest steps between neighbouring key frames (E11), and the least progress.
 
     com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max. progress_m: the paper's least step is not
     convex; in its place the COM moves at least this far along the straight line of its nominal path, where that moves.

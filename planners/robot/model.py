@@ -15,9 +15,9 @@ from .reach import ReachRows
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limb:
-    """One limb: its shoulder in the body frame (paper E's v, eq. 11) and the radius of its spherical workspace.
+    """One limb: its shoulder in the body frame (paper E's v, E11) and the radius of its spherical workspace.
 
-    shoulder_m: p_BS, shape (3,) [m]; reach_m: Δ_FK of eq. 11 [m]. reach_rows: half-spaces that the toe is in, too;
+    shoulder_m: p_BS, shape (3,) [m]; reach_m: Δ_FK of E11 [m]. reach_rows: half-spaces that the toe is in, too;
     where they alone should count, reach_m is that of a ball which holds them. sole_m: points (forward, left) of a rigid
     flat foot about its centre, shape (K, 2) [m]; None for a point foot. Reach and steps are of the centre.
     """

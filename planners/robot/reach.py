@@ -1,6 +1,6 @@
 """A limb's workspace as half-spaces, beside the ball about its shoulder: the polytopes of kinematic planners.
 
-Rows a·R(Θ)ᵀ(p − c) ≤ b, p the toe, c the centre of mass, R(Θ) = I + [Θ]× as in paper E's eq. 11, so that they are
+Rows a·R(Θ)ᵀ(p − c) ≤ b, p the toe, c the centre of mass, R(Θ) = I + [Θ]× as in E11, so that they are
 (a + Θ × a)·d ≤ b with d = p − c, bilinear in Θ and d. Convex sets stand in for them, exact where the tilt limit is 0
 (s the shoulder, ρ the ball's radius, z any point, and t(x) the largest ‖Θ × x‖ within the tilt limit):
 

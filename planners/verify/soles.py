@@ -19,7 +19,7 @@ POINTS_SUM = 1e-9
 def sole_points(sole_m: Array | None, patch: Patch, yaw_rad: float) -> Array:
     """From the toe to the points that bear forces, shape (K, 3) [m]; of a point foot its own place.
 
-    Forward is z of the contact frame (eq. 3) turned by the yaw about the normal n; left is n × forward.
+    Forward is z of the contact frame (E3) turned by the yaw about the normal n; left is n × forward.
     """
     if sole_m is None:
         return np.zeros((1, 3))
