@@ -65,10 +65,14 @@ class Contact:
         """From the toe to the points that bear forces: its own place, or a sole's points, shape (K, 3) [m]."""
         return np.zeros((1, 3)) if self.sole_m is None else sole_offsets(self.sole_m, self.patch, self.yaw_rad)
 
-    @cached_property
+    @property
     def region(self) -> Patch:
         """Where the toe may be: the patch, or the part of it from which a sole stays on it. Raises InvalidInput."""
-        return self.patch if self.sole_m is None else sole_region(self.patch, self.offsets_m)
+        return self.patch if self.sole_m is None else self._region
+
+    @cached_property
+    def _region(self) -> Patch:  # of soles alone: batches give copies of point feet other patches
+        return sole_region(self.patch, self.offsets_m)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
