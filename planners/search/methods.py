@@ -135,6 +135,6 @@ def _made(
 
 
 def _grid(**options: Any) -> Any:
-    from .micp import Grid  # cvxpy takes a second to import
+    from ..relaxation.micp import Grid  # cvxpy takes a second to import
 
     return Grid(**options)

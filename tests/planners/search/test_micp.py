@@ -20,8 +20,9 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.grid import Breaks, cell_error
+from stancekit.planners.relaxation.micp import Grid, MicpProgram
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.micp import Grid, MicpPlanner, MicpProgram
+from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.verify import check_plan, check_posture
 
 NEEDS_SCIP = pytest.mark.skipif(importlib.util.find_spec("pyscipopt") is None, reason="needs the exact extra")
