@@ -15,7 +15,8 @@ from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
 
 from ..motion.soft_start import soft_motion
-from .guard import SafeWorld, Stoppable
+from ..worlds.world import Stoppable
+from .guard import SafeWorld
 from .latch import Stopped
 
 Ending = Literal["hold", "home", "torque-off"]

@@ -22,40 +22,10 @@ from stancekit.planners.gait.trajectory import Trajectory
 from ..acceptance import proven
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.dry_run import NullWorld
-from ..worlds.world import State, Terrain, World
-from .heartbeat import Guardian
+from ..worlds.world import Actuator, State, Terrain, World
+from .heartbeat import HeartbeatMonitor
 from .latch import Source, StopLatch, Stopped
 from .watchdog import Watchdog
-
-__all__ = ["Actuator", "Limits", "SafeWorld", "Stoppable", "WorldCapabilities", "capabilities_of"]
-
-
-@runtime_checkable
-class Stoppable(Protocol):
-    """A world that can be left in a state: standing as it is, or without torque."""
-
-    def hold(self) -> None:
-        """Send nothing any more; the joints keep what they were told last.
-
-        Where an arming was interrupted, it makes sure that the torque is as it was before, or raises HardwareFault.
-        """
-        ...
-
-    def relax(self) -> None:
-        """Torque off everywhere."""
-        ...
-
-
-@runtime_checkable
-class Actuator(Stoppable, Protocol):
-    """A world that moves something real: it takes no step unless armed."""
-
-    armed: bool
-
-    def torque(self, on: bool) -> None:
-        """Arm, at the measured pose; or let go. An arming that is interrupted, by whatever it raises, leaves no torque
-        on that was off before."""
-        ...
 
 
 @runtime_checkable
@@ -98,7 +68,7 @@ class SafeWorld:
     dry: nothing is sent to anything real; a ``NullWorld`` answers what would have been sent. A simulation is nothing
     real. latch: the world's. sources: asked before every command. sent, clipped, refused: numbers of commands that went
     through, that were changed on the way, and that came after the stop. armed: an arming came to its end, or none is
-    needed. guardian: told of every command.
+    needed. monitor: told of every command.
     """
 
     def __init__(
@@ -109,18 +79,20 @@ class SafeWorld:
         dry: bool = True,
         sources: Sequence[Source] = (),
         clock: Callable[[], float] = time.monotonic,
-        guardian: Guardian | None = None,
+        monitor: HeartbeatMonitor | None = None,
     ) -> None:
         self.world, self.limits = world, limits
         self.latch: StopLatch = world.latch
-        self.name, self.robot, self.servo = world.name, world.robot, world.servo
+        self.name, self.kind, self.robot, self.servo = world.name, world.kind, world.robot, world.servo
         self.joints, self.rate_hz = world.joints, world.rate_hz
         self.capabilities = capabilities_of(world)
         self.real = isinstance(world, Actuator)
+        if world.kind == "hardware" and not self.real:  # else it would move without having been armed
+            raise InvalidInput(f"world {world.name}: expected hardware to have armed, torque, hold and relax")
         self.dry = dry and self.real
         self.sent = self.clipped = self.refused = 0
         self.armed = not self.real
-        self.watchdog = Watchdog(world.latch, limits.silent_s if self.real else float("inf"), clock, guardian)
+        self.watchdog = Watchdog(world.latch, limits.silent_s if self.real else float("inf"), clock, monitor)
         self.latch.listen(*sources, self.watchdog.look)
         self._to: World = world
         self._last: Array | None = None

@@ -10,10 +10,10 @@ import pytest
 from numpy.typing import NDArray
 
 from stancekit.envs.distributions.postures import FIVE_LEGS
-from stancekit.envs.expert import expert_envelopes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
 from stancekit.runner.control.closed_loop import Observation

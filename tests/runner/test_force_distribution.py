@@ -1,20 +1,17 @@
-"""Forces shared with a reserve of friction: balance, cones, and the least of all, against a model written again."""
+"""Forces distributed with a reserve of friction: balance, cones, and the least of all, by a model written again."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import cvxpy as cp
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan import Plan, PlanOutcome
-from stancekit.planners.problem.course import Course
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.friction_margin import plan_with_reserve, slippery
+from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
-from stancekit.runner.control.force_distribution import LEAST, RESERVES, ForceShare, shared_forces
+from stancekit.runner.control.force_distribution import LEAST, RESERVES, ForceDistribution, distribute_forces
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +22,7 @@ def climb() -> Plan:
 
 
 def test_shared_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: Plan) -> None:
-    course, forces = climb.course, shared_forces(climb)
+    course, forces = climb.course, distribute_forces(climb)
     assert forces.shape == climb.forces_n.shape
     for stance, of in zip(forces, course.stances, strict=True):
         arms = climb.toes_at(of.frame) - climb.com_m[of.frame]
@@ -42,13 +39,13 @@ def test_shared_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: P
 
 
 def test_the_plan_with_shared_forces_is_one_that_the_verifier_accepts(climb: Plan) -> None:
-    assert check_plan(replace(climb, forces_n=shared_forces(climb))).accepted
+    assert check_plan(replace(climb, forces_n=distribute_forces(climb))).accepted
 
 
 def test_they_are_the_least_for_their_reserve(climb: Plan) -> None:
     course, stance = climb.course, 0
     of = course.stances[stance]
-    found = ForceShare(6).solve(climb, stance)
+    found = ForceDistribution(6).solve(climb, stance)
     assert found is not None
     forces = cp.Variable((len(of.limbs), 3))
     arms = climb.toes_at(of.frame)[list(of.limbs)] - climb.com_m[of.frame]
@@ -66,51 +63,8 @@ def test_they_are_the_least_for_their_reserve(climb: Plan) -> None:
 
 def test_where_the_cones_leave_no_room_there_is_none_and_the_plan_keeps_its_own(climb: Plan) -> None:
     icy = replace(climb, course=slippery(climb.course, 0.01))
-    assert ForceShare(6).solve(icy, 0) is None
-    np.testing.assert_array_equal(shared_forces(icy), climb.forces_n)
-
-
-class Picky:
-    """A planner that has a plan only for courses whose friction is at least this."""
-
-    name = "picky"
-
-    def __init__(self, plan: Plan, friction: float) -> None:
-        self.plan, self.friction, self.asked = plan, friction, list[float]()
-
-    def solve(self, course: Course) -> PlanOutcome:
-        friction = course.placements[0].candidates[0].friction
-        self.asked.append(friction)
-        if friction < self.friction:
-            return PlanOutcome(status=Status.INFEASIBLE, method=self.name, message="too slippery")
-        return PlanOutcome(status=Status.FEASIBLE, method=self.name, plan=replace(self.plan, course=course))
-
-
-def test_the_most_cautious_plan_is_taken_and_is_one_of_the_course_itself(walk: Callable[..., Plan]) -> None:
-    plan = walk()
-    planner = Picky(plan, 0.85 * plan.course.placements[0].candidates[0].friction)
-    outcome = plan_with_reserve(planner, plan.course)
-    assert outcome.plan is not None
-    assert outcome.plan.course is plan.course
-    assert outcome.plan.provenance["friction_share"] == 0.9
-    assert len(planner.asked) == 2
-
-
-def test_a_course_without_a_plan_gets_the_answer_for_all_of_its_friction(walk: Callable[..., Plan]) -> None:
-    plan = walk()
-    planner = Picky(plan, 1e6)
-    outcome = plan_with_reserve(planner, plan.course)
-    assert outcome.status is Status.INFEASIBLE
-    assert planner.asked[-1] == plan.course.placements[0].candidates[0].friction
-
-
-def test_slippery_courses_differ_in_friction_alone(walk: Callable[..., Plan]) -> None:
-    course = walk().course
-    dulled = slippery(course, 0.5)
-    for before, after in zip(course.placements, dulled.placements, strict=True):
-        assert after.candidates[0].friction == 0.5 * before.candidates[0].friction
-        np.testing.assert_array_equal(after.candidates[0].vertices_m, before.candidates[0].vertices_m)
-    assert [patch.friction for patch in dulled.terrain] == [0.5 * patch.friction for patch in course.terrain]
+    assert ForceDistribution(6).solve(icy, 0) is None
+    np.testing.assert_array_equal(distribute_forces(icy), climb.forces_n)
 
 
 def test_forces_of_any_limbs_that_bear_balance_within_the_reserve(climb: Plan) -> None:
@@ -118,7 +72,7 @@ def test_forces_of_any_limbs_that_bear_balance_within_the_reserve(climb: Plan) -
     patches = [course.patch(int(p), climb.choice) for p in course.holds[frame]]
     arms = climb.toes_at(frame) - climb.com_m[frame]
     bears = np.array([True, True, True, True, True, False])
-    forces = ForceShare(6).forces(course, arms, patches, bears)
+    forces = ForceDistribution(6).forces(course, arms, patches, bears)
     assert forces is not None
     assert not forces[5].any()
     np.testing.assert_allclose(forces.sum(axis=0), [0.0, 0.0, course.weight_n], atol=1e-4)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +21,14 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import Servo, joint_names
 
 from ..capabilities import WorldCapabilities
+from ..settings import WorldSettings
 from ..world import LatchedWorld, State, Terrain
 from . import control_table as table
 from .bus import ServoBus, signed
 from .calibration import Calibration, Turning
 from .setup import check_servos, configure
 
+RATE_HZ = 50.0
 REST_RAD = 0.35
 """A robot at rest, its torque off, has its joints this near to where the calibration says."""
 CATCH_UP = 3
@@ -46,7 +49,7 @@ class DynamixelWorld(LatchedWorld):
     name = "dynamixel"
 
     def __init__(
-        self, robot: Robot, calibration: Calibration, servo: Servo = Servo(), *, rate_hz: float = 50.0
+        self, robot: Robot, calibration: Calibration, servo: Servo = Servo(), *, rate_hz: float = RATE_HZ
     ) -> None:
         super().__init__()
         self.robot, self.servo, self.rate_hz, self.calibration = robot, servo, rate_hz, calibration
@@ -63,6 +66,14 @@ class DynamixelWorld(LatchedWorld):
         self.armed, self.late, self.bus_s = False, 0, 0.0
         self._open, self._sent = False, np.zeros(len(self.joints))
         self._found: NDArray[np.bool_] | None = None  # which torques were on before an arming that did not end well
+
+    @classmethod
+    def make(cls, settings: WorldSettings) -> Self:
+        """As ``WorldClass``."""
+        calibration = Calibration.from_yaml(settings.file("a calibration file", cls.name), joint_names(settings.robot))
+        settings.check_name(calibration.robot)
+        rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
+        return cls(settings.robot, calibration, settings.servo, rate_hz=rate_hz)
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Connect, check every servo, measure; nothing moves, and the torque stays as it was.

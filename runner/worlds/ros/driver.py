@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Self
 
 import numpy as np
 
@@ -22,11 +23,13 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import Servo, joint_names
 
 from ..capabilities import WorldCapabilities
+from ..settings import WorldSettings
 from ..world import LatchedWorld, State, Terrain
 from .follow import Follower
 from .robot import RosRobot
 from .setup import RosSetup
 
+RATE_HZ = 50.0
 SLACK_RAD = 0.05
 """A joint measured this far beyond its limits is taken for one at its stop, farther for one that is mapped wrong."""
 
@@ -42,7 +45,7 @@ class RosWorld(LatchedWorld):
 
     name = "ros"
 
-    def __init__(self, robot: Robot, setup: RosSetup, servo: Servo = Servo(), *, rate_hz: float = 50.0) -> None:
+    def __init__(self, robot: Robot, setup: RosSetup, servo: Servo = Servo(), *, rate_hz: float = RATE_HZ) -> None:
         super().__init__()
         self.robot, self.servo, self.rate_hz, self.setup = robot, servo, rate_hz, setup
         self.joints = joint_names(robot)
@@ -53,6 +56,14 @@ class RosWorld(LatchedWorld):
         self.armed, self.late = False, 0
         self._switched = False  # on, by an arming that did not end well
         self._sent = np.zeros(len(self.joints))
+
+    @classmethod
+    def make(cls, settings: WorldSettings) -> Self:
+        """As ``WorldClass``."""
+        setup = RosSetup.from_yaml(settings.file("a set-up file", cls.name), joint_names(settings.robot))
+        settings.check_name(setup.robot)
+        rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
+        return cls(settings.robot, setup, settings.servo, rate_hz=rate_hz)
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Connect, check the controller's joints, measure; nothing is sent that could move the robot.
@@ -75,11 +86,6 @@ class RosWorld(LatchedWorld):
         self._sent = self._robot.states.read()[0]
         self._check_angles(self._sent, "measured", SLACK_RAD, ": is its name or offset right?")
         return self._state()
-
-    @property
-    def estopped(self) -> bool:
-        """Whether the e-stop of the setup's topic was pressed since the reset."""
-        return self._robot.pressed
 
     def torque(self, on: bool) -> None:
         """Arm: hold the measured pose, the controller switched on if the setup names its manager; or switch it off.
