@@ -27,8 +27,7 @@ def read_policy(name: str, course: Course) -> SelectorPolicy | None:
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
     learned = load_selector(Path(name))
-    selector = learned.selector
-    policy = SelectorPolicy(lambda observation: selector.predict(observation)[0], _envelopes(learned, name))
+    policy = SelectorPolicy(learned.selector, _envelopes(learned, name))
     try:
         policy.check_fits(course)
     except InvalidInput as error:

@@ -153,13 +153,13 @@ def check_joints(source: str, robot: Robot, world: World) -> None:
     wanted, found = joint_names(robot), world.joints
     if tuple(found) != wanted:
         lack, more = sorted(set(wanted) - set(found)), sorted(set(found) - set(wanted))
-        said = "; ".join(
+        differences = "; ".join(
             f"{word} {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
             for word, names in (("it lacks", lack), ("it has besides", more)) if names
         )  # fmt: skip
         raise InvalidInput(
             f"{source}: expected world {world.name} to have the robot's {len(wanted)} joints in their order"
-            + (f": {said}" if said else ", it has them in another")
+            + (f": {differences}" if differences else ", it has them in another")
         )
     wrong = _differs(robot, world.robot)
     if wrong:

@@ -136,7 +136,7 @@ class Runner:
         return prepared
 
     def _begin(self, prepared: Prepared[PlannedMotion], terrain: Terrain | None) -> None:
-        """Measure, arm, and go softly to the first pose. Raises InvalidInput where there is no clear way to it.
+        """Measure, arm, and go softly to the first pose. Raises InvalidInput where there is no clear path to it.
 
         terrain: what the world has, where that is not what the plan's course says.
         """

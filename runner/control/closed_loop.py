@@ -1,6 +1,6 @@
 """The closed loop: observe, choose an envelope, plan, verify, forward the next key frames, and look again.
 
-A policy is a callable from what is observed to the planner of the next key frames: a trained selector that chooses an
+A policy is a callable from an observation to the planner of the next key frames: a trained selector that chooses an
 envelope, or always the same. Where the robot is not where its plan has it, the rest is planned anew from where it is
 measured to stand, and feet that slid tell how much friction there really is.
 """

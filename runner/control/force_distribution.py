@@ -85,8 +85,8 @@ class ForceDistribution:
 
 def distribute_forces(plan: Plan) -> Array:
     """Forces of all stances with a reserve of friction, the plan's own where there is none, shape (S, N, 3) [N]."""
-    share = ForceDistribution(len(plan.course.robot.limbs))
-    found = [share.solve(plan, index) for index in range(len(plan.course.stances))]
+    distribution = ForceDistribution(len(plan.course.robot.limbs))
+    found = [distribution.solve(plan, index) for index in range(len(plan.course.stances))]
     return np.array([plan.forces_n[i] if forces is None else forces for i, forces in enumerate(found)])
 
 

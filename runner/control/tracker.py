@@ -26,7 +26,7 @@ from ..motion.redundancy import RedundancyResolution
 DRAWN_S = 0.1
 """Time constant with which joints come back to the posture chosen for them, where feet that feel led them off it."""
 STUCK_M = 1e-3
-"""A foot in the air that inverse kinematics leaves farther than this from its way is looked for anew."""
+"""A foot in the air that inverse kinematics leaves farther than this from its path is looked for anew."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +153,7 @@ class Tracker:
         self._wish = wish
         angles, error = self._kinematics.reach(feet, near, near)
         stuck = (error > STUCK_M) & (np.array(sample.placement) < 0)
-        if stuck.any():  # at a limit on its way: begin again where it should end
+        if stuck.any():  # at a limit on its path: begin again where it should end
             other, missed = self._kinematics.reach(feet, wish, wish)
             stuck &= missed < error
             angles = np.where(np.repeat(stuck, len(angles) // len(stuck)), other, angles)

@@ -82,7 +82,7 @@ def _families(
 
 
 def _cheapest(table: Table, near: Array | None) -> Array:
-    """The cheapest way through a table, shape (T, 4)."""
+    """The cheapest path through a table, shape (T, 4)."""
     family, cost = table[0]
     total = cost if near is None else cost + LEFT * np.sum((family - near) ** 2, axis=1)
     back = list[Array]()

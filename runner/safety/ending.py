@@ -43,7 +43,7 @@ def end(world: SafeWorld, ending: Ending, home: Sequence[Array] | None, speed_ra
     """Bring the robot into the state that was asked for; it never raises for what goes wrong on the way.
 
     home: joint angles on the way there, home last, shape (J,) [rad] each, gone along at this speed; None where there is
-    no way.
+    no path.
     """
     stopped = world.latch.tripped
     begin = world.latch.time_s if stopped else time.monotonic()

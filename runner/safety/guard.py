@@ -68,7 +68,7 @@ class SafeWorld:
     dry: nothing is sent to anything real; a ``NullWorld`` answers what would have been sent. A simulation is nothing
     real. latch: the world's. sources: asked before every command. sent, clipped, refused: numbers of commands that went
     through, that were changed on the way, and that came after the stop. armed: an arming came to its end, or none is
-    needed. monitor: told of every command.
+    needed. monitor: gets a beat for every command.
     """
 
     def __init__(

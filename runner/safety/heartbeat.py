@@ -83,20 +83,20 @@ class HeartbeatMonitor:
         return "the heartbeat monitor does not answer" if self._unresponsive else None
 
     def __enter__(self) -> Self:
-        told = {"limit_s": self.limit_s, "ros": None if self._setup is None else asdict(self._setup)}
+        orders = {"limit_s": self.limit_s, "ros": None if self._setup is None else asdict(self._setup)}
         command = [sys.executable, "-m", "stancekit.runner.safety.heartbeat"]
         self._child = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True
         )  # a session of its own: Ctrl-C is for the host
         stdin, stdout = _pipes(self._child)
         with contextlib.suppress(BrokenPipeError):  # one that ended at once says nothing, either
-            stdin.write(json.dumps(told).encode() + b"\n")
+            stdin.write(json.dumps(orders).encode() + b"\n")
         os.set_blocking(stdin.fileno(), False)  # the host never waits for its monitor
-        heard = stdout.readline() if select.select([stdout], [], [], READY_S)[0] else b""
-        if heard != b"ready\n":
+        answer = stdout.readline() if select.select([stdout], [], [], READY_S)[0] else b""
+        if answer != b"ready\n":
             self._end(kill=True)
             raise InvalidInput(
-                f"heartbeat monitor: {heard.decode(errors='replace').strip() or 'expected it to start, it did not'}"
+                f"heartbeat monitor: {answer.decode(errors='replace').strip() or 'expected it to start, it did not'}"
             )
         os.set_blocking(stdout.fileno(), False)
         return self
@@ -155,9 +155,9 @@ def watch(stream: int, limit_s: float, answers: int) -> str:
 
 
 def main() -> int:
-    """The monitor's own process: told by one line what to guard, then beats."""
-    told = json.loads(_line(0))
-    setup = None if told["ros"] is None else TypeAdapter(RosSetup).validate_python(told["ros"])
+    """The monitor's own process: one line says what to guard, then beats."""
+    orders = json.loads(_line(0))
+    setup = None if orders["ros"] is None else TypeAdapter(RosSetup).validate_python(orders["ros"])
     link = None if setup is None else RosLink(setup.host, setup.port, setup.timeout_s)
     if link is not None:
         try:
@@ -167,7 +167,7 @@ def main() -> int:
             return 1
     sys.stdout.write("ready\n")
     sys.stdout.flush()
-    why = watch(0, told["limit_s"], 1)
+    why = watch(0, orders["limit_s"], 1)
     if why:
         done = BUS if setup is None or link is None else _cancelled(setup, link)
         sys.stderr.write(f"stancekit: heartbeat monitor: {why}: {done}\n")

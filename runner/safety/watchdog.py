@@ -1,8 +1,8 @@
 """The host's own watchdog: a loop that falls silent is stopped, whatever it hangs in.
 
 A thread trips the latch; that is enough for a loop that is late. A process that hangs altogether no thread of its own
-can help: there the device's bus watchdog stops it (``worlds.dynamixel``), or another process does (``monitor``). Where
-such a process goes on (SIGCONT), its first look at the clock trips the latch, before anything is sent.
+can help: there the device's bus watchdog stops it (``worlds.dynamixel``), or another process (``heartbeat``). Where a
+process goes on (SIGCONT), its first look at the clock trips the latch, before anything is sent.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Watchdog:
     While it is entered, and from ``guard`` on, it does so where the process stood still for so long, kicked or not.
 
     clock: in seconds, never set back; what the wall clock does is no matter. A limit of infinity watches nothing.
-    monitor: is told the same.
+    monitor: gets the same.
     """
 
     def __init__(

@@ -139,9 +139,9 @@ class DynamixelWorld(LatchedWorld):
             self._send(self.sendable(targets))
             sent = time.monotonic()
             self._wait()
-            asked = time.monotonic()
+            reading = time.monotonic()
             rows = self._watched()
-            self.bus_s = sent - begin + time.monotonic() - asked
+            self.bus_s = sent - begin + time.monotonic() - reading
             return self._measured(rows)
         except HardwareFault:
             self.armed = False

@@ -136,14 +136,16 @@ class RosWorld(LatchedWorld):
         near = np.clip(targets_rad, self._sent - most, self._sent + most)
         return np.asarray(np.clip(near, can.lower_rad, can.upper_rad))
 
-    def run_trajectory(self, times_s: Array, angles_rad: Array, heard: Callable[[State], None] | None = None) -> State:
+    def run_trajectory(
+        self, times_s: Array, angles_rad: Array, on_state: Callable[[State], None] | None = None
+    ) -> State:
         """Hand a whole trajectory over, from the pose held now, and wait for its end, where the robot is at rest.
 
-        times_s: shape (T,), from the start, increasing from above 0; angles_rad: shape (T, J). heard: gets a state for
-        every feedback. Before the first one a goal that holds the pose is sent and cancelled, to see
-        that it can be. Raises InvalidInput, before any motion, for a trajectory beyond limits or longer than the
-        setup's alone_s, and where goals cannot be cancelled; HardwareFault for one that did not succeed: a trouble on
-        the way, or ``hold``, cancels it.
+        times_s: shape (T,), from the start, increasing from above 0; angles_rad: shape (T, J). on_state: gets a state
+        for every feedback. Before the first one a goal that holds the pose is sent and cancelled, to see that it can
+        be. Raises InvalidInput, before any motion, for a trajectory beyond limits or longer than the setup's alone_s,
+        and where goals cannot be cancelled; HardwareFault for one that did not succeed: a trouble on the way, or
+        ``hold``, cancels it.
         """
         if not self.armed:
             raise InvalidInput("world: expected torque(True) before run_trajectory")
@@ -154,7 +156,7 @@ class RosWorld(LatchedWorld):
         self._due_s = time.monotonic()
         try:
             self._follower.follow(
-                self._sent, times, angles, lambda: heard(self._state()) if heard is not None else None
+                self._sent, times, angles, lambda: on_state(self._state()) if on_state is not None else None
             )
         except HardwareFault:
             self.armed = False
