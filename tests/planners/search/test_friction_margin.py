@@ -1,4 +1,4 @@
-"""Plans with a margin of friction: the most cautious one is taken, and courses that are more slippery."""
+"""Plans that keep a reserve of friction are plans of the course itself, made as slippery as it may be and no more."""
 
 from collections.abc import Callable
 from dataclasses import replace
