@@ -7,11 +7,12 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from stancekit.planners.files.arrays import Array, checked, gathered
 from stancekit.planners.robot.kinematics import Kinematics
 
-from .record import Record, Trace, body_error
+from .record import Record, Trace
 from .worlds.world import World
 
 
@@ -84,9 +85,11 @@ class Execution:
         wall_s: real time taken [s].
         """
         trace = Trace.of(record, kinematics)
-        errors = [body_error(target, state) for target, state in record.pairs]
-        fell = (m > tolerance.body_m or rad > tolerance.body_rad for m, rad in errors)
-        fallen_s = next((float(time_s) for time_s, down in zip(trace.time_s, fell, strict=True) if down), None)
+        planned = Rotation.from_rotvec([target.sample.rotation_rad for target, _ in record.pairs])
+        turned = (planned.inv() * Rotation.from_matrix(trace.rotation)).magnitude()
+        away = np.linalg.norm(trace.origin_m - [target.origin_m for target, _ in record.pairs], axis=1)
+        down = np.flatnonzero((away > tolerance.body_m) | (turned > tolerance.body_rad))
+        fallen_s = float(trace.time_s[down[0]]) if len(down) else None
         final = float(np.linalg.norm(trace.com_m[-1] - goal_m))
         slip = trace.slips(len(stances))
         between = trace.forces_n - trace.planned_forces_n
@@ -98,7 +101,7 @@ class Execution:
             fallen_s=fallen_s,
             com_final_m=final,
             com_worst_m=float(np.linalg.norm(trace.com_m - trace.planned_com_m, axis=1).max()),
-            tilt_worst_rad=max(rad for _, rad in errors),
+            tilt_worst_rad=float(turned.max()),
             slip_m=slip,
             force_rms_n=float(np.sqrt(np.mean(np.sum(between[trace.placement >= 0] ** 2, axis=-1)))),
             torque_worst_nm=float(np.abs(trace.torques_nm).max()),

@@ -14,7 +14,7 @@ from .control.force_distribution import distribute_forces
 from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.gait_motion import GaitMotion
-from .motion.motion import Motion, PlannedMotion
+from .motion.motion import Motion
 from .motion.time_parametrization import (
     BLIND,
     LIMIT_SHARE,
@@ -30,6 +30,7 @@ from .safety.guard import SafeWorld
 from .settings import RunSettings
 from .worlds.world import Ground, Solids, Terrain
 
+PlannedMotion = PlanMotion | GaitMotion
 M_co = TypeVar("M_co", bound=Motion, covariant=True)
 P_co = TypeVar("P_co", bound=PlannedMotion, covariant=True)
 

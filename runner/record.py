@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from stancekit.planners.robot.kinematics import Kinematics
 
 from .control.tracker import Target
 from .worlds.world import State
@@ -28,13 +28,6 @@ class Record:
         """One control period."""
         self.pairs.append((target, state))
         self.began_s.append(began_s)
-
-
-def body_error(target: Target, state: State) -> tuple[float, float]:
-    """How far the body's frame is from where it should be: distance [m] and angle [rad]."""
-    between = rotation_of(target.sample.rotation_rad).T @ state.rotation
-    angle = float(np.arccos(np.clip((np.trace(between) - 1.0) / 2.0, -1.0, 1.0)))
-    return float(np.linalg.norm(state.position_m - target.origin_m)), angle
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

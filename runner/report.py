@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from .execution import Execution
-from .motion.motion import PlannedMotion
-from .prepared import Prepared
+from .prepared import PlannedMotion, Prepared
 from .record import Record
 from .safety.ending import Ended
 from .safety.guard import SafeWorld

@@ -25,11 +25,11 @@ from .acceptance import Accepted, AcceptedGait
 from .control.tracker import Target
 from .log import FORMAT, Log, NoLog, state_json
 from .motion.gait_motion import GaitMotion
-from .motion.motion import Motion, PlannedMotion
+from .motion.motion import Motion
 from .motion.soft_start import soft_motion, soft_start
 from .motion.timeline import PlanMotion
-from .prepared import Prepared, Tracked, prepare_gait, prepare_plan
-from .record import Record, body_error
+from .prepared import PlannedMotion, Prepared, Tracked, prepare_gait, prepare_plan
+from .record import Record
 from .report import RunReport
 from .safety.ending import Ended, end
 from .safety.estop import on_signals, watched
@@ -254,7 +254,9 @@ class Runner:
         """Stop where the body is not where it should be."""
         if not self.world.capabilities.has_body_pose or self.world.dry:
             return
-        away, turned = body_error(target, state)
+        away = float(np.linalg.norm(state.position_m - target.origin_m))
+        between = rotation_of(target.sample.rotation_rad).T @ state.rotation
+        turned = float(np.arccos(np.clip((np.trace(between) - 1.0) / 2.0, -1.0, 1.0)))
         limits, counted = self.settings.tolerance, "" if self._prepared is None else self._prepared.motion.counted
         if away > limits.body_m or turned > limits.body_rad:
             self.world.trip(

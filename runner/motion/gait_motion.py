@@ -6,7 +6,7 @@ A gait is dynamic: at another pace its forces balance no longer, so it is run as
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ class GaitMotion:
     stances: what every stance is called, of all feet; ``MotionSample.placement`` counts them.
     """
 
-    counted: Literal["key frames", "seconds"] = "seconds"
+    counted = "seconds"
     solids: tuple[Solid, ...] = ()
 
     def __init__(self, trajectory: Trajectory) -> None:

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Protocol
 
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.terrain.prism import Solid
 
 
@@ -48,35 +45,4 @@ class Motion(Protocol):
 
     def at(self, time_s: float) -> MotionSample:
         """What should be at a time; the ends are held."""
-        ...
-
-
-class PlannedMotion(Motion, Protocol):
-    """The motion of something that the verifier accepted."""
-
-    counted: Literal["key frames", "seconds"]
-    """What ``MotionSample.frame`` counts."""
-
-    @property
-    def content(self) -> Plan | Trajectory:
-        """What it plays."""
-        ...
-
-    @property
-    def last_frame(self) -> float:
-        """The last ``MotionSample.frame``."""
-        ...
-
-    @property
-    def goal_m(self) -> Array:
-        """Where the centre of mass ends, shape (3,) [m]."""
-        ...
-
-    @property
-    def stances(self) -> Sequence[str]:
-        """What every placement of ``MotionSample.placement`` is called in a message."""
-        ...
-
-    def entry(self) -> dict[str, Any]:
-        """What a log keeps of it."""
         ...

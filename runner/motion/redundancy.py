@@ -1,7 +1,7 @@
 """Which of a limb's postures to take along a motion: four joints have one more than a foot's position needs.
 
 Chosen for every limb at once over the whole motion, by dynamic programming over the closed-form family of postures
-(``planners.limb_posture``): comfortable ones, and near each other, so that no joint jumps from one branch to another
+(``planners.robot.leg_ik``): comfortable ones, and near each other, so that no joint jumps from one branch to another
 and no limb walks into a joint limit that a posture on the way would have avoided.
 """
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -74,7 +74,7 @@ class PlanMotion:
     Raises InvalidInput where all limbs lift at once: nobody carries, and no position control can do that.
     """
 
-    counted: Literal["key frames", "seconds"] = "key frames"
+    counted = "key frames"
 
     def __init__(self, plan: Plan, timing: Timing = Timing(), forces_n: Array | None = None) -> None:
         self.plan, self.timing = plan, timing

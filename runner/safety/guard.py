@@ -86,6 +86,7 @@ class SafeWorld:
         self.name, self.kind, self.robot, self.servo = world.name, world.kind, world.robot, world.servo
         self.joints, self.rate_hz = world.joints, world.rate_hz
         self.capabilities = capabilities_of(world)
+        self._bounds = _bounds(self.capabilities, limits)
         self.real = isinstance(world, Actuator)
         if world.kind == "hardware" and not self.real:  # else it would move without having been armed
             raise InvalidInput(f"world {world.name}: expected hardware to have armed, torque, hold and relax")
@@ -163,13 +164,11 @@ class SafeWorld:
 
     def within(self, targets_rad: Array) -> Array:
         """The targets within the limits of position, velocity and step, shape (J,) [rad]."""
-        can, limits, last = self.capabilities, self.limits, self.last_rad
-        most = np.minimum(limits.velocity_share * can.velocity_rad_s / self.rate_hz, limits.step_rad)
-        middle = 0.5 * (can.lower_rad + can.upper_rad)
-        lower = np.minimum(can.lower_rad + limits.margin_rad, middle)
-        upper = np.maximum(can.upper_rad - limits.margin_rad, middle)
+        last, (lower, upper, most) = self.last_rad, self._bounds
         # a joint that begins beyond its limits comes back no faster than any other moves
-        return np.asarray(np.clip(np.clip(targets_rad, lower, upper), last - most, last + most))
+        return np.asarray(
+            np.minimum(np.maximum(np.minimum(np.maximum(targets_rad, lower), upper), last - most), last + most)
+        )
 
     def close(self) -> None:
         """Close the world."""
@@ -213,18 +212,15 @@ def capabilities_of(world: World) -> WorldCapabilities:
     """What the world says that it can do; of a simulation, what its servos can, and that it feels everything."""
     if isinstance(world, _Capable):
         return world.capabilities
-    limbs = len(world.robot.limbs)
-    joints = len(world.joints)
-    return WorldCapabilities(
-        joints=world.joints,
-        rate_hz=world.rate_hz,
-        lower_rad=np.tile(world.servo.lower_rad, limbs),
-        upper_rad=np.tile(world.servo.upper_rad, limbs),
-        velocity_rad_s=np.full(joints, world.servo.velocity_rad_s),
-        torque_nm=np.full(joints, world.servo.torque_nm),
-        has_body_pose=True,
-        has_contact_forces=True,
-    )
+    return WorldCapabilities.of_servos(world.robot, world.servo, world.rate_hz, senses=True)
+
+
+def _bounds(can: WorldCapabilities, limits: Limits) -> tuple[Array, Array, Array]:
+    """The least and the greatest angle of every joint, and how far it may move in a period, shape (J,) each."""
+    middle = 0.5 * (can.lower_rad + can.upper_rad)
+    lower = np.minimum(can.lower_rad + limits.margin_rad, middle)
+    upper = np.maximum(can.upper_rad - limits.margin_rad, middle)
+    return lower, upper, np.minimum(limits.velocity_share * can.velocity_rad_s / can.rate_hz, limits.step_rad)
 
 
 def _wrong(targets: Array, joints: Sequence[str]) -> str:

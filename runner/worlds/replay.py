@@ -50,13 +50,7 @@ class ReplayWorld(LatchedWorld):
         self._sees = bool(plan.get("sees", True))
         self._row = 0
         self.worst_rad = 0.0
-        limbs = len(robot.limbs)
-        self.capabilities = WorldCapabilities(
-            joints=self.joints, rate_hz=self.rate_hz, lower_rad=np.tile(servo.lower_rad, limbs),
-            upper_rad=np.tile(servo.upper_rad, limbs), velocity_rad_s=np.full(len(self.joints), servo.velocity_rad_s),
-            torque_nm=np.full(len(self.joints), servo.torque_nm), has_body_pose=self._sees,
-            has_contact_forces=self._sees,
-        )  # fmt: skip
+        self.capabilities = WorldCapabilities.of_servos(robot, servo, self.rate_hz, senses=self._sees)
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:

@@ -39,12 +39,7 @@ class Servos(LatchedWorld):
         super().__init__()
         self.robot, self.servo, self.rate_hz = settings.robot, settings.servo, settings.rate_hz or 40.0
         self.joints, self.bench = joint_names(self.robot), Bench()
-        limbs, count = len(self.robot.limbs), len(self.joints)
-        self.capabilities = WorldCapabilities(
-            joints=self.joints, rate_hz=self.rate_hz, lower_rad=np.tile(self.servo.lower_rad, limbs),
-            upper_rad=np.tile(self.servo.upper_rad, limbs), velocity_rad_s=np.full(count, self.servo.velocity_rad_s),
-            torque_nm=np.full(count, self.servo.torque_nm), has_body_pose=False, has_contact_forces=False,
-        )
+        self.capabilities = WorldCapabilities.of_servos(self.robot, self.servo, self.rate_hz, senses=False)
 
     def reset(self, terrain, angles_rad, position_m, rotation):
         self.angles, self.pose, self.time_s = np.array(angles_rad), (position_m, rotation), 0.0

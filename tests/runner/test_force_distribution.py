@@ -21,7 +21,7 @@ def climb() -> Plan:
     return outcome.plan
 
 
-def test_shared_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: Plan) -> None:
+def test_distributed_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: Plan) -> None:
     course, forces = climb.course, distribute_forces(climb)
     assert forces.shape == climb.forces_n.shape
     for stance, of in zip(forces, course.stances, strict=True):
@@ -38,7 +38,7 @@ def test_shared_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: P
             assert np.linalg.norm(stance[limb] - normal * patch.normal) <= RESERVES[-1] * patch.friction * normal + 1e-4
 
 
-def test_the_plan_with_shared_forces_is_one_that_the_verifier_accepts(climb: Plan) -> None:
+def test_the_plan_with_distributed_forces_is_one_that_the_verifier_accepts(climb: Plan) -> None:
     assert check_plan(replace(climb, forces_n=distribute_forces(climb))).accepted
 
 

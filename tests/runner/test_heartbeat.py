@@ -102,7 +102,7 @@ def test_for_servos_it_opens_nothing_and_says_who_stops_them(capfd: pytest.Captu
     assert capfd.readouterr().err == f"stancekit: heartbeat monitor: the host was silent for 0.1 s: {BUS}\n"
 
 
-def test_a_guardian_that_is_killed_is_a_reason_to_stop() -> None:
+def test_a_heartbeat_monitor_that_is_killed_is_a_reason_to_stop() -> None:
     latch = StopLatch()
     with HeartbeatMonitor(1.0) as monitor:
         latch.listen(monitor.gone)
@@ -114,7 +114,7 @@ def test_a_guardian_that_is_killed_is_a_reason_to_stop() -> None:
     assert latch.reason == "the heartbeat monitor is gone"
 
 
-def test_a_guardian_that_stands_still_is_a_reason_to_stop_and_keeps_nobody_waiting() -> None:
+def test_a_heartbeat_monitor_that_stands_still_is_a_reason_to_stop_and_keeps_nobody_waiting() -> None:
     def beaten() -> bool:
         monitor.beat()
         return monitor.gone() is not None
@@ -134,7 +134,7 @@ def test_a_guardian_that_stands_still_is_a_reason_to_stop_and_keeps_nobody_waiti
         os.kill(pid, 0)
 
 
-def test_a_farewell_that_finds_no_room_or_no_reader_ends_the_guardian_all_the_same(
+def test_a_close_that_finds_no_room_or_no_reader_ends_the_monitor_all_the_same(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("stancekit.runner.safety.heartbeat.END_S", 0.2)
@@ -148,7 +148,7 @@ def test_a_farewell_that_finds_no_room_or_no_reader_ends_the_guardian_all_the_sa
     assert capfd.readouterr().err == ""
 
 
-def test_a_guardian_that_ends_before_it_was_told_anything_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_heartbeat_monitor_that_ends_before_it_got_anything_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
     began = subprocess.Popen
 

@@ -19,43 +19,35 @@ import numpy as np
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, frozen
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import Servo, joint_names
 
 from ..capabilities import WorldCapabilities
+from ..hardware import RATE_HZ, HardwareWorld
 from ..settings import WorldSettings
-from ..world import LatchedWorld, State, Terrain
+from ..world import State, Terrain
 from .follow import Follower
 from .robot import RosRobot
 from .setup import RosSetup
 
-RATE_HZ = 50.0
 SLACK_RAD = 0.05
 """A joint measured this far beyond its limits is taken for one at its stop, farther for one that is mapped wrong."""
 
 
-class RosWorld(LatchedWorld):
+class RosWorld(HardwareWorld):
     """``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves. ``hold`` may come from another thread.
 
-    The body is not measured: ``State`` repeats the pose given to ``reset``, the feet are where that pose and the
-    measured angles have them, and forces are zero. Torques are the efforts that ROS reports. ``late`` counts periods
-    that began late by more than a period. Raises InvalidInput for a setup that lacks joints, and without roslibpy or
+    Torques are the efforts that ROS reports. Raises InvalidInput for a setup that lacks joints, and without roslibpy or
     pinocchio.
     """
 
     name = "ros"
 
     def __init__(self, robot: Robot, setup: RosSetup, servo: Servo = Servo(), *, rate_hz: float = RATE_HZ) -> None:
-        super().__init__()
-        self.robot, self.servo, self.rate_hz, self.setup = robot, servo, rate_hz, setup
-        self.joints = joint_names(robot)
-        self._kinematics = Kinematics(robot, servo)
-        self.capabilities = self._capable()
-        self._robot, self._open = RosRobot(setup, self.joints, self.latch), False
+        super().__init__(robot, servo, rate_hz)
+        self.setup, self.capabilities = setup, WorldCapabilities.of_servos(robot, servo, rate_hz, senses=False)
+        self._robot = RosRobot(setup, self.joints, self.latch)
         self._follower = Follower(self._robot)
-        self.armed, self.late = False, 0
         self._switched = False  # on, by an arming that did not end well
-        self._sent = np.zeros(len(self.joints))
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
@@ -81,8 +73,7 @@ class RosWorld(LatchedWorld):
             self._robot.link.close()
             raise
         self._open = True
-        self._pose = np.array(position_m, dtype=float), np.array(rotation, dtype=float)
-        self._start_s = self._due_s = time.monotonic()
+        self._begin(position_m, rotation)
         self._sent = self._robot.states.read()[0]
         self._check_angles(self._sent, "measured", SLACK_RAD, ": is its name or offset right?")
         return self._state()
@@ -113,11 +104,7 @@ class RosWorld(LatchedWorld):
         InvalidInput for targets that are not finite, and where the world is not armed; HardwareFault when the
         connection is lost, for nonsense, measurements that are too old, and the e-stop. Then the world is not armed.
         """
-        if not self.armed:
-            raise InvalidInput("world: expected torque(True) before step")
-        targets = np.asarray(targets_rad, dtype=float)
-        if targets.shape != self._sent.shape or not np.all(np.isfinite(targets)):
-            raise InvalidInput(f"targets_rad: expected {len(self.joints)} finite numbers")
+        targets = self._checked(targets_rad)
         self._check()
         self._sent = self.sendable(targets)
         try:
@@ -128,13 +115,6 @@ class RosWorld(LatchedWorld):
         self._wait()
         self._check()
         return self._state()
-
-    def sendable(self, targets_rad: Array) -> Array:
-        """The targets as ``step`` would send them now."""
-        can = self.capabilities
-        most = can.velocity_rad_s / self.rate_hz
-        near = np.clip(targets_rad, self._sent - most, self._sent + most)
-        return np.asarray(np.clip(near, can.lower_rad, can.upper_rad))
 
     def run_trajectory(
         self, times_s: Array, angles_rad: Array, on_state: Callable[[State], None] | None = None
@@ -189,14 +169,6 @@ class RosWorld(LatchedWorld):
         self._follower.stop()
         self._robot.link.close()
 
-    def _capable(self) -> WorldCapabilities:
-        count, limbs = len(self.joints), len(self.robot.limbs)
-        return WorldCapabilities(
-            joints=self.joints, rate_hz=self.rate_hz, lower_rad=np.tile(self.servo.lower_rad, limbs),
-            upper_rad=np.tile(self.servo.upper_rad, limbs), velocity_rad_s=np.full(count, self.servo.velocity_rad_s),
-            torque_nm=np.full(count, self.servo.torque_nm), has_body_pose=False, has_contact_forces=False,
-        )  # fmt: skip
-
     def _arm(self) -> None:
         if self.setup.controller_manager is not None:
             self.latch.check()
@@ -241,29 +213,5 @@ class RosWorld(LatchedWorld):
                 f"{np.abs(rates[:, index]).max():.3g}"
             )
 
-    def _wait(self) -> None:
-        """Until the period is over; one that is late by more than a period starts the count anew."""
-        self._due_s += 1.0 / self.rate_hz
-        left = self._due_s - time.monotonic()
-        if left > 0.0:
-            time.sleep(left)
-        elif left < -1.0 / self.rate_hz:
-            self.late += 1
-            self._due_s = time.monotonic()
-
     def _state(self) -> State:
-        angles, rates, torques = self._robot.states.read()
-        position, rotation = self._pose
-        return State(
-            time_s=time.monotonic() - self._start_s,
-            position_m=position.copy(),
-            rotation=rotation.copy(),
-            velocity=np.zeros(6),
-            angles_rad=angles,
-            rates_rad_s=rates,
-            torques_nm=torques,
-            feet_m=position + self._kinematics.feet(angles) @ rotation.T,
-            forces_n=np.zeros((len(self.robot.limbs), 3)),
-            bump_n=0.0,
-            sent_rad=self._sent.copy(),
-        )
+        return self._state_of(*self._robot.states.read())
