@@ -12,7 +12,7 @@ import time
 import warnings
 from dataclasses import dataclass
 from importlib import import_module, util
-from typing import Any, Literal, get_args, overload
+from typing import Any, Literal, cast, get_args, overload
 
 import cvxpy as cp
 import numpy as np
@@ -20,7 +20,7 @@ import numpy as np
 from ..answer.outcome import Outcome
 from ..answer.plan import Plan, PlanOutcome
 from ..equilibrium.equations import mccormick
-from ..equilibrium.layout import Index
+from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import Programs
 from ..equilibrium.reference import coupled
 from ..equilibrium.scaled import Point, Scaled
@@ -33,6 +33,7 @@ from ..relaxation.boxes import boxes_of
 from ..relaxation.domain import domain_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.grid import (
+    Breaks,
     Cells,
     Cones,
     Encoding,
@@ -44,6 +45,7 @@ from ..relaxation.grid import (
     unit_domain,
     without_squares,
 )
+from ..relaxation.mccormick import Axes
 from .answer import Acceptance, plan_of
 from .clock import Clock
 
@@ -112,8 +114,33 @@ class MicpAnswer:
     message: str = ""
 
 
+class Symbols:
+    """A posture's ``Scaled`` with parameters for its numbers, which cvxpy compiles once, and cells with theirs."""
+
+    def __init__(self, layout: Layout, grid: Grid) -> None:
+        self.layout, contacts = layout, len(layout.contacts[0])
+        self.vertices = cp.Parameter((len(layout.vertex_footholds), 3))
+        self.frames, self.friction = cp.Parameter((layout.footholds, 3, 3)), cp.Parameter(layout.footholds)
+        self.shoulders, self.reach = cp.Parameter((layout.limbs, 3)), cp.Parameter(layout.limbs)
+        self.force_min, self.force_max = cp.Parameter((contacts, 3)), cp.Parameter((contacts, 3))
+        self.com, self.com_radius = cp.Parameter((1, 3)), cp.Parameter(1)
+        self.weight, self.tilt = cp.Parameter(), cp.Parameter()
+        self._numbers = {name: symbol for name, symbol in vars(self).items() if isinstance(symbol, cp.Parameter)}
+        p, f = (count + 1 for count in grid.counts)
+        shapes = ((3 * contacts, p), (3 * contacts, f), (9 * contacts, p * f))
+        self._cells = [cp.Parameter(shape) for shape in shapes]
+        self.breaks = Breaks(*self._cells)
+
+    def load(self, scaled: Scaled, breaks: Breaks) -> None:
+        """Take the numbers of a posture."""
+        for name, symbol in self._numbers.items():
+            symbol.value = getattr(scaled, name)
+        for symbol, numbers in zip(self._cells, breaks, strict=True):
+            symbol.value = numbers
+
+
 class MicpProgram:
-    """The mixed-integer program of one problem.
+    """The mixed-integer program of one problem, or of one layout of postures and one ``Symbols`` in its place.
 
     envelope: of the envelope rows, where there are any. gap: the relative one to which a course's objective is
     minimised; None takes the first point found. The objective's squares become tangents where cones become planes.
@@ -121,21 +148,22 @@ class MicpProgram:
 
     def __init__(
         self,
-        scaled: Scaled,
-        domain: Envelope,
+        scaled: Scaled | Symbols,
+        breaks: Breaks,
         grid: Grid = Grid(),
         *,
         solver: str = "highs",
+        axes: Axes = "contact",
         envelope: Envelope | None = None,
         gap: float | None = None,
     ) -> None:
-        self._scaled, self._solver, self._gap = scaled, solver, gap
-        self._plan, self.products, terms = coupled(scaled, axes_of(scaled))
-        cells, cones = Cells(domain, grid.counts, grid.encoding), cones_of(grid, solver)
+        self._layout, self._solver, self._gap = scaled.layout, solver, gap
+        self._plan, self.products, terms = coupled(cast(Scaled, scaled), axes)
+        cells, cones = Cells(breaks, grid.counts, grid.encoding), cones_of(grid, solver)
         constraints = [*terms.values(), *cells.terms(*self.products.parts)]
         if envelope is not None:
             constraints += mccormick(self.products.parts, envelope).values()
-        if several := [k for k, p in enumerate(scaled.layout.candidate_footholds) if len(scaled.which[p]) > 1]:
+        if several := [k for k, p in enumerate(self._layout.candidate_footholds) if len(self._layout.corners[p]) > 1]:
             constraints.append(self._plan.shares[several] == cp.Variable(len(several), boolean=True))
         constraints = [plane for row in constraints for plane in planes(row, cones)]
         cost = cells.spread() if gap is None else self._plan.objective()
@@ -148,11 +176,10 @@ class MicpProgram:
             "binaries": float(sum(variable.size for variable in variables if variable.attributes["boolean"])),
             "variables": float(size.num_scalar_variables),
             "constraints": float(size.num_scalar_eq_constr + size.num_scalar_leq_constr),
-            "cell_error": cell_error(domain, grid.counts),
         }
 
-    def solve(self, time_limit_s: float) -> MicpAnswer:
-        """Find a point of the grid."""
+    def solve(self, scaled: Scaled, time_limit_s: float) -> MicpAnswer:
+        """Find a point of the grid. scaled: the problem, whose numbers the program has."""
         _, limit, gaps, options = _SOLVERS[self._solver]
         options = options | {"solver": self._solver.upper(), limit: time_limit_s}
         options |= dict(zip(gaps, (_ANY, _ANY) if self._gap is None else (self._gap, ABSOLUTE_GAP), strict=True))
@@ -170,10 +197,10 @@ class MicpProgram:
         if status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):  # a bounded objective: never unbounded
             empty = status in (cp.INFEASIBLE, cp.settings.INFEASIBLE_OR_UNBOUNDED)
             return MicpAnswer(claim="infeasible" if empty else "unknown", seconds=seconds)
-        return self._answer(seconds)
+        return self._answer(scaled, seconds)
 
-    def _answer(self, seconds: float) -> MicpAnswer:
-        scaled, plan = self._scaled, self._plan
+    def _answer(self, scaled: Scaled, seconds: float) -> MicpAnswer:
+        plan = self._plan
         stance, _, foothold = scaled.layout.contacts
         shares, largest = np.asarray(plan.shares.value), np.full(scaled.layout.footholds, -1, dtype=np.int_)
         for candidate in np.argsort(shares, kind="stable"):
@@ -241,9 +268,10 @@ class MicpPlanner:
         with clock.compiling():
             program = self.program(problem)
         begin = time.process_time()
-        answer = program.solve(self.time_limit_s)
+        answer = program.solve(scaled, self.time_limit_s)
         clock.count(1, answer.seconds)
         details = program.figures | {"solver_s": answer.seconds, "solver_cpu_s": time.process_time() - begin}
+        details["cell_error"] = cell_error(self.boxes(problem)[0], self.grid.counts)
         point, message = None, answer.message
         if answer.point is not None and answer.choice is not None and answer.moments is not None:
             details["claimed_residual"] = float(np.abs(answer.moments).max())
@@ -269,13 +297,24 @@ class MicpPlanner:
         return self.acceptance.plan_outcome(problem, method=self.name, clock=clock, plan=plan, **said)
 
     def program(self, problem: PostureProblem | Course) -> MicpProgram:
-        """The program of a problem."""
-        scaled, envelope = Scaled.of(problem), self.box(problem)
+        """The program of a problem; postures of one layout share one, which then has the numbers of this one."""
+        scaled, (domain, envelope) = Scaled.of(problem), self.boxes(problem)
+        breaks = Breaks.of(domain, self.grid.counts)
+        if isinstance(problem, PostureProblem) and envelope is None:
+            symbols, program = self._programs.get(_of_layout, scaled.layout, self.grid, self.solver)
+            symbols.load(scaled, breaks)
+            return program
         gap = None if isinstance(problem, PostureProblem) else self.gap
+        axes = axes_of(scaled)
+        return MicpProgram(scaled, breaks, self.grid, solver=self.solver, axes=axes, envelope=envelope, gap=gap)
+
+    def boxes(self, problem: PostureProblem | Course) -> tuple[Envelope, Envelope | None]:
+        """The domain that the grid divides, and the box of the envelope rows, where there are any."""
+        scaled, envelope = Scaled.of(problem), self.box(problem)
         domain = domain_of(scaled, axes_of(scaled)) if self.grid.domain == "course" else unit_domain(scaled)
         if envelope is not None and self.grid.envelope_use == "shrink":
-            domain, envelope = meet(envelope, domain), None
-        return MicpProgram(scaled, domain, self.grid, solver=self.solver, envelope=envelope, gap=gap)
+            return meet(envelope, domain), None
+        return domain, envelope
 
     def box(self, problem: PostureProblem | Course) -> Envelope | None:
         """The envelope over the stance contacts of a problem. Raises InvalidInput where it was learned for others."""
@@ -298,6 +337,11 @@ class MicpPlanner:
         if self.envelope.contacts != contacts:
             raise InvalidInput(f"contacts: expected {self.envelope.contacts} for this envelope, got {contacts}")
         return self.envelope
+
+
+def _of_layout(layout: Layout, grid: Grid, solver: str) -> tuple[Symbols, MicpProgram]:
+    symbols = Symbols(layout, grid)
+    return symbols, MicpProgram(symbols, symbols.breaks, grid, solver=solver)
 
 
 def cones_of(grid: Grid, solver: str) -> Cones:
