@@ -27,8 +27,7 @@ def read_policy(name: str, course: Course) -> SelectorPolicy | None:
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
     learned = load_selector(Path(name))
-    selector = learned.selector
-    policy = SelectorPolicy(lambda observation: selector.predict(observation)[0], _envelopes(learned, name))
+    policy = SelectorPolicy(learned.selector, _envelopes(learned, name))
     try:
         policy.check_fits(course)
     except InvalidInput as error:
@@ -39,8 +38,8 @@ def read_policy(name: str, course: Course) -> SelectorPolicy | None:
 def _envelopes(learned: Learned, name: str) -> EnvelopeSet:
     """Envelopes of the selector's class of problems: its own, where it has some; else the expert's."""
     from stancekit.envs.distributions.postures import distribution
-    from stancekit.envs.expert import expert_envelopes
     from stancekit.learners.selectors.selector import FixedSelector
+    from stancekit.planners.relaxation.expert import expert_envelopes
 
     if isinstance(learned.selector, FixedSelector):
         return learned.selector.envelopes

@@ -19,17 +19,17 @@ from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_spec
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.course_features import CourseFeatures, Features
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.plan_window import Standing, joined
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
-from .course_view import CourseView, View
 from .distributions.courses import perturbed
-from .expert import expert_envelopes
 
 MAX_DRAWS = 50
 """Draws until a course whose first key frame holds."""
@@ -44,7 +44,6 @@ class Executed(Protocol):
     @property
     def succeeded(self) -> bool:
         """Whether it arrived, upright and without slipping."""
-        ...
 
 
 Executor = Callable[[Plan], Executed]
@@ -65,10 +64,10 @@ class TraverseWeights:
     second: float = 0.1
 
 
-class TraverseEnv(gym.Env[View, np.int64]):
+class TraverseEnv(gym.Env[Features, np.int64]):
     """One step: see the coming candidate patches, choose who plans the next ``horizon`` key frames, be moved there.
 
-    Observation: see ``CourseView``. Action: index of a planner: 0 the two-stage planner over the lift, 1 and up the
+    Observation: see ``CourseFeatures``. Action: index of a planner: 0 the two-stage planner over the lift, 1 and up the
     same over the envelopes given. Where the chosen planner finds no plan, the robot stays and the agent may choose
     again. The episode ends at the last frame, where it is proved that no plan goes on from here, and where an execution
     fails; it is cut off after ``patience`` steps in vain.
@@ -82,7 +81,7 @@ class TraverseEnv(gym.Env[View, np.int64]):
     generator. frames: M of each, None for its own. horizon: key frames a step. envelopes: what to offer beside the
     lift, None for the expert's rules for walking and climbing (paper E §IV-A). planners: replaces all of these.
     limbs, regions, corners: of the view: how many limbs, the most candidates a toe and corners a patch. executor: plays
-    the plan of every window on a world, ``partial(execution.simulate, world="mujoco")`` for one, each from a standing
+    the plan of every window on a world, ``partial(runner.run.simulate, world="mujoco")`` for one, each from a standing
     start. programs: to share with other environments of this process.
     """
 
@@ -113,7 +112,7 @@ class TraverseEnv(gym.Env[View, np.int64]):
             if not isinstance(value, int) or value < least:
                 raise InvalidInput(f"{name}: expected {least} or more, got {value!r}")
         self.render_mode = render_mode
-        self._draw, self._view = _source(courses, frames, amount, horizon, limbs, regions, corners)
+        self._draw, self._features = _source(courses, frames, amount, horizon, limbs, regions, corners)
         programs = programs or Programs()
         self._planners = tuple(_planners(envelopes, programs) if planners is None else planners)
         if not self._planners:
@@ -125,10 +124,12 @@ class TraverseEnv(gym.Env[View, np.int64]):
         self._walked: list[Plan] = []
         self._frame = self._vain = 0
         self._over = True
-        self.observation_space: spaces.Space[Any] = self._view.space()
+        self.observation_space: spaces.Space[Any] = _space(self._features)
         self.action_space: spaces.Space[Any] = spaces.Discrete(len(self._planners))
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[View, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Features, dict[str, Any]]:
         """Draw courses until one has a first key frame that holds. Raises PlanningFailed after MAX_DRAWS."""
         super().reset(seed=seed)
         for _ in range(MAX_DRAWS):
@@ -142,7 +143,7 @@ class TraverseEnv(gym.Env[View, np.int64]):
                 return self._observe(course), self._info(course, _Try())
         raise PlanningFailed(f"no course in {MAX_DRAWS} draws whose first key frame holds")
 
-    def step(self, action: np.int64) -> tuple[View, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.int64) -> tuple[Features, float, bool, bool, dict[str, Any]]:
         """Let the chosen planner plan the next window; go there if it can."""
         if self._course is None or self._over:
             raise gym.error.ResetNeeded("reset the environment before the first step and after the last")
@@ -164,7 +165,7 @@ class TraverseEnv(gym.Env[View, np.int64]):
         return self._observe(course), float(reward), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the way so far over the course."""
+        """Draw the path so far over the course."""
         if self._course is None:
             raise gym.error.ResetNeeded("reset the environment before rendering")
         from stancekit.views.plan_picture import draw_plan
@@ -192,8 +193,8 @@ class TraverseEnv(gym.Env[View, np.int64]):
         executed = -1 if plan is None or self._executor is None else int(self._executor(plan).succeeded)
         return _Try(outcome=outcome, plan=plan, executed=executed)
 
-    def _observe(self, course: Course) -> View:
-        return self._view.see(course, self._frame, Standing.at_end(self._walked[-1]))
+    def _observe(self, course: Course) -> Features:
+        return self._features.observe(course, self._frame, Standing.at_end(self._walked[-1]))
 
     def _info(self, course: Course, tried: _Try, begin: int = 0) -> dict[str, Any]:
         weights, standing = self._weights, Standing.at_end(self._walked[-1])
@@ -215,7 +216,7 @@ class TraverseEnv(gym.Env[View, np.int64]):
             "com_m": np.array(standing.com_m),
             "toes_m": np.array(standing.toes_m),
             "terrain_modes": np.array([modes[k] if k < len(modes) else NO_MODE for k in coming]),
-            "reward_progress": weights.progress * tried.progress_m / way_m(course),
+            "reward_progress": weights.progress * tried.progress_m / path_length_m(course),
             "reward_feasible": weights.feasible * (tried.plan is not None),
             "reward_failure": -weights.failure * (tried.failed),
             "reward_effort": -weights.solve * solves - weights.second * seconds,
@@ -252,10 +253,15 @@ class _Try:
         return float(sum(step @ course.direction(k) for k, step in enumerate(steps, 1)))
 
 
-def way_m(course: Course) -> float:
+def path_length_m(course: Course) -> float:
     """Length of the nominal path [m]; 1 where it does not move."""
     length = float(np.linalg.norm(np.diff(course.com_nominal_m, axis=0), axis=1).sum())
     return length if length > 1e-9 else 1.0
+
+
+def _space(features: CourseFeatures) -> spaces.Dict:
+    bounds = features.bounds()
+    return spaces.Dict({name: spaces.Box(low, high, (n,), np.float32) for name, (low, high, n) in bounds.items()})
 
 
 def _source(
@@ -266,12 +272,12 @@ def _source(
     limbs: int,
     regions: int | None,
     corners: int,
-) -> tuple[CourseSource, CourseView]:
+) -> tuple[CourseSource, CourseFeatures]:
     """What draws courses, and the size of their views. Raises InvalidInput."""
     if callable(courses):
         if regions is None:
             raise InvalidInput("regions: expected the most candidates of a toe where courses is a function, got None")
-        return courses, CourseView(limbs=limbs, horizon=horizon, regions=regions, corners=corners)
+        return courses, CourseFeatures(limbs=limbs, horizon=horizon, regions=regions, corners=corners)
     specs = [read_spec(course) if isinstance(course, str) else course for course in courses]
     specs = [spec if frames is None else spec.with_frames(frames) for spec in specs]
     if not specs:
@@ -281,7 +287,7 @@ def _source(
     def draw(rng: np.random.Generator) -> Course:
         return perturbed(specs[int(rng.integers(len(specs)))], rng, amount=amount)
 
-    return draw, CourseView(limbs=limbs, horizon=horizon, regions=seen, corners=corners)
+    return draw, CourseFeatures(limbs=limbs, horizon=horizon, regions=seen, corners=corners)
 
 
 def _planners(envelopes: Sequence[EnvelopeSet | Modes] | None, programs: Programs) -> Sequence[CoursePlanner]:

@@ -13,12 +13,11 @@ import numpy as np
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.problem import Contact, PostureBatch, PostureProblem
+from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS
 from stancekit.planners.robot import Limb, Robot, hexapod
 from stancekit.planners.terrain import Patch
 
-THREE_LEGS = ("RF", "RR", "LM")
 FIVE_LEGS = ("RF", "RM", "RR", "LF", "LR")
-MAX_TILT_RAD = np.deg2rad(30.0)
 CIRCUMRADIUS_M = (0.03, 0.08)
 COM_RADIUS_M = 0.08
 

@@ -22,6 +22,9 @@ FORMAT = "stancekit/posture/1"
 GRAVITY_M_S2 = 9.81
 TILT_LIMIT_RAD = 0.2618  # 15°, the range of the linearised rotation (paper E §II)
 UP = (0.0, 0.0, 1.0)
+THREE_LEGS = ("RF", "RR", "LM")
+MAX_TILT_RAD = float(np.deg2rad(30.0))
+"""Of the problem classes of paper E §IV-A: a tripod of the hexapod's legs; how far a patch leans at most."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

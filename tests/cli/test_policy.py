@@ -9,7 +9,6 @@ import pytest
 import torch
 
 from stancekit.cli.policy import read_policy
-from stancekit.envs.expert import expert_envelopes
 from stancekit.learners.policy_file import PolicyShape, TrainedPolicy
 from stancekit.learners.selectors.chooser import Chooser
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
@@ -17,6 +16,7 @@ from stancekit.learners.selectors.neural import NeuralSelector
 from stancekit.planners.answer.answer_file import write_envelopes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.runner.control.closed_loop import Observation
 
 COURSE = read_course("walls", frames=3)

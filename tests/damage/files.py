@@ -16,7 +16,6 @@ from PIL import Image
 
 from stancekit.configs import config_path
 from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.expert import expert_envelopes
 from stancekit.learners.labelling import label
 from stancekit.learners.ledger import LabelPlan
 from stancekit.learners.policy_file import PolicyShape, TrainedPolicy
@@ -31,6 +30,7 @@ from stancekit.planners.gait.trajectory_file import write_trajectory
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.single_body import GaitRobot, hexapod_walker
 from stancekit.planners.robot.urdf import hexapod_urdf, joint_names

@@ -8,8 +8,10 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.runner.execution import Execution, simulate
+from stancekit.runner.execution import Execution
 from stancekit.runner.motion.timeline import Timing
+from stancekit.runner.run import simulate
+from stancekit.runner.settings import RunSettings
 from stancekit.views.execution_picture import FPS, SPEED, ExecutionStage, draw_execution, execution_frames
 from stancekit.views.plot import to_rgb
 
@@ -21,7 +23,10 @@ pytest.importorskip("mujoco")
 def run() -> tuple[Plan, Execution]:
     outcome = TwoStageCoursePlanner().solve(read_course("walls", frames=2))
     assert outcome.plan is not None
-    return outcome.plan, simulate(outcome.plan, "mujoco", timing=Timing().at_pace(2.0))
+    settings = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
+    execution = simulate(outcome.plan, settings=settings).execution
+    assert execution is not None
+    return outcome.plan, execution
 
 
 def test_limbs_end_where_the_world_had_the_feet(run: tuple[Plan, Execution]) -> None:

@@ -1,29 +1,32 @@
-"""What an agent sees of a course from where the robot stands: the coming candidate patches, the way ahead, the goal."""
+"""What a policy sees of a course from where the robot stands: the coming candidate patches, the path, the goal."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course import Course
-from stancekit.planners.search.plan_window import Standing
-from stancekit.planners.terrain import Patch
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..problem.course import Course
+from ..terrain import Patch
+from .plan_window import Standing
 
-View = dict[str, NDArray[np.float32]]
-ROOM = 8.0
+Features = dict[str, NDArray[np.float32]]
+BOUND = 8.0
 """Bound on what is seen, in length scales: farther things are seen at the bound."""
+BOUNDS = {
+    "offered": (0.0, 1.0), "left": (0.0, 1.0), "normals": (-1.0, 1.0), "footing": (-1.0, 1.0),
+    "friction": (0.0, BOUND), "grip": (0.0, BOUND), "reach": (0.0, BOUND),
+}  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True)
-class CourseView:
-    """The size of a view: N limbs, H coming key frames, R candidates a toe, patches of up to U corners.
+class CourseFeatures:
+    """What a policy of one size sees: N limbs, H coming key frames, R candidates a toe, patches of up to U corners.
 
-    A view is a dict of flat float32 arrays. Lengths are in the course's length scale, places as seen from the COM:
+    They are a dict of flat float32 arrays. Lengths are in the course's length scale, places as seen from the COM:
     ``corners`` (H·N·R·U·3), ``normals`` (H·N·R·3), ``friction`` (H·N·R) of the candidate patches of the limb's next
     toe, by coming frame, limb and candidate; ``offered`` (H·N·R) is 1 where there is one and 0 where the rest is zero.
     ``toes`` (N·3), ``footing`` (N·3) and ``grip`` (N): where the toes stand, the normal and the friction there.
@@ -36,21 +39,12 @@ class CourseView:
     regions: int
     corners: int
 
-    def space(self) -> spaces.Dict:
-        """The space of the views."""
-        bounds = {
-            "offered": (0.0, 1.0), "left": (0.0, 1.0), "normals": (-1.0, 1.0), "footing": (-1.0, 1.0),
-            "friction": (0.0, ROOM), "grip": (0.0, ROOM), "reach": (0.0, ROOM),
-        }  # fmt: skip
-        return spaces.Dict(
-            {
-                name: spaces.Box(*bounds.get(name, (-ROOM, ROOM)), (values.size,), np.float32)
-                for name, values in self._blank().items()
-            }
-        )
+    def bounds(self) -> dict[str, tuple[float, float, int]]:
+        """The least and the greatest value of every feature, and how many values it has."""
+        return {name: (*BOUNDS.get(name, (-BOUND, BOUND)), values.size) for name, values in self._blank().items()}
 
-    def see(self, course: Course, frame: int, standing: Standing) -> View:
-        """The view at a key frame. Raises InvalidInput where the course does not fit the size."""
+    def observe(self, course: Course, frame: int, standing: Standing) -> Features:
+        """The features at a key frame. Raises InvalidInput where the course does not fit the size."""
         if len(course.robot.limbs) != self.limbs:
             raise InvalidInput(f"course: expected {self.limbs} limbs, got {len(course.robot.limbs)}")
         seen, scale, com_m = self._blank(), course.length_scale_m, standing.com_m
@@ -77,12 +71,12 @@ class CourseView:
         seen["reach"][:] = np.array([limb.reach_m for limb in course.robot.limbs]) / scale
         seen["goal"][:] = (course.goal_m - com_m) / scale
         seen["left"][:] = (course.frames - 1 - frame) / max(course.frames - 1, 1)
-        return {name: np.clip(values, -ROOM, ROOM).astype(np.float32).ravel() for name, values in seen.items()}
+        return {name: np.clip(values, -BOUND, BOUND).astype(np.float32).ravel() for name, values in seen.items()}
 
     def _blank(self) -> dict[str, Array]:
-        slots = self.horizon, self.limbs, self.regions
+        shape = self.horizon, self.limbs, self.regions
         shapes: dict[str, tuple[int, ...]] = {
-            "corners": (*slots, self.corners, 3), "normals": (*slots, 3), "friction": slots, "offered": slots,
+            "corners": (*shape, self.corners, 3), "normals": (*shape, 3), "friction": shape, "offered": shape,
             "toes": (self.limbs, 3), "footing": (self.limbs, 3), "grip": (self.limbs,), "shoulders": (self.limbs, 3),
             "reach": (self.limbs,), "path": (self.horizon, 3), "goal": (3,), "left": (1,),
         }  # fmt: skip
