@@ -19,8 +19,6 @@ from .console import as_options, complain, emit, out, progress
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
     from stancekit.planners.problem.course import Course
-    from stancekit.planners.relaxation.envelope import EnvelopeSet
-    from stancekit.planners.relaxation.modes import Modes
     from stancekit.planners.search.answer import CoursePlanner
     from stancekit.planners.verify import Report
 
@@ -179,10 +177,11 @@ class PlanCourse:
                 raise InvalidInput(f"{option}: expected another file than {first}, got {target} for both")
 
     def _planner(self) -> CoursePlanner:
+        from stancekit.planners.answer.answer_file import read_boxes
         from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.search.methods import make_course_planner
 
-        envelopes = None if self.envelope is None else _envelopes(self.envelope)
+        envelopes = None if self.envelope is None else read_boxes(self.envelope)
         with as_options():
             return make_course_planner(
                 self.planner,
@@ -260,21 +259,6 @@ def _counted(frames: Iterator[Any], bar: Callable[[int, int], None], total: int)
     for done, frame in enumerate(frames, 1):
         bar(done, max(done, total))
         yield frame
-
-
-def _envelopes(path: Path) -> EnvelopeSet | Modes:
-    """An envelope file, or one of modes. Raises InvalidInput."""
-    from stancekit.planners.answer.answer_file import read_envelopes
-    from stancekit.planners.files.documents import read_json
-    from stancekit.planners.relaxation.modes import FORMAT, Modes
-
-    data = read_json(path)
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
-        return read_envelopes(path)
-    try:
-        return Modes.from_json(data)
-    except InvalidInput as error:
-        raise InvalidInput(f"{path}: {error}") from None
 
 
 def _table(course: Course, outcome: PlanOutcome) -> Table:

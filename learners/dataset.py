@@ -110,7 +110,23 @@ def finite(values: dict[str, Any]) -> dict[str, Any]:
 class Dataset:
     """Rows of one problem class, read from the disk when they are asked for. ``split`` gives data sets, too.
 
-    chosen: which rows of the folder these are, in this order, shape (K,).
+    It is what ``torch.utils.data.DataLoader`` takes: ``len(ds)``, and ``ds[k]`` is the pair of the scene as a policy
+    sees it (``planners.equilibrium.features.observed``: float32 arrays by name) and the label, 1 where feasible and 0
+    where not; of rows that are not undecided, ``ds.decided``. ``ds.row(k)`` is the whole row, with its evidence.
+
+    Arguments:
+        ledger: the folder's files, see ``Dataset.open``.
+        chosen: which rows of the folder these are, in this order, shape (K,).
+    Raises:
+        InvalidInput: from ``open``, for a folder that is missing, foreign, damaged or of another version.
+    Source:
+        Paper E Algorithm 1.
+    Example:
+        >>> import stancekit
+        >>> rows = stancekit.label("wall-3", "train", feasible=6, infeasible=6)
+        >>> observation, label = rows[0]
+        >>> observation["friction"].shape, label == (rows.labels[0] == "feasible")
+        ((3,), True)
     """
 
     ledger: Ledger

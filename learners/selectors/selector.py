@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.answer_file import read_envelopes, write_envelopes
+from stancekit.planners.answer.answer_file import read_envelopes, write_boxes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import decoded, parse_json
 from stancekit.planners.relaxation.envelope import EnvelopeSet
@@ -71,8 +71,16 @@ class Learned:
         """The selector of a set of envelopes."""
         return cls(
             selector=FixedSelector(name, envelopes), problem_class=envelopes.problem_class,
-            write=lambda path: write_envelopes(path, envelopes), boxes=len(envelopes.envelopes), suffix=".json",
+            write=lambda path: write_boxes(path, envelopes), boxes=len(envelopes.envelopes), suffix=".json",
         )  # fmt: skip
+
+    @property
+    def envelopes(self) -> EnvelopeSet:
+        """The envelopes that every scene gets. Raises InvalidInput where a network chooses them by the scene."""
+        if not isinstance(self.selector, FixedSelector):
+            kind = type(self.selector).__name__
+            raise InvalidInput(f"envelopes: expected a selector with the same ones for every scene, got a {kind}")
+        return self.selector.envelopes
 
 
 def load_selector(path: str | Path) -> Learned:

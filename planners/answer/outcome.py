@@ -16,7 +16,15 @@ Array = NDArray[np.float64]
 
 
 class Status(enum.StrEnum):
-    """The three answers to "can the robot hold this posture?"."""
+    """The three answers to "can the robot hold this posture?", and "is there a plan?".
+
+    Source:
+        docs/decisions/0004: a status speaks of the problem, whatever relaxation of it was solved.
+    Example:
+        >>> from stancekit import Status
+        >>> [status.value for status in Status]
+        ['feasible', 'infeasible', 'undecided']
+    """
 
     FEASIBLE = "feasible"
     """A witness is attached and satisfies every constraint."""
@@ -28,10 +36,22 @@ class Status(enum.StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Posture:
-    """One answer to a posture problem, in the world frame and SI units.
+    """One answer to a posture problem, in the world frame and SI units. Nothing is checked here: ``verify`` does it.
 
-    com_m: shape (3,) [m]; rotation_rad: small body rotation Θ, shape (3,) [rad];
-    toes_m: shape (N, 3) [m]; forces_n: contact forces on the robot, shape (N, 3) [N].
+    Arguments:
+        com_m: centre of mass c, shape (3,) [m].
+        rotation_rad: small body rotation Θ, shape (3,) [rad].
+        toes_m: a toe a contact, shape (N, 3) [m].
+        forces_n: contact forces on the robot, shape (N, 3) [N].
+    Source:
+        Paper E §II.
+    Example:
+        >>> import numpy as np, stancekit
+        >>> problem = stancekit.sample("ground-3", rng=3)[0]
+        >>> nothing = np.zeros((3, 3))
+        >>> floating = stancekit.Posture(com_m=np.zeros(3), rotation_rad=np.zeros(3), toes_m=nothing, forces_n=nothing)
+        >>> stancekit.verify(problem, floating).accepted
+        False
     """
 
     com_m: Array
@@ -73,6 +93,14 @@ class Certificate:
       t (M − 1, 3) of those of the rotation, g (M − 1) of progress, b (moves, 3) of the steps of toes, all for the
       non-dimensional problem; 6 + 3N for a posture. A leaf in which a placement has no candidate left needs none. Any
       multipliers give a valid bound, so nothing here has to be trusted (``verify.check_certificate``).
+    Source:
+        Lagrangian bounds of paper E's P, branched where one bound does not do: docs/decisions.
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("wall-3", rng=0)[0]
+        >>> certificate = stancekit.solve(problem).certificate
+        >>> certificate.tree.shape[1], stancekit.verify(problem, certificate).accepted
+        (5, True)
     """
 
     tree: Array
@@ -129,12 +157,27 @@ class Certificate:
 class Outcome:
     """What one planner says of one problem.
 
-    residual: largest violation of any constraint by ``posture``, non-dimensional; NaN without a posture.
-    residual_nm: norm of the net moment on the robot at ``posture`` [Nm]; NaN without a posture.
-    lower_bound: proved lower bound on the non-dimensional moment residual of the problem (0 when nothing is proved,
-    inf when even the problem without its moment balance has no answer).
-    solves: convex problems solved. claim: what an external solver said, before it was checked.
-    details: further numbers of the method, e.g. the margin of a relaxation.
+    Arguments:
+        status: of the problem itself.
+        method: which planner.
+        posture: that the verifier accepted, where feasible.
+        certificate: that the verifier accepted, where infeasible.
+        residual: largest violation of any constraint by ``posture``, non-dimensional; NaN without a posture.
+        residual_nm: norm of the net moment on the robot at ``posture`` [Nm]; NaN without a posture.
+        lower_bound: proved lower bound on the non-dimensional moment residual of the problem (0 when nothing is
+            proved, inf when even the problem without its moment balance has no answer).
+        solves: convex problems solved.
+        seconds: wall clock [s].
+        claim: what an external solver said, before it was checked.
+        message: why it is undecided.
+        details: further numbers of the method, e.g. the margin of a relaxation.
+    Source:
+        Paper E §II-§III; docs/decisions/0004.
+    Example:
+        >>> import stancekit
+        >>> outcome = stancekit.solve(stancekit.sample("wall-3", rng=0)[0])
+        >>> outcome.status is stancekit.Status.INFEASIBLE, outcome.posture, outcome.lower_bound > 0.0
+        (True, None, True)
     """
 
     status: Status

@@ -280,9 +280,9 @@ def test_the_better_of_two_boxes_is_chosen():
 
 
 def test_a_library_is_chosen_from_by_number(selection, tmp_path):
-    from stancekit.planners.answer.answer_file import write_envelopes
+    from stancekit.planners.answer.answer_file import write_boxes
 
-    write_envelopes(tmp_path / "e.json", library())
+    write_boxes(tmp_path / "e.json", library())
     chosen = EnvelopeSelectionEnv(library=tmp_path / "e.json", projections=("fix-p", "fix-f", "fix-toes", "scp"))
     assert chosen.action_space == gymnasium.spaces.Discrete(2)
     check_env(chosen, skip_render_check=True)

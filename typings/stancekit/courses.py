@@ -1,0 +1,1 @@
+../../api/courses.py
