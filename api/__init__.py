@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .courses import plan as plan
     from .files import load as load
     from .files import save as save
-    from .learners.dataset import Dataset as Dataset
+    from .learners.data.dataset import Dataset as Dataset
     from .pictures import draw as draw
     from .planners.answer.outcome import Certificate as Certificate
     from .planners.answer.outcome import Outcome as Outcome
@@ -58,7 +58,7 @@ _HOMES = {
     "answers": ("explain", "verify"),
     "courses": ("plan",),
     "files": ("load", "save"),
-    "learners.dataset": ("Dataset",),
+    "learners.data.dataset": ("Dataset",),
     "pictures": ("draw",),
     "planners.answer.outcome": ("Certificate", "Outcome", "Posture", "Status"),
     "planners.answer.plan": ("Plan", "PlanOutcome"),

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import overload
 
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.labelling import RecheckReport, recheck
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import RecheckReport, recheck
 from stancekit.planners.answer.outcome import Certificate, Posture
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
@@ -33,7 +33,7 @@ def verify(
     *,
     tolerance: float = 1e-6,
 ) -> Report | CertificateReport | GaitReport | RecheckReport:
-    """Check an answer anew, by code that knows the problem and nothing of how the answer was made. No solver takes part.
+    """Check an answer anew, by code that knows the problem and nothing of how the answer was made, without a solver.
 
     Arguments:
         subject: a posture problem with its ``answer``, a posture or a certificate; a course with a certificate that it

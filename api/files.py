@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
-from stancekit.learners.dataset import Dataset
+from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.selectors.selector import Learned, load_selector
 from stancekit.planners.answer import plan_file, proof_file
 from stancekit.planners.answer.answer_file import read_envelopes, read_modes, read_problems, write_boxes
@@ -31,6 +31,7 @@ from stancekit.planners.verify.trajectories import check_trajectory
 
 Kind = TypeVar("Kind")
 Proof = tuple[PostureProblem | Course, Certificate]
+Saved = PostureProblem | Course | EnvelopeSet | Modes | Plan | Proof | Trajectory | Learned
 _READERS: Mapping[str, Callable[[Path], Any]] = {
     "posture": lambda path: _only(_problems(path), path),
     "course": read_course,
@@ -76,7 +77,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
 
 
 def save(
-    thing: PostureProblem | Sequence[PostureProblem] | Course | EnvelopeSet | Modes | Plan | Proof | Trajectory | Learned,
+    thing: Saved | Sequence[PostureProblem],
     path: str | Path,
 ) -> None:
     """Write a thing to a file that ``load`` reads back, whole or not at all.

@@ -59,7 +59,8 @@ def draw(
         case Trajectory():
             figure = draw_motion(subject, check_trajectory(subject), caption=caption)
         case _:
-            raise InvalidInput(f"draw: expected a posture problem, a plan or a trajectory, got {type(subject).__name__}")
+            came = type(subject).__name__
+            raise InvalidInput(f"draw: expected a posture problem, a plan or a trajectory, got a {came}")
     if out is not None:
         save(figure, out)
     return figure

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from stancekit.envs.distributions.postures import PostureDistribution
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.evaluate import Score, check_same_class, scenes_of
-from stancekit.learners.evaluate import evaluate as rolled_out
-from stancekit.learners.fitting import FitSettings, learn
-from stancekit.learners.labelling import label as labelled
-from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import label as labelled
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.evaluation.evaluate import Score, check_same_class, scenes_of
+from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.selectors.selector import Learned, load_selector
 from stancekit.learners.settings import typed
+from stancekit.learners.training.fitting import FitSettings, learn
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet

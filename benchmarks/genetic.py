@@ -23,13 +23,13 @@ from typing import Any
 import numpy as np
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.selectors.convergence import Generation, draw_convergence
 from stancekit.learners.selectors.evolution import evolve_cma, evolve_nsga2, extra
+from stancekit.learners.selectors.feasibility import CachingJudge, Counts, Judge, SolvingJudge
 from stancekit.learners.selectors.genetic import GeneticResult, GeneticSettings, evolve
-from stancekit.learners.selectors.verdicts import CachingJudge, Counts, Judge, SolvingJudge
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files.arrays import Array

@@ -24,16 +24,16 @@ from rich.table import Table
 
 from stancekit.cli.console import progress
 from stancekit.envs.scenes import Scene
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift, scenes_of
-from stancekit.learners.fitting import fit
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.evaluation.evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift, scenes_of
 from stancekit.learners.selectors.chooser import fit_chooser
 from stancekit.learners.selectors.gradient import fit_gradient
 from stancekit.learners.selectors.neural import fit_neural
+from stancekit.learners.selectors.neural_training import NeuralSettings
 from stancekit.learners.selectors.selector import FixedSelector, Selector
-from stancekit.learners.selectors.training import NeuralSettings
+from stancekit.learners.training.fitting import fit
 from stancekit.planners.projection.project import Projection
 
 PROJECTIONS: tuple[Projection, ...] = ("fix-p", "fix-toes", "scp")

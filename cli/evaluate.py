@@ -16,7 +16,7 @@ from stancekit.planners.errors import InvalidInput
 from .console import emit, out, progress
 
 if TYPE_CHECKING:
-    from stancekit.learners.evaluate import Score, Share
+    from stancekit.learners.evaluation.evaluate import Score, Share
 
 LONGEST_NAME = 16
 """Letters of a selector's name before a table breaks it."""
@@ -52,9 +52,9 @@ class Evaluate:
 
     def run(self) -> int:
         """Roll every selector out and print the table."""
-        from stancekit.learners.dataset import Dataset
-        from stancekit.learners.evaluate import check_same_class, evaluate, evaluate_lift, scenes_of
-        from stancekit.learners.executor import executor
+        from stancekit.learners.data.dataset import Dataset
+        from stancekit.learners.data.executor import executor
+        from stancekit.learners.evaluation.evaluate import check_same_class, evaluate, evaluate_lift, scenes_of
         from stancekit.learners.selectors.selector import Learned, load_selector
         from stancekit.planners.answer.answer_file import read_envelopes
 
@@ -94,7 +94,7 @@ class Evaluate:
 
 def score_table(problem_class: str, scores: list[Score]) -> Table:
     """The comparison as a table that fits into 80 columns, with the paper's rows below."""
-    from stancekit.learners.evaluate import TABLE_I
+    from stancekit.learners.evaluation.evaluate import TABLE_I
 
     ways = list(scores[0].projected) if scores else []
     counts = f"{scores[0].p1_feasible.of} feasible and {scores[0].p1_infeasible.of} infeasible" if scores else "no"

@@ -13,7 +13,7 @@ from stancekit.planners.errors import InvalidInput
 from .console import emit, out, progress
 
 if TYPE_CHECKING:
-    from stancekit.learners.fitting import FitSettings
+    from stancekit.learners.training.fitting import FitSettings
 
 
 @dataclass
@@ -57,9 +57,9 @@ class Fit:
 
     def run(self) -> int:
         """Fit and write."""
-        from stancekit.learners.dataset import Dataset
-        from stancekit.learners.fitting import learn
+        from stancekit.learners.data.dataset import Dataset
         from stancekit.learners.selectors.selector import FixedSelector
+        from stancekit.learners.training.fitting import learn
         from stancekit.planners.files.writing import check_writable
 
         check_writable(self.out)
@@ -86,8 +86,8 @@ class Fit:
 
     def _settings(self) -> FitSettings:
         """The options and what the configuration file adds. Raises InvalidInput."""
-        from stancekit.learners.fitting import FitSettings
         from stancekit.learners.settings import typed
+        from stancekit.learners.training.fitting import FitSettings
         from stancekit.planners.files.documents import read_yaml
 
         if self.seed < 0:

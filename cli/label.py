@@ -46,9 +46,9 @@ class LabelPostures:
 
     def run(self) -> int:
         """Label and sum up."""
-        from stancekit.learners.executor import executor
-        from stancekit.learners.labelling import Progress, label
-        from stancekit.learners.ledger import LabelPlan
+        from stancekit.learners.data.executor import executor
+        from stancekit.learners.data.labelling import Progress, label
+        from stancekit.learners.data.ledger import LabelPlan
 
         with as_options():
             plan = LabelPlan(

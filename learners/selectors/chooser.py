@@ -24,7 +24,7 @@ from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
-from ..dataset import Dataset
+from ..data.dataset import Dataset
 from .network import Architecture, ChoiceNetwork, SceneTensors
 from .selector import Observation
 from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors

@@ -22,7 +22,7 @@ from stancekit.planners.files.refusals import shown
 from stancekit.planners.files.writing import write_bytes
 from stancekit.views.plot import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
 
-from .verdicts import Counts
+from .feasibility import Counts
 
 FORMAT = "stancekit/evolution/1"
 

@@ -18,9 +18,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 
 from .convergence import Generation
+from .feasibility import Judge
 from .genetic import DOMAIN, GeneticResult, GeneticSettings, Told, Trials, finish, first_generation, fitness, generation
 from .genetic import ranking as ranked
-from .verdicts import Judge
 
 Ask = Callable[[], Array]
 """Gives the boxes to be tested next, shape (P, 2, N, 6)."""

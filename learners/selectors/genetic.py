@@ -22,10 +22,10 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
-from ..dataset import Dataset
+from ..data.dataset import Dataset
 from .convergence import Generation, Run, read_checkpoint, write_checkpoint
-from .proofs import Index
-from .verdicts import CachingJudge, Counts, Judge
+from .dual_bounds import Index
+from .feasibility import CachingJudge, Counts, Judge
 
 DOMAIN = 1.0
 """p and f lie in [−1, 1] by the choice of scales (paper E §II)."""

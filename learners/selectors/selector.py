@@ -113,7 +113,7 @@ def _network(kind: str, path: Path) -> Learned:
         chooser = Chooser.load(path)
         return Learned(selector=chooser, problem_class=chooser.envelopes.problem_class, write=chooser.save)
     if kind == "stancekit/policy/1":
-        from ..policy_file import TrainedPolicy
+        from .policy import TrainedPolicy
 
         policy = TrainedPolicy.load(path)
         if not policy.shape.selects:

@@ -62,7 +62,7 @@ class Explanation:
 def explain(
     subject: PostureProblem | Course, certificate: Certificate, *, tolerance: float | None = None
 ) -> Explanation:
-    """Why is there no posture, or no plan? How far each single parameter must change before a certificate stops refuting.
+    """Why is there no posture, or no plan: how far each single parameter must change before the certificate fails.
 
     Parameters of a posture problem: friction, reach and largest normal force of each contact, COM radius, tilt limit,
     the cheapest growth first. Of a course, for its weakest leaf: the limits of eq. 11, reach, COM radius and friction

@@ -10,10 +10,10 @@ import torch
 
 from stancekit.cli.policy import read_policy
 from stancekit.envs.expert import expert_envelopes
-from stancekit.learners.policy_file import PolicyShape, TrainedPolicy
 from stancekit.learners.selectors.chooser import Chooser
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
+from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
 from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course

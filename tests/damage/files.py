@@ -17,12 +17,12 @@ from PIL import Image
 from stancekit.configs import config_path
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.expert import expert_envelopes
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
-from stancekit.learners.policy_file import PolicyShape, TrainedPolicy
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.selectors.chooser import Chooser
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
+from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
 from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.answer.plan_file import write_plan
 from stancekit.planners.answer.proof_file import write_proof

@@ -18,14 +18,14 @@ from stancekit.planners.files.writing import write_text
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
-from .dataset import Dataset
+from ..data.dataset import Dataset
+from ..data.executor import Executor
+from ..data.labelling import label
+from ..data.ledger import LabelPlan, software
+from ..selectors.selector import FixedSelector, Learned, load_selector
+from ..training.fitting import Method, learn
 from .evaluate import Score, Share, evaluate, evaluate_lift, scenes_of
-from .executor import Executor
 from .experiment import Experiment, Quota
-from .fitting import Method, learn
-from .labelling import label
-from .ledger import LabelPlan, software
-from .selectors.selector import FixedSelector, Learned, load_selector
 
 Progress = Callable[[str, int, int], None]
 Told = Callable[[str], Callable[[int, int], None]]

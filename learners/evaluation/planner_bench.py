@@ -29,8 +29,8 @@ from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import Grid, MicpPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
-from .modes import solved_postures
-from .selectors.quantile import quantile_box
+from ..selectors.modes import solved_postures
+from ..selectors.quantile import quantile_box
 
 Form = Literal["lift", "envelope", "unit-4", "rows-4", "course-4", "shrink-4", "unit-2", "course-2", "shrink-2"]
 FORMS: Mapping[Form, str] = {

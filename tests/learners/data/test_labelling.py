@@ -18,12 +18,12 @@ import pyarrow as pa
 import pytest
 
 from stancekit.envs.distributions.postures import PostureDistribution, distribution
-from stancekit.learners import ledger, shards
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.executor import processes
-from stancekit.learners.labelling import Progress, Task, label, recheck
-from stancekit.learners.ledger import LabelPlan
-from stancekit.learners.shards import LabellingFailed, samples
+from stancekit.learners.data import ledger, shards
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.executor import processes
+from stancekit.learners.data.labelling import Progress, Task, label, recheck
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.data.shards import LabellingFailed, samples
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.search.exact import ExactPlanner
@@ -33,8 +33,8 @@ NATURAL = LabelPlan(distribution="wall-3", feasible=0, infeasible=40, shard_size
 
 RUN = """
 import json, os, signal, sys
-from stancekit.learners.ledger import LabelPlan
-from stancekit.learners.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.data.labelling import label
 
 plan, path, workers, function, calls = json.loads(sys.argv[1])
 if function:

@@ -26,7 +26,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, Evidence
 
-from .proofs import BAND, Bools, Bounds, Index, least, ranges, witnessed
+from .dual_bounds import BAND, Bools, Bounds, Index, least, ranges, witnessed
 
 WITNESS, CERTIFICATE = 0, 1
 CHUNK = 64

@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from stancekit.learners import dataset, ledger, shards
-from stancekit.learners.dataset import Dataset, LabelledPosture
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.data import dataset, ledger, shards
+from stancekit.learners.data.dataset import Dataset, LabelledPosture
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput

@@ -14,7 +14,7 @@ from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.refusals import refusals, shown
 from stancekit.planners.projection.project import Projection
 
-from .fitting import FitSettings, Method
+from ..training.fitting import FitSettings, Method
 
 
 @dataclass(frozen=True, kw_only=True)

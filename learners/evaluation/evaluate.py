@@ -21,9 +21,9 @@ from stancekit.planners.projection.project import Projection, project
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import Acceptance
 
-from .dataset import Dataset
-from .executor import Executor, gather, processes
-from .selectors.selector import Selector
+from ..data.dataset import Dataset
+from ..data.executor import Executor, gather, processes
+from ..selectors.selector import Selector
 
 Progress = Callable[[int, int], None]
 CHUNK = 50

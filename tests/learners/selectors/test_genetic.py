@@ -13,11 +13,12 @@ import numpy as np
 import pytest
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.selectors import evolution
 from stancekit.learners.selectors.convergence import Generation, draw_convergence
+from stancekit.learners.selectors.feasibility import CachingJudge, Counts, SolvingJudge
 from stancekit.learners.selectors.genetic import (
     GeneticResult,
     GeneticSettings,
@@ -30,7 +31,6 @@ from stancekit.learners.selectors.genetic import (
     fitness,
     ranking,
 )
-from stancekit.learners.selectors.verdicts import CachingJudge, Counts, SolvingJudge
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput

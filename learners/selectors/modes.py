@@ -16,7 +16,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.modes import Modes, world_points
 from stancekit.planners.search.exact import ExactPlanner
 
-from .selectors.quantile import quantile_box
+from .quantile import quantile_box
 
 
 def learn_modes(

@@ -9,14 +9,14 @@ import pytest
 import yaml
 
 from stancekit.configs import config_path
-from stancekit.learners import bench
-from stancekit.learners.bench import ClassResult
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.evaluate import evaluate, scenes_of
-from stancekit.learners.executor import processes
-from stancekit.learners.experiment import Experiment
-from stancekit.learners.fitting import METHODS
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.executor import processes
+from stancekit.learners.evaluation import bench
+from stancekit.learners.evaluation.bench import ClassResult
+from stancekit.learners.evaluation.evaluate import evaluate, scenes_of
+from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.selector import load_selector
+from stancekit.learners.training.fitting import METHODS
 from stancekit.planners.answer.answer_file import read_envelopes
 from stancekit.planners.errors import InvalidInput
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stancekit.cli.bench_planner import speed_ups, table
-from stancekit.learners.planner_bench import FORMS, MICP, PlannerBenchSettings, cells, growth, run
+from stancekit.learners.evaluation.planner_bench import FORMS, MICP, PlannerBenchSettings, cells, growth, run
 from stancekit.planners.errors import InvalidInput
 
 SMALL = PlannerBenchSettings(two_stage=(1,), micp=(1,), optimised=(), cap_s=60.0, repeats=1, samples=100)

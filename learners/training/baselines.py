@@ -20,7 +20,7 @@ from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
-from .policy_file import moved
+from ..selectors.policy import moved
 
 
 class PooledScenes:

@@ -12,15 +12,15 @@ import torch
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.evaluate import scenes_of
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.evaluation.evaluate import scenes_of
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, Mirror, SceneTensors, pinball
 from stancekit.learners.selectors.neural import NeuralSelector, calibrated_room, fit_neural, roomy
+from stancekit.learners.selectors.neural_training import NeuralSettings, Rows, margins_of
 from stancekit.learners.selectors.quantile import quantile_box
 from stancekit.learners.selectors.tensors import read_tensors, write_tensors
-from stancekit.learners.selectors.training import NeuralSettings, Rows, margins_of
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput

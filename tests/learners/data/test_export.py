@@ -11,11 +11,11 @@ import pytest
 
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.evaluate import scenes_of
-from stancekit.learners.export import Exported, expert_action, export, load_exported
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.export import Exported, expert_action, export, load_exported
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.evaluation.evaluate import scenes_of
 from stancekit.planners.errors import InvalidInput
 
 LOAD = """

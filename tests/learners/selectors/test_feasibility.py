@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import linprog
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.learners.selectors.proofs import BAND, Bounds, balanced, least, ranges, witnessed
-from stancekit.learners.selectors.verdicts import CachingJudge, Counts, SolvingJudge
+from stancekit.learners.selectors.dual_bounds import BAND, Bounds, balanced, least, ranges, witnessed
+from stancekit.learners.selectors.feasibility import CachingJudge, Counts, SolvingJudge
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.envelope import Envelope

@@ -24,7 +24,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.refusals import refusals, shown
 from stancekit.planners.relaxation.envelope import Envelope
 
-from .selectors.tensors import read_tensors, write_tensors
+from .tensors import read_tensors, write_tensors
 
 FORMAT = "stancekit/policy/1"
 EnvironmentName = Literal["stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"]

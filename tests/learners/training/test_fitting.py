@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.fitting import ENVELOPES, KNOBS, METHODS, FitSettings, Method, fit, learn
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.selectors.genetic import GeneticSettings
 from stancekit.learners.selectors.selector import FixedSelector, load_selector
 from stancekit.learners.settings import typed
+from stancekit.learners.training.fitting import ENVELOPES, KNOBS, METHODS, FitSettings, Method, fit, learn
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput

@@ -22,7 +22,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 
-from ..dataset import Dataset
+from ..data.dataset import Dataset
 from .network import Architecture, BoxNetwork, Mirror, SceneTensors, as_arrays, pinball
 from .tensors import load_weights, read_tensors, write_tensors
 

@@ -18,14 +18,14 @@ from stancekit.envs.refinement import EnvelopeRefinementEnv, LargestGap
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv, RewardWeights
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.learners import reinforce
-from stancekit.learners.baselines import PooledScenes, SelectionVecEnv, open_scenes, refinement_vec_env
-from stancekit.learners.experiment import Quota
-from stancekit.learners.policy_file import PolicyShape, TrainedPolicy, bounds_of, moved
-from stancekit.learners.reinforce import TrainingScenes, evaluator, train
+from stancekit.learners.evaluation.experiment import Quota
 from stancekit.learners.selectors.heuristic import heuristic_envelope
+from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy, bounds_of, moved
 from stancekit.learners.selectors.selector import FixedSelector
-from stancekit.learners.train_config import PpoSettings, TrainConfig
+from stancekit.learners.training import reinforce
+from stancekit.learners.training.baselines import PooledScenes, SelectionVecEnv, open_scenes, refinement_vec_env
+from stancekit.learners.training.reinforce import TrainingScenes, evaluator, train
+from stancekit.learners.training.train_config import PpoSettings, TrainConfig
 from stancekit.planners.errors import InvalidInput
 
 SELECTION, REFINEMENT = "stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"

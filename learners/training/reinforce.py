@@ -30,15 +30,15 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.writing import write_text
 
+from ..data.dataset import Dataset
+from ..data.labelling import label
+from ..data.ledger import LabelPlan
+from ..evaluation.evaluate import scenes_of
+from ..selectors.policy import TrainedPolicy, bounds_of, check_shapes
+from ..selectors.selector import Selector
+from ..selectors.tensors import read_tensors, write_tensors
 from .baselines import PooledScenes, SelectionVecEnv, open_scenes, refinement_vec_env
-from .dataset import Dataset
-from .evaluate import scenes_of
 from .fitting import fit
-from .labelling import label
-from .ledger import LabelPlan
-from .policy_file import TrainedPolicy, bounds_of, check_shapes
-from .selectors.selector import Selector
-from .selectors.tensors import read_tensors, write_tensors
 from .train_config import TrainConfig
 
 CHECKPOINT_FORMAT = "stancekit/training/1"

@@ -13,8 +13,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.refusals import refusals
 
-from .experiment import Quota
-from .policy_file import EnvironmentName, PolicyShape
+from ..evaluation.experiment import Quota
+from ..selectors.policy import EnvironmentName, PolicyShape
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,16 +11,16 @@ from pathlib import Path
 
 import pytest
 
-from stancekit.learners import executor as module
-from stancekit.learners.executor import ClusterGone, WorkersDied, executor, gather, processes
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.data import executor as module
+from stancekit.learners.data.executor import ClusterGone, WorkersDied, executor, gather, processes
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
 from stancekit.planners.errors import InvalidInput
 
 PARENT = """
 import os, sys, time
 from functools import partial
-from stancekit.learners.executor import processes
+from stancekit.learners.data.executor import processes
 from tests_executor_tasks import nap
 
 for pid in processes(2)([partial(nap, 0.0)] * 2 + [partial(nap, 600.0)] * 2):

@@ -17,14 +17,14 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
-from .dataset import Dataset
-from .selectors.genetic import GeneticSettings, fit_genetic
-from .selectors.gradient import Descent, descend, fit_gradient
-from .selectors.heuristic import heuristic_envelope
-from .selectors.mixture import fit_as_printed, fit_improved
-from .selectors.quantile import quantile_box
-from .selectors.selector import Learned
-from .settings import typed
+from ..data.dataset import Dataset
+from ..selectors.genetic import GeneticSettings, fit_genetic
+from ..selectors.gradient import Descent, descend, fit_gradient
+from ..selectors.heuristic import heuristic_envelope
+from ..selectors.mixture import fit_as_printed, fit_improved
+from ..selectors.quantile import quantile_box
+from ..selectors.selector import Learned
+from ..settings import typed
 
 if TYPE_CHECKING:
     from .train_config import TrainConfig
@@ -104,11 +104,11 @@ class FitSettings:
         if method == "ga":
             typed(GeneticSettings, self.genetic, "genetic")
         elif method == "neural":
-            from .selectors.training import NeuralSettings
+            from ..selectors.neural_training import NeuralSettings
 
             typed(NeuralSettings, self.neural, "neural")
         elif method == "chooser":
-            from .selectors.chooser import ChooserSettings
+            from ..selectors.chooser import ChooserSettings
 
             typed(ChooserSettings, self.chooser, "chooser")
         elif method == "rl":
@@ -150,14 +150,14 @@ def _learn_network(
     checkpoint: Path | None,
 ) -> Learned:
     if method == "neural":
-        from .selectors.neural import fit_neural
-        from .selectors.training import NeuralSettings
+        from ..selectors.neural import fit_neural
+        from ..selectors.neural_training import NeuralSettings
 
         knobs = typed(NeuralSettings, settings.neural, "neural")
         neural = fit_neural(dataset, knobs, progress, calibration=calibration, checkpoint=checkpoint)
         return Learned(selector=neural, problem_class=dataset.problem_class, write=neural.save)
     if method == "chooser":
-        from .selectors.chooser import ChooserSettings, fit_chooser
+        from ..selectors.chooser import ChooserSettings, fit_chooser
 
         envelopes = fit("gradient", dataset, settings, progress)
         chooser = fit_chooser(dataset, envelopes, typed(ChooserSettings, settings.chooser, "chooser"), progress)
@@ -171,8 +171,8 @@ def _reinforce(
     dataset: Dataset, settings: FitSettings, progress: Progress | None, calibration: Dataset | None, folder: Path | None
 ) -> Learned:
     """Train a policy on the data set's scenes; its learning curve is drawn on the calibration rows."""
-    from .evaluate import scenes_of
-    from .policy_file import bounds_of
+    from ..evaluation.evaluate import scenes_of
+    from ..selectors.policy import bounds_of
     from .reinforce import TrainingScenes, train
 
     learned, held_out = (dataset, calibration) if calibration is not None else dataset.split((0.85, 0.15))
