@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any, TypeVar, overload
 
 from stancekit.learners.data.dataset import Dataset
-from stancekit.learners.selectors.selector import Learned, load_selector
+from stancekit.learners.selectors.selector import Learned
+from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.planners.answer import plan_file, proof_file
 from stancekit.planners.answer.answer_file import read_envelopes, read_modes, read_problems, write_boxes
 from stancekit.planners.answer.outcome import Certificate

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stancekit.envs.distributions.postures import PostureDistribution, distribution
 from stancekit.planners.answer.outcome import Outcome
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
@@ -16,16 +15,19 @@ from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.methods import make_planner
 
+if TYPE_CHECKING:
+    from stancekit.envs.distributions.postures import Distribution
+
 
 def sample(
-    problems: str | PostureDistribution, count: int = 1, *, rng: np.random.Generator | int = 0
+    problems: str | Distribution, count: int = 1, *, rng: np.random.Generator | int = 0
 ) -> list[PostureProblem]:
     """Draw posture problems from a distribution of terrains.
 
     Arguments:
         problems: a distribution, or its name: "ground-3", "wall-3", "wall-5" (three or five limbs on the ground or on
             two facing walls), one that a package registered under the entry point ``stancekit.distributions``, or
-            "FILE.py:NAME".
+            "FILE.py:NAME", or a YAML file.
         count: how many, 1 or more.
         rng: a generator, or a seed; equal seeds give equal problems.
     Returns:
@@ -42,7 +44,11 @@ def sample(
     """
     if count < 1:
         raise InvalidInput(f"count: expected 1 or more, got {count}")
-    source, drawn = distribution(problems) if isinstance(problems, str) else problems, np.random.default_rng(rng)
+    if isinstance(problems, str):
+        from stancekit.envs.distributions.postures import distribution  # loads Gymnasium
+
+        problems = distribution(problems)
+    source, drawn = problems, np.random.default_rng(rng)
     return [source.sample(drawn) for _ in range(count)]
 
 

@@ -4,23 +4,28 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal, overload
 
-from stancekit.envs.distributions.postures import PostureDistribution
+from stancekit.envs.distributions.postures import Distribution
 from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.labelling import label as labelled
 from stancekit.learners.data.ledger import LabelPlan
-from stancekit.learners.evaluation.evaluate import Score, check_same_class, scenes_of
+from stancekit.learners.data.scenes import scenes_of
+from stancekit.learners.evaluation.evaluate import Score, check_same_class
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
-from stancekit.learners.selectors.selector import Learned, load_selector
+from stancekit.learners.selectors.selector import Learned
+from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.settings import typed
-from stancekit.learners.training.fitting import FitSettings, learn
+from stancekit.learners.training.fit_settings import FitSettings
+from stancekit.learners.training.fitting import learn
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.modes import Modes
 
 
 def label(
-    problems: str | PostureDistribution,
+    problems: str | Distribution,
     folder: str | Path,
     *,
     feasible: int = 500,
@@ -57,18 +62,28 @@ def label(
     return Dataset.open(folder)
 
 
-def fit(dataset: Dataset | str | Path, method: str = "gmm", **settings: object) -> Learned:
+Rows = Dataset | str | Path
+
+
+@overload
+def fit(  # type: ignore[overload-overlap]
+    dataset: Rows | Sequence[Rows], method: Literal["modes"], **settings: object
+) -> Modes: ...
+@overload
+def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object) -> Learned: ...
+def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object) -> Learned | Modes:
     """Learn a selector of envelopes from a labelled data set.
 
     Arguments:
-        dataset: what ``label`` returned, or its folder.
+        dataset: what ``label`` returned, or its folder; for "modes" several, one a terrain.
         method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm 2 line by line), "gmm" (with its
             boundary fitted by P1's margins), "ga", "gradient", "modes" (for mode switching); "chooser", "neural" and
-            "rl" need torch. Or one that a package registered under ``stancekit.fits``, or "FILE.py:NAME".
-        settings: of ``learners.fitting.FitSettings``: share, clusters, threshold, boxes, steps, batch, seed, ... Each
-            method uses those that concern it.
+            "rl" need torch. Or one that a package registered under ``stancekit.methods``, or "FILE.py:NAME".
+        settings: of ``learners.training.fit_settings.FitSettings``: share, clusters, threshold, boxes, steps, batch,
+            seed, ... Each method uses those that concern it.
     Returns:
         A ``Learned``: its ``selector`` predicts; its ``envelopes`` go into ``solve`` and ``plan``; ``save`` writes it.
+        ``Modes`` for "modes": for ``plan``.
     Raises:
         InvalidInput: for an unknown method or setting, and rows that the method lacks.
     Source:
@@ -79,13 +94,13 @@ def fit(dataset: Dataset | str | Path, method: str = "gmm", **settings: object) 
         >>> stancekit.fit(train, "quantile", share=0.1).envelopes.legs
         ('RF', 'RR', 'LM')
     """
-    rows = dataset if isinstance(dataset, Dataset) else Dataset.open(dataset)
-    return learn(method, rows, typed(FitSettings, settings, ""))
+    several = [dataset] if isinstance(dataset, Dataset | str | Path) else dataset
+    return learn(method, [_opened(rows) for rows in several], typed(FitSettings, settings, ""))
 
 
 def evaluate(
     selector: Learned | EnvelopeSet | str | Path,
-    dataset: Dataset | str | Path,
+    dataset: Rows,
     *,
     projections: Sequence[Projection] = ("fix-p", "scp"),
     name: str = "selector",
@@ -111,8 +126,7 @@ def evaluate(
         >>> score.p1_feasible.of, score.p1_infeasible.of
         (6, 6)
     """
-    rows = dataset if isinstance(dataset, Dataset) else Dataset.open(dataset)
-    learned = selector
+    rows, learned = _opened(dataset), selector
     if isinstance(learned, EnvelopeSet):
         learned = Learned.fixed(name, learned)
     elif not isinstance(learned, Learned):
@@ -125,3 +139,7 @@ def evaluate(
         name, learned.selector, scenes, problem_class=rows.problem_class, projections=tuple(projections),
         boxes=learned.boxes,
     )  # fmt: skip
+
+
+def _opened(rows: Rows) -> Dataset:
+    return rows if isinstance(rows, Dataset) else Dataset.open(rows)

@@ -27,13 +27,14 @@ from stancekit.envs.scenes import Scene
 from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.labelling import label
 from stancekit.learners.data.ledger import LabelPlan
-from stancekit.learners.evaluation.evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift, scenes_of
+from stancekit.learners.data.scenes import scenes_of
+from stancekit.learners.evaluation.evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift
 from stancekit.learners.selectors.chooser import fit_chooser
 from stancekit.learners.selectors.gradient import fit_gradient
 from stancekit.learners.selectors.neural import fit_neural
 from stancekit.learners.selectors.neural_training import NeuralSettings
 from stancekit.learners.selectors.selector import FixedSelector, Selector
-from stancekit.learners.training.fitting import fit
+from stancekit.learners.training.envelope_methods import fit
 from stancekit.planners.projection.project import Projection
 
 PROJECTIONS: tuple[Projection, ...] = ("fix-p", "fix-toes", "scp")

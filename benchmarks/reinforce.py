@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 from stancekit.envs.refinement import LargestGap, RandomDimension, WidestDimension
 from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.selectors.selector import FixedSelector, Selector
-from stancekit.learners.training.fitting import fit
+from stancekit.learners.training.envelope_methods import fit
 from stancekit.learners.training.reinforce import CurvePoint, TrainingScenes, evaluator, train
 from stancekit.learners.training.train_config import TrainConfig
 

@@ -57,7 +57,7 @@ class Demo:
 
         name, envelopes = result.best_envelopes
         planner = TwoStagePlanner(envelopes=envelopes, projection="fix-toes")
-        for row in result.test:
+        for row in result.test.rows():
             planner.solve(row.problem)  # compiles
             outcome = planner.solve(row.problem)
             if outcome.status is Status.FEASIBLE and outcome.posture is not None:

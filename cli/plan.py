@@ -15,6 +15,7 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
+from .names import named
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
@@ -33,6 +34,8 @@ OF_PLANNERS = {
     "intervals": ("micp",),
 }
 """Which planners an option is for, where it is not for all."""
+SETTINGS = ("planner", "relaxation", "envelope", "envelopes", "projection", "solver", "intervals", "time_limit_s")
+"""What a planner's complaint may begin with that is an option here."""
 
 
 @dataclass
@@ -56,9 +59,10 @@ class PlanCourse:
 
     course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
     """Built-in name, or YAML or JSON file."""
-    planner: Literal["two-stage", "micp", "nlp", "decoupled", "exact"] = "two-stage"
+    planner: Annotated[str, named("stancekit.planners.search.methods:COURSE_PLANNERS")] = "two-stage"
     """two-stage: convex relaxation and projection. exact: branch and bound to the best plan, for short courses. micp:
-    piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces after, a baseline that fails on ice."""
+    piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces after, a baseline that fails on ice. One of
+    your own counts as far as the verifier accepts its plans and certificates."""
     relaxation: Literal["lift", "envelope"] | None = None
     """First stage of two-stage: lift needs nothing learned, envelope is the paper's and needs --envelope; the one that
     fits unless named."""
@@ -132,6 +136,7 @@ class PlanCourse:
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range, for another planner, or a file that cannot be."""
         from stancekit.planners.files.writing import check_writable
+        from stancekit.planners.search.methods import COURSE_METHODS
 
         if not 0.0 < self.time_limit_s <= LONGEST_S:
             raise InvalidInput(
@@ -141,7 +146,8 @@ class PlanCourse:
             raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {self.intervals}")
         for field in fields(self):
             planners = OF_PLANNERS.get(field.name, (self.planner,))
-            if self.planner not in planners and getattr(self, field.name) != field.default:
+            known = self.planner in COURSE_METHODS and self.planner not in planners
+            if known and getattr(self, field.name) != field.default:
                 raise InvalidInput(
                     f"--{field.name}: expected --planner {' or '.join(planners)} with it, got {self.planner}"
                 )
@@ -182,7 +188,7 @@ class PlanCourse:
         from stancekit.planners.search.methods import make_course_planner
 
         envelopes = None if self.envelope is None else read_boxes(self.envelope)
-        with as_options():
+        with as_options(*SETTINGS):
             return make_course_planner(
                 self.planner,
                 relaxation=self.relaxation,

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
-from functools import cached_property, reduce
-from operator import add
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,17 +15,23 @@ import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
 from stancekit.planners.answer.outcome import Certificate, Posture, Status
+from stancekit.planners.equilibrium.features import observe
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, frozen
 from stancekit.planners.files.documents import parse_json
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.robot import Limb, Robot
 
-from .ledger import Counts, Header, Ledger, shard_name, shard_schema
+from .ledger import Header, Ledger, shard_name, shard_schema
+from .summary import Summary
 
 Index = NDArray[np.intp]
+Observation = dict[str, NDArray[np.float32]]
 Read = TypeVar("Read")
 POSTURE: dict[str, tuple[int, ...]] = {"com_m": (3,), "rotation_rad": (3,), "toes_m": (-1, 3), "forces_n": (-1, 3)}
+LABELS = {"feasible": 1, "infeasible": 0, "undecided": -1}
+"""What ``Dataset[k]`` says of a row."""
 OPEN_SHARDS = 4
 """How many shards a data set keeps decompressed."""
 
@@ -68,51 +72,13 @@ class LabelledPosture:
         return "trivial" if self.trivial else str(self.status)
 
 
-@dataclass(frozen=True, kw_only=True)
-class Summary:
-    """What a data set holds and what it cost.
-
-    rows: kept; drawn: kept or not. cpu_s_per_1000: processor seconds for 1000 samples drawn. solve_ms_median,
-    solve_ms_p99: of deciding each of them, of a block its share, wall clock [ms]. NaN without timing files.
-    """
-
-    rows: Counts
-    drawn: Counts
-    cpu_s_per_1000: float
-    solve_ms_median: float
-    solve_ms_p99: float
-
-    @classmethod
-    def of(cls, ledger: Ledger) -> Summary:
-        """Count what the shards hold."""
-        tallies, timings = ledger.tallies.values(), ledger.timings()
-        solve_ms = np.concatenate([np.zeros(0), *(timing.solve_ms for timing in timings)])
-        timed = len(solve_ms) > 0
-        return cls(
-            rows=reduce(add, (tally.rows for tally in tallies), Counts()),
-            drawn=reduce(add, (tally.drawn for tally in tallies), Counts()),
-            cpu_s_per_1000=1e3 * sum(timing.cpu_s for timing in timings) / len(solve_ms) if timed else math.nan,
-            solve_ms_median=float(np.median(solve_ms)) if timed else math.nan,
-            solve_ms_p99=float(np.quantile(solve_ms, 0.99)) if timed else math.nan,
-        )
-
-    def to_json(self) -> dict[str, Any]:
-        """Return JSON-ready values; NaN becomes null."""
-        return finite(asdict(self))
-
-
-def finite(values: dict[str, Any]) -> dict[str, Any]:
-    """The same with None for numbers that JSON has not."""
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in values.items()}
-
-
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Dataset:
     """Rows of one problem class, read from the disk when they are asked for. ``split`` gives data sets, too.
 
     It is what ``torch.utils.data.DataLoader`` takes: ``len(ds)``, and ``ds[k]`` is the pair of the scene as a policy
-    sees it (``planners.equilibrium.features.observed``: float32 arrays by name) and the label, 1 where feasible and 0
-    where not; of rows that are not undecided, ``ds.decided``. ``ds.row(k)`` is the whole row, with its evidence.
+    sees it (``planners.equilibrium.features.observe``: float32 arrays by name) and the label: 1 feasible, 0 infeasible,
+    −1 undecided. ``ds.row(k)`` is the whole row with its evidence, ``ds.rows()`` all of them.
 
     Arguments:
         ledger: the folder's files, see ``Dataset.open``.
@@ -161,7 +127,18 @@ class Dataset:
     def __len__(self) -> int:
         return len(self.chosen)
 
-    def __iter__(self) -> Iterator[LabelledPosture]:
+    def __getitem__(self, index: int) -> tuple[Observation, int]:
+        """What a policy sees of a row's scene, and the label. Raises as ``row`` does."""
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"row {index} of {len(self)}")
+        problem = self._read(index % len(self), self._problem)
+        return observe(Scaled.of(problem)), LABELS[str(self.labels[index])]
+
+    def __iter__(self) -> Iterator[tuple[Observation, int]]:
+        """The pairs of all rows in their order."""
+        return map(self.__getitem__, range(len(self)))
+
+    def rows(self) -> Iterator[LabelledPosture]:
         """All rows, shard by shard: memory stays flat."""
         return map(self.row, range(len(self)))
 

@@ -148,7 +148,7 @@ class _Scenes:
     row: LabelledPosture
 
     def __init__(self, rows: Dataset) -> None:
-        self._rows = iter(rows)
+        self._rows = rows.rows()
 
     def draw(self, rng: np.random.Generator) -> Scene:
         self.row = row = next(self._rows)

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.envs.distributions.postures import PostureDistribution, distribution
+from stancekit.envs.distributions.postures import Distribution, distribution
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -28,10 +28,11 @@ from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.verify import check_certificate, check_posture
 
 from . import ledger
-from .dataset import Dataset, Summary, finite
+from .dataset import Dataset
 from .executor import processes
 from .ledger import Header, LabelPlan, Shard
 from .shards import label_shard, samples
+from .summary import Summary, finite
 
 Task = Callable[[], Shard]
 """Draws one shard. It writes nothing, so it may run anywhere, and more than once."""
@@ -82,7 +83,7 @@ def label(
     *,
     workers: int = 1,
     progress: Callable[[Progress], None] | None = None,
-    source: PostureDistribution | None = None,
+    source: Distribution | None = None,
     run: Callable[[Sequence[Task]], Iterable[Shard]] | None = None,
     draws_per_row: int = 10_000,
 ) -> Summary:
@@ -120,7 +121,7 @@ def recheck(dataset: Dataset) -> RecheckReport:
     """Let the verifier judge every stored witness and certificate again: no solver takes part."""
     begin, plan = time.perf_counter(), dataset.header.plan
     refused, residuals, bounds, certificates = [], [], [], 0
-    for index, row in enumerate(dataset):
+    for index, row in enumerate(dataset.rows()):
         accepted = row.status is Status.UNDECIDED
         if row.status is Status.FEASIBLE and row.posture is not None and row.point is not None:
             report = check_posture(row.problem, row.posture, tolerance=plan.tolerance)
@@ -143,7 +144,7 @@ def recheck(dataset: Dataset) -> RecheckReport:
     )
 
 
-def _begin(folder: Path, plan: LabelPlan, source: PostureDistribution) -> Header:
+def _begin(folder: Path, plan: LabelPlan, source: Distribution) -> Header:
     """The header of a new data set, or that of the one begun here after checking that it is the same."""
     first = next(samples(plan, 0, source))
     header = Header(

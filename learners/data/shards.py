@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from stancekit.envs.distributions.postures import PostureDistribution, distribution
+from stancekit.envs.distributions.postures import Distribution, distribution
 from stancekit.planners.answer.outcome import Outcome, Posture, Status
 from stancekit.planners.equilibrium.batch import ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs
@@ -41,7 +41,7 @@ class LabellingFailed(StancekitError):
     """The distribution does not give the rows that were planned."""
 
 
-def samples(plan: LabelPlan, shard: int, source: PostureDistribution | None = None) -> Iterator[PostureProblem]:
+def samples(plan: LabelPlan, shard: int, source: Distribution | None = None) -> Iterator[PostureProblem]:
     """The endless stream of samples that a shard is drawn from; a row's ``sample`` counts from 0."""
     source, rng = source or distribution(plan.distribution), _stream(plan, shard)
     while True:
@@ -52,7 +52,7 @@ def _stream(plan: LabelPlan, shard: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(shard,)))
 
 
-def label_shard(header: Header, source: PostureDistribution, shard: int, draws_per_row: int) -> Shard:
+def label_shard(header: Header, source: Distribution, shard: int, draws_per_row: int) -> Shard:
     """Draw one shard until its quotas are full, block by block; no row depends on where a block begins."""
     begin, plan = time.process_time(), header.plan
     labeller = _Labeller(plan, shard)

@@ -22,10 +22,13 @@ from ..data.dataset import Dataset
 from ..data.executor import Executor
 from ..data.labelling import label
 from ..data.ledger import LabelPlan, software
-from ..selectors.selector import FixedSelector, Learned, load_selector
-from ..training.fitting import Method, learn
-from .evaluate import Score, Share, evaluate, evaluate_lift, scenes_of
-from .experiment import Experiment, Quota
+from ..data.quota import Quota
+from ..data.scenes import scenes_of
+from ..selectors.selector import FixedSelector, Learned
+from ..selectors.selector_file import load_selector
+from ..training.fitting import learn_selector
+from .evaluate import Score, Share, evaluate, evaluate_lift
+from .experiment import Experiment
 
 Progress = Callable[[str, int, int], None]
 Told = Callable[[str], Callable[[int, int], None]]
@@ -129,7 +132,7 @@ class _Class:
         summary = label(plan, self._folder / part, run=self._run, progress=lambda state: bar(state.rows, plan.rows))
         return Dataset.open(self._folder / part), summary.to_json()
 
-    def _learned(self, method: Method, train: Dataset, calibration: Dataset | None) -> tuple[_Row, Learned]:
+    def _learned(self, method: str, train: Dataset, calibration: Dataset | None) -> tuple[_Row, Learned]:
         """The selector that is there, or a new one; and its row as far as it is known."""
         digests = [train.header.digest, "" if calibration is None else calibration.header.digest]
         key = _digest(["fit", method, self._experiment.fit.concerning(method), digests, software()])
@@ -140,7 +143,8 @@ class _Class:
                 return row, load_selector(path)
         begin, checkpoint = perf_counter(), self._folder / f"{method}.checkpoint-{key[:12]}"
         bar = self._told(f"fit {method}")
-        learned = learn(method, train, self._experiment.fit, bar, calibration=calibration, checkpoint=checkpoint)
+        settings = self._experiment.fit
+        learned = learn_selector(method, train, settings, bar, calibration=calibration, checkpoint=checkpoint)
         path = self._folder / f"{method}{learned.suffix}"
         learned.write(path)
         row = _Row(
@@ -150,7 +154,7 @@ class _Class:
         self._write(method, row)
         return row, load_selector(path)
 
-    def _score(self, method: Method, row: _Row, learned: Learned, scenes: list[Scene], test: Dataset) -> Score:
+    def _score(self, method: str, row: _Row, learned: Learned, scenes: list[Scene], test: Dataset) -> Score:
         key = self._row_key(row.file_sha256, test)
         notes = {"fit_seconds": row.fit_seconds, "file": row.file}
         if row.row_key == key:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from stancekit.envs.scenes import Scene
-from stancekit.envs.selection import ADMITTED, EnvelopeSelectionEnv
+from stancekit.envs.selection import EnvelopeSelectionEnv
+from stancekit.envs.selection_task import ADMITTED
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -23,6 +24,7 @@ from stancekit.planners.search.answer import Acceptance
 
 from ..data.dataset import Dataset
 from ..data.executor import Executor, gather, processes
+from ..selectors.own import ANY
 from ..selectors.selector import Selector
 
 Progress = Callable[[int, int], None]
@@ -114,20 +116,6 @@ class Score:
             record[f"{name}_interval"] = list(share.interval) if share.of else None
             record[f"{name}_of"] = share.of
         return record | {"gap": _number(self.gap), "p1_ms": _number(self.p1_ms), **self.notes}
-
-
-def scenes_of(dataset: Dataset) -> list[Scene]:
-    """The data set's feasible and hard infeasible rows as scenes."""
-    return [
-        Scene(
-            problem=row.problem,
-            feasible=row.status is Status.FEASIBLE,
-            posture=row.posture,
-            lower_bound=row.lower_bound,
-        )
-        for row in dataset
-        if row.status is not Status.UNDECIDED and not row.trivial
-    ]
 
 
 def rollout(
@@ -279,7 +267,7 @@ def _key(way: Projection) -> str:
 
 def check_same_class(dataset: Dataset, problem_class: str, where: str) -> None:
     """Raise InvalidInput where envelopes and data set were made for different problems."""
-    if dataset.problem_class != problem_class:
+    if problem_class not in (dataset.problem_class, ANY):
         raise InvalidInput(
             f"{where}: expected envelopes learned for {dataset.problem_class}, got some learned for {problem_class}"
         )

@@ -14,18 +14,9 @@ from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.refusals import refusals, shown
 from stancekit.planners.projection.project import Projection
 
-from ..training.fitting import FitSettings, Method
-
-
-@dataclass(frozen=True, kw_only=True)
-class Quota:
-    """How many rows of each label, from which seed."""
-
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
-
-    feasible: int
-    infeasible: int
-    seed: int
+from ..data.quota import Quota
+from ..training.fit_settings import FitSettings
+from ..training.fitting import METHODS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +32,7 @@ class Experiment:
     train: Quota
     test: Quota
     calibration: Quota | None = None
-    methods: tuple[Method, ...]
+    methods: tuple[str, ...]
     projections: tuple[Projection, ...]
     fit: FitSettings = field(default_factory=FitSettings)
 
@@ -53,7 +44,10 @@ class Experiment:
             raise InvalidInput(f"calibration.seed: expected another seed than train.seed and test.seed, got {got}")
         for name in self.problems:
             distribution(name)
-        for method in self.methods:
+        for index, method in enumerate(self.methods):
+            known = [name for name in METHODS.names() if name != "modes"]
+            if method not in known and ".py:" not in method:
+                raise InvalidInput(f"methods[{index}]: expected one of {', '.join(known)}, got {method!r}")
             self.fit.check(method)
         for name in ("problems", "methods", "projections"):
             if not getattr(self, name):

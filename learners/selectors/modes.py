@@ -16,6 +16,7 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.modes import Modes, world_points
 from stancekit.planners.search.exact import ExactPlanner
 
+from ..data.dataset import Dataset
 from .quantile import quantile_box
 
 
@@ -42,6 +43,30 @@ def learn_modes(
         problems, points = solved_postures(name, count, planner, rng)
         box = quantile_box(world_points(problems, points), share=share)
         samples[distribution(name).terrain] = (problems, [box])
+    return Modes.around(samples)
+
+
+def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
+    """A mode a data set, in their order: the quantile box around S of Algorithm 1, the forces in world axes.
+
+    share: as for ``learn_modes``. The modes are named after the terrains of the distributions, or after these where
+    they do not say theirs. Raises InvalidInput for fewer than two data sets, for different limbs, and for one without
+    feasible rows.
+    """
+    if len(datasets) < 2:
+        raise InvalidInput(f"data sets: expected two or more, one a mode, got {len(datasets)}")
+    samples = dict[str, tuple[Sequence[PostureProblem], Sequence[Envelope]]]()
+    for rows in datasets:
+        name, legs, first = rows.problem_class, rows.header.legs, datasets[0].header.legs
+        if legs != first:
+            raise InvalidInput(f"data sets: expected all on {', '.join(first)}, got {name} on {', '.join(legs)}")
+        problems = list(rows.select(rows.feasible).problems())
+        if not problems:
+            raise InvalidInput(f"data sets: expected feasible rows of {name}, got none")
+        terrain = getattr(distribution(name), "terrain", name)
+        if terrain in samples:
+            raise InvalidInput(f"data sets: expected one a terrain, got two of {terrain}")
+        samples[terrain] = problems, [quantile_box(world_points(problems, rows.points), share=share)]
     return Modes.around(samples)
 
 

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.refinement import refinement_space
-from stancekit.envs.selection import scene_space
+from stancekit.envs.selection_task import scene_space
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.refusals import refusals, shown

@@ -33,12 +33,12 @@ from stancekit.planners.files.writing import write_text
 from ..data.dataset import Dataset
 from ..data.labelling import label
 from ..data.ledger import LabelPlan
-from ..evaluation.evaluate import scenes_of
+from ..data.scenes import scenes_of
 from ..selectors.policy import TrainedPolicy, bounds_of, check_shapes
 from ..selectors.selector import Selector
 from ..selectors.tensors import read_tensors, write_tensors
 from .baselines import PooledScenes, SelectionVecEnv, open_scenes, refinement_vec_env
-from .fitting import fit
+from .envelope_methods import fit
 from .train_config import TrainConfig
 
 CHECKPOINT_FORMAT = "stancekit/training/1"

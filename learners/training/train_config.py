@@ -13,7 +13,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.refusals import refusals
 
-from ..evaluation.experiment import Quota
+from ..data.quota import Quota
 from ..selectors.policy import EnvironmentName, PolicyShape
 
 

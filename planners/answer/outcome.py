@@ -77,27 +77,30 @@ class Certificate:
 
     A posture problem is a course of one frame with one stance, in which placement i is contact i with one candidate.
 
-    tree: shape (K, 5), the nodes in preorder, a row each, (kind, i, j, first, second):
-      kind 0, a leaf: the other entries are 0;
-      kind 1, a choice: in the first child placement ``i`` stands on its candidate ``j``, in the second it does not;
-      kind 2, a cut of candidate ``j`` of placement ``i`` along the chord between two points of the border of the piece
-        that is left of it, given as border coordinates ``first`` < ``second``: the coordinate e + s is the point
-        v_e + s (v_{e+1} − v_e) of the piece's own vertices, 0 ≤ s < 1; the first child runs along the border from
-        ``first`` to ``second``, the second child from ``second`` round to ``first``, each beginning with the point it
-        runs from;
-      kind 3, a split of the force box of the ``i``-th limb that carries (the limbs of the stances, one stance after the
-        other): component ``j`` (0, 1, 2 for f_n, f_y, f_z) at the value ``first``, in units of the force scale; the
-        first child keeps the values up to it, the second those from it on.
-    multipliers: shape (leaves, count), the leaves in preorder, with S stances, M frames and N limbs: ν_F (S, 3) of the
-      balances of forces, ν_M (S, 3) of those of moments, r (M, N, 3) of reach, a (M − 1, 3) of the steps of the COM,
-      t (M − 1, 3) of those of the rotation, g (M − 1) of progress, b (moves, 3) of the steps of toes, all for the
-      non-dimensional problem; 6 + 3N for a posture. A leaf in which a placement has no candidate left needs none. Any
-      multipliers give a valid bound, so nothing here has to be trusted (``verify.check_certificate``).
+    Arguments:
+        tree: shape (K, 5), the nodes in preorder, a row each, (kind, i, j, first, second):
+            kind 0, a leaf: the other entries are 0;
+            kind 1, a choice: in the first child placement ``i`` stands on its candidate ``j``, in the second it does
+              not;
+            kind 2, a cut of candidate ``j`` of placement ``i`` along the chord between two points of the border of the
+              piece that is left of it, given as border coordinates ``first`` < ``second``: the coordinate e + s is the
+              point v_e + s (v_{e+1} − v_e) of the piece's own vertices, 0 ≤ s < 1; the first child runs along the
+              border from ``first`` to ``second``, the second child from ``second`` round to ``first``, each beginning
+              with the point it runs from;
+            kind 3, a split of the force box of the ``i``-th limb that carries (the limbs of the stances, one stance
+              after the other): component ``j`` (0, 1, 2 for f_n, f_y, f_z) at the value ``first``, in units of the
+              force scale; the first child keeps the values up to it, the second those from it on.
+        multipliers: shape (leaves, count), the leaves in preorder, with S stances, M frames and N limbs: ν_F (S, 3) of
+            the balances of forces, ν_M (S, 3) of those of moments, r (M, N, 3) of reach, a (M − 1, 3) of the steps of
+            the COM, t (M − 1, 3) of those of the rotation, g (M − 1) of progress, b (moves, 3) of the steps of toes,
+            all for the non-dimensional problem; 6 + 3N for a posture. A leaf in which a placement has no candidate left
+            needs none. Any multipliers give a valid bound, so nothing here has to be trusted
+            (``verify.check_certificate``).
     Source:
-        Lagrangian bounds of paper E's P, branched where one bound does not do: docs/decisions.
+        Lagrangian bounds of paper E's P, branched where one bound does not do: docs/decisions/0003.
     Example:
         >>> import stancekit
-        >>> problem = stancekit.sample("wall-3", rng=0)[0]
+        >>> problem = stancekit.sample("wall-3", rng=8)[0]
         >>> certificate = stancekit.solve(problem).certificate
         >>> certificate.tree.shape[1], stancekit.verify(problem, certificate).accepted
         (5, True)
@@ -175,7 +178,7 @@ class Outcome:
         Paper E §II-§III; docs/decisions/0004.
     Example:
         >>> import stancekit
-        >>> outcome = stancekit.solve(stancekit.sample("wall-3", rng=0)[0])
+        >>> outcome = stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
         >>> outcome.status is stancekit.Status.INFEASIBLE, outcome.posture, outcome.lower_bound > 0.0
         (True, None, True)
     """

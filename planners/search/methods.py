@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
+from ..plugins import Registry
 from ..projection.project import Projection
 from ..relaxation.envelope import EnvelopeSet
 from ..relaxation.modes import Modes
@@ -13,17 +16,158 @@ from .answer import Acceptance, CoursePlanner, Planner
 from .exact import ExactCoursePlanner, ExactPlanner
 from .posture import TwoStagePlanner
 from .two_stage import TwoStageCoursePlanner
+from .verified import VerifiedCoursePlanner, VerifiedPlanner
 
-Method = Literal["exact", "p1", "lift", "two-stage", "nlp", "micp"]
-METHODS: tuple[Method, ...] = get_args(Method)
-CourseMethod = Literal["two-stage", "micp", "nlp", "decoupled", "exact"]
-COURSE_METHODS: tuple[CourseMethod, ...] = get_args(CourseMethod)
 Relaxation = Literal["lift", "envelope"]
 RELAXATIONS: tuple[Relaxation, ...] = get_args(Relaxation)
 
 
+@dataclass(frozen=True, kw_only=True)
+class PlannerOptions:
+    """What a planner is made with; each uses those options that concern it.
+
+    envelopes: learned boxes; of courses also ``Modes``. relaxation: of courses, P1 of ``two-stage``. projection: P2,
+    the planner's own where None. solver, intervals: of ``micp``; envelope_use, too, of courses. gap: relative, of
+    ``micp`` and ``exact`` over courses; None takes the first point, or the default. time_limit_s: of one problem.
+    acceptance: when a claim counts. programs: to share; their engine solves the convex programs.
+    """
+
+    envelopes: EnvelopeSet | Modes | None = None
+    relaxation: Relaxation | None = None
+    projection: Projection | None = None
+    solver: str = "highs"
+    intervals: int = 4
+    envelope_use: Literal["rows", "shrink"] = "rows"
+    gap: float | None = None
+    time_limit_s: float = 30.0
+    acceptance: Acceptance = field(default_factory=Acceptance)
+    programs: Programs | None = None
+
+    @property
+    def boxes(self) -> EnvelopeSet | None:
+        """The envelopes. Raises InvalidInput for modes, between which only a planner of courses can switch."""
+        if isinstance(self.envelopes, Modes):
+            raise InvalidInput("envelopes: expected envelopes, got modes, which are for courses")
+        return self.envelopes
+
+
+def _exact(options: PlannerOptions) -> Planner:
+    return ExactPlanner(
+        acceptance=options.acceptance, time_limit_s=options.time_limit_s, programs=options.programs
+    )
+
+
+def _p1(options: PlannerOptions) -> Planner:
+    if options.envelopes is None:
+        raise InvalidInput("envelope: expected an envelope file for the method p1, got none")
+    return _staged(options, options.boxes, options.projection)
+
+
+def _lift(options: PlannerOptions) -> Planner:
+    return _staged(options, None, options.projection)
+
+
+def _two_stage(options: PlannerOptions) -> Planner:
+    return _staged(options, options.boxes, options.projection or "scp")
+
+
+def _staged(options: PlannerOptions, envelopes: EnvelopeSet | None, projection: Projection | None) -> Planner:
+    return TwoStagePlanner(
+        envelopes=envelopes, projection=projection, acceptance=options.acceptance, programs=options.programs
+    )
+
+
+def _nlp(options: PlannerOptions) -> Planner:
+    from .nlp import NlpPlanner
+
+    return NlpPlanner(acceptance=options.acceptance, time_limit_s=options.time_limit_s, programs=options.programs)
+
+
+def _micp(options: PlannerOptions) -> Planner:
+    from .micp import Grid, MicpPlanner
+
+    boxes = options.boxes
+    if boxes is not None and len(boxes.envelopes) > 1:
+        raise InvalidInput(f"envelope: expected one envelope for micp, got {len(boxes.envelopes)}")
+    return MicpPlanner(
+        solver=options.solver, grid=Grid(intervals=options.intervals), envelope=boxes,
+        time_limit_s=options.time_limit_s, acceptance=options.acceptance, programs=options.programs,
+    )  # fmt: skip
+
+
+def _course_two_stage(options: PlannerOptions) -> CoursePlanner:
+    projection = options.projection or "scp"
+    if options.envelopes is not None:
+        from .enveloped import EnvelopeCoursePlanner
+
+        return EnvelopeCoursePlanner(
+            options.envelopes, projection=projection, time_limit_s=options.time_limit_s,
+            acceptance=options.acceptance, programs=options.programs,
+        )  # fmt: skip
+    return TwoStageCoursePlanner(
+        projection=projection, time_limit_s=options.time_limit_s, acceptance=options.acceptance,
+        programs=options.programs,
+    )  # fmt: skip
+
+
+def _course_micp(options: PlannerOptions) -> CoursePlanner:
+    from .micp import Grid, MicpPlanner
+
+    if isinstance(options.envelopes, Modes):
+        raise InvalidInput("envelopes: expected one envelope for micp, got modes")
+    return MicpPlanner(
+        solver=options.solver, grid=Grid(intervals=options.intervals, envelope_use=options.envelope_use),
+        envelope=options.envelopes, gap=options.gap, projection=options.projection or "scp",
+        time_limit_s=options.time_limit_s, acceptance=options.acceptance, programs=options.programs,
+    )  # fmt: skip
+
+
+def _course_nlp(options: PlannerOptions) -> CoursePlanner:
+    from .nlp import NlpPlanner
+
+    _check_without("nlp", options)
+    return NlpPlanner(time_limit_s=options.time_limit_s, acceptance=options.acceptance, programs=options.programs)
+
+
+def _course_decoupled(options: PlannerOptions) -> CoursePlanner:
+    from .decoupled import DecoupledPlanner
+
+    _check_without("decoupled", options)
+    return DecoupledPlanner(acceptance=options.acceptance, programs=options.programs)
+
+
+def _course_exact(options: PlannerOptions) -> CoursePlanner:
+    _check_without("exact", options)
+    return ExactCoursePlanner(
+        gap=options.gap or 1e-3, time_limit_s=options.time_limit_s, acceptance=options.acceptance,
+        programs=options.programs,
+    )  # fmt: skip
+
+
+def _check_without(name: str, options: PlannerOptions) -> None:
+    if options.envelopes is not None:
+        raise InvalidInput(f"envelopes: expected none for {name}, which has no use for them")
+
+
+METHODS = ("exact", "p1", "lift", "two-stage", "nlp", "micp")
+"""The planners of postures that are the package's own."""
+COURSE_METHODS = ("two-stage", "micp", "nlp", "decoupled", "exact")
+"""And those of courses."""
+PLANNERS: Registry[Callable[[PlannerOptions], Planner]] = Registry(
+    "method", "stancekit.planners", {name: f"{__name__}:_{name.replace('-', '_')}" for name in METHODS},
+    expected="something to call with PlannerOptions",
+)  # fmt: skip
+"""All planners of postures: called with ``PlannerOptions``, a class or function gives something with ``solve``."""
+COURSE_PLANNERS: Registry[Callable[[PlannerOptions], CoursePlanner]] = Registry(
+    "planner", "stancekit.course_planners",
+    {name: f"{__name__}:_course_{name.replace('-', '_')}" for name in COURSE_METHODS},
+    expected="something to call with PlannerOptions",
+)  # fmt: skip
+"""All planners of courses, likewise."""
+
+
 def make_planner(
-    method: Method,
+    method: str,
     *,
     envelopes: EnvelopeSet | None = None,
     projection: Projection | None = None,
@@ -35,35 +179,18 @@ def make_planner(
 ) -> Planner:
     """Make a planner of postures. ``two-stage`` uses the envelopes, or the lift without; ``p1`` needs envelopes.
 
+    method: a name of ``PLANNERS``, or "FILE.py:NAME"; what is not the package's own answers through the verifier.
     projection: P2 after ``two-stage`` (SCP where None), ``p1`` or ``lift`` (none where None).
     solver, intervals: of ``micp``. time_limit_s: of one problem, for the methods that search. programs: to share; their
     engine solves the convex programs.
     Raises InvalidInput for an unknown method, an envelope that is missing, or a solver that is not installed.
     """
-    if method == "exact":
-        return ExactPlanner(acceptance=acceptance, time_limit_s=time_limit_s, programs=programs)
-    if method == "p1" and envelopes is None:
-        raise InvalidInput("envelope: expected an envelope file for the method p1, got none")
-    if method in ("p1", "lift", "two-stage"):
-        return TwoStagePlanner(
-            envelopes=None if method == "lift" else envelopes,
-            projection=projection or ("scp" if method == "two-stage" else None),
-            acceptance=acceptance, programs=programs,
-        )  # fmt: skip
-    if method == "nlp":
-        from .nlp import NlpPlanner
-
-        return NlpPlanner(acceptance=acceptance, time_limit_s=time_limit_s, programs=programs)
-    if method == "micp":
-        from .micp import Grid, MicpPlanner
-
-        if envelopes is not None and len(envelopes.envelopes) > 1:
-            raise InvalidInput(f"envelope: expected one envelope for micp, got {len(envelopes.envelopes)}")
-        return MicpPlanner(
-            solver=solver, grid=Grid(intervals=intervals), envelope=envelopes, time_limit_s=time_limit_s,
-            acceptance=acceptance, programs=programs,
-        )  # fmt: skip
-    raise InvalidInput(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+    options = PlannerOptions(
+        envelopes=envelopes, projection=projection, solver=solver, intervals=intervals, time_limit_s=time_limit_s,
+        acceptance=acceptance, programs=programs,
+    )  # fmt: skip
+    planner = PLANNERS.get(method)(options)
+    return planner if method in METHODS else VerifiedPlanner(planner, method, acceptance)
 
 
 def make_course_planner(
@@ -82,51 +209,25 @@ def make_course_planner(
 ) -> CoursePlanner:
     """Make a planner of courses.
 
+    name: of ``COURSE_PLANNERS``, or "FILE.py:NAME"; what is not the package's own answers through the verifier.
     relaxation: P1 of ``two-stage``; where None, "envelope" with envelopes and "lift" without. envelopes: of "envelope"
     and, one box, of ``micp``; ``Modes`` make ``two-stage`` switch between them. solver, intervals, envelope_use: of
     ``micp``. gap: relative, of ``micp`` and ``exact``; None takes the first point, or the default. time_limit_s: of one
     course. programs: to share. Raises InvalidInput for an unknown name, envelopes that are missing or have no use, or a
     solver that is not installed.
     """
-    if name not in COURSE_METHODS:
-        raise InvalidInput(f"planner: expected one of {', '.join(COURSE_METHODS)}, got {name!r}")
+    make = COURSE_PLANNERS.get(name)
     if relaxation is not None and relaxation not in RELAXATIONS:
         raise InvalidInput(f"relaxation: expected one of {', '.join(RELAXATIONS)}, got {relaxation!r}")
-    if relaxation is not None and name != "two-stage":
+    if relaxation is not None and name in COURSE_METHODS and name != "two-stage":
         raise InvalidInput(f"relaxation: expected none for {name}, got {relaxation!r}")
     if relaxation == "lift" and envelopes is not None:
         raise InvalidInput("envelopes: expected none for the lift, which has no use for them")
     if relaxation == "envelope" and envelopes is None:
         raise InvalidInput("envelopes: expected an envelope or modes for the relaxation envelope, got none")
-    if name == "two-stage" and envelopes is not None:
-        from .enveloped import EnvelopeCoursePlanner
-
-        return EnvelopeCoursePlanner(
-            envelopes, projection=projection, time_limit_s=time_limit_s, acceptance=acceptance, programs=programs
-        )
-    if name == "micp":
-        from .micp import Grid, MicpPlanner
-
-        if isinstance(envelopes, Modes):
-            raise InvalidInput("envelopes: expected one envelope for micp, got modes")
-        return MicpPlanner(
-            solver=solver, grid=Grid(intervals=intervals, envelope_use=envelope_use), envelope=envelopes, gap=gap,
-            projection=projection, time_limit_s=time_limit_s, acceptance=acceptance, programs=programs,
-        )  # fmt: skip
-    if envelopes is not None:
-        raise InvalidInput(f"envelopes: expected none for {name}, which has no use for them")
-    if name == "two-stage":
-        return TwoStageCoursePlanner(
-            projection=projection, time_limit_s=time_limit_s, acceptance=acceptance, programs=programs
-        )
-    if name == "nlp":
-        from .nlp import NlpPlanner
-
-        return NlpPlanner(time_limit_s=time_limit_s, acceptance=acceptance, programs=programs)
-    if name == "exact":
-        return ExactCoursePlanner(
-            gap=gap or 1e-3, time_limit_s=time_limit_s, acceptance=acceptance, programs=programs
-        )
-    from .decoupled import DecoupledPlanner
-
-    return DecoupledPlanner(acceptance=acceptance, programs=programs)
+    options = PlannerOptions(
+        envelopes=envelopes, relaxation=relaxation, projection=projection, solver=solver, intervals=intervals,
+        envelope_use=envelope_use, gap=gap, time_limit_s=time_limit_s, acceptance=acceptance, programs=programs,
+    )  # fmt: skip
+    planner = make(options)
+    return planner if name in COURSE_METHODS else VerifiedCoursePlanner(planner, name, acceptance)

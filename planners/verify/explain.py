@@ -81,7 +81,7 @@ def explain(
         Lagrangian bounds of paper E eqs. 1-11.
     Example:
         >>> import stancekit
-        >>> problem = stancekit.sample("wall-3", rng=0)[0]
+        >>> problem = stancekit.sample("wall-3", rng=8)[0]
         >>> why = stancekit.explain(problem, stancekit.solve(problem).certificate)
         >>> why.relaxations[0].parameter
         'friction'

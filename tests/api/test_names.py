@@ -44,7 +44,7 @@ def test_only_what_a_name_needs_is_loaded():
 
 def test_type_checkers_are_told_the_same_names_from_the_same_homes():
     tree = ast.parse(Path(inspect.getfile(stancekit)).read_text("utf-8"))
-    (guarded,) = [node for node in tree.body if isinstance(node, ast.If)]
+    guarded = next(node for node in tree.body if isinstance(node, ast.If))
     told = {
         alias.asname: node.module
         for node in guarded.body
@@ -73,7 +73,8 @@ def test_a_docstring_names_every_argument_and_its_source(name):
         assert "Returns:\n" in text or name == "save"
         assert "Raises:\n" in text or not wanted
     else:
-        wanted = [field.name for field in fields(thing) if not field.name.startswith("_")] if is_dataclass(thing) else []
+        named = [field.name for field in fields(thing)] if is_dataclass(thing) else []
+        wanted = [argument for argument in named if not argument.startswith("_")]
     assert [argument for argument in wanted if argument not in text] == []
     assert "Arguments:\n" in text or not wanted
 

@@ -13,6 +13,7 @@ import pytest
 
 from stancekit.learners.data import labelling
 from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.shards import LabellingFailed
 
 SAME = ("--feasible", "8", "--infeasible", "8", "--shard-size", "4", "--seed", "2", "--workers", "1")
 COMMAND = [sys.executable, "-m", "stancekit.cli.main", "label", "wall-3"]
@@ -73,7 +74,7 @@ def test_killed_at_any_moment_nothing_is_lost_and_nothing_double(stancekit, labe
     assert counts[-1] >= 3
     assert stancekit("label", "wall-3", "data", *SAME).code == 0
     assert shards(folder) == shards(labelled)
-    rows = [(row.shard, row.row) for row in Dataset.open(folder)]
+    rows = [(row.shard, row.row) for row in Dataset.open(folder).rows()]
     assert len(rows) == len(set(rows)) == 16
 
 
@@ -103,7 +104,7 @@ def test_ctrl_c_is_one_line(stancekit, monkeypatch):
 
 def test_a_distribution_that_lacks_a_label_fails(stancekit, monkeypatch):
     def give_up(*_, **__):
-        raise labelling.LabellingFailed("wall-3: shard 0 lacks 8 infeasible rows after 9 draws")
+        raise LabellingFailed("wall-3: shard 0 lacks 8 infeasible rows after 9 draws")
 
     monkeypatch.setattr(labelling, "label", give_up)
     ran = stancekit("label", "wall-3", "data")
@@ -114,7 +115,7 @@ def test_a_distribution_that_lacks_a_label_fails(stancekit, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("ice-3", "data"), "distribution: expected one of ground-3, wall-3, wall-5, got 'ice-3'"),
+        (("ice-3", "data"), "distribution: expected one of ground-3, wall-3, wall-5, or FILE.py:NAME, got 'ice-3'"),
         (("wall-3", "data", "--feasible", "-1"), "--feasible: expected an integer of at least 0, got -1"),
         (("wall-3", "data", "--seed", "-1"), "--seed: expected an integer of at least 0, got -1"),
         (("wall-3", "data", "--shard-size", "0"), "--shard-size: expected an integer of at least 1, got 0"),

@@ -17,6 +17,7 @@ from stancekit.learners.data.dataset import Dataset, LabelledPosture
 from stancekit.learners.data.labelling import label
 from stancekit.learners.data.ledger import LabelPlan
 from stancekit.planners.answer.outcome import Status
+from stancekit.planners.equilibrium.features import observe_batch
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 
@@ -53,7 +54,7 @@ def test_what_was_labelled_is_what_is_read(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(shards, "table_of", spy)
     label(PLAN, tmp_path)
-    rows = list(Dataset.open(tmp_path))
+    rows = list(Dataset.open(tmp_path).rows())
     assert len(rows) == len(written) == 36
     assert {row.kind for row in rows} == {"feasible", "infeasible", "trivial"}
     for mine, theirs in zip(rows, written, strict=True):
@@ -69,7 +70,7 @@ def test_what_was_labelled_is_what_is_read(tmp_path: Path, monkeypatch: pytest.M
 
 def test_columns_are_aligned_with_the_rows(folder: Path) -> None:
     data = Dataset.open(folder)
-    rows = list(data)
+    rows = list(data.rows())
     assert data.labels.tolist() == [str(row.status) for row in rows]
     assert [rows[i].kind for i in (*data.feasible, *data.infeasible, *data.trivial)] == (
         ["feasible"] * len(data.feasible) + ["infeasible"] * len(data.infeasible) + ["trivial"] * len(data.trivial)
@@ -106,7 +107,7 @@ def test_a_point_is_p_and_f_of_its_witness(folder: Path) -> None:
 
 def test_only_a_few_shards_are_in_memory_at_a_time(folder: Path) -> None:
     data = Dataset.open(folder)
-    most = max(len(data._open) for _ in data)
+    most = max(len(data._open) for _ in data.rows())
     assert most == dataset.OPEN_SHARDS < PLAN.shards
 
 
@@ -137,7 +138,7 @@ def test_fractions_that_are_none_are_refused(folder: Path, fractions: tuple[floa
 def test_a_selection_keeps_its_order(folder: Path) -> None:
     data = Dataset.open(folder)
     chosen = data.select([7, 3, 3])
-    assert [(row.shard, row.row) for row in chosen] == [(1, 1), (0, 3), (0, 3)]
+    assert [(row.shard, row.row) for row in chosen.rows()] == [(1, 1), (0, 3), (0, 3)]
     assert chosen.labels.tolist() == data.labels[[7, 3, 3]].tolist()
     assert len(data.select([])) == len(data.select([]).points) == 0
 
@@ -165,7 +166,7 @@ def test_reading_never_unpickles(folder: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(pickle, "loads", fail)
     monkeypatch.setattr(pickle, "load", fail)
     monkeypatch.setattr(pickle, "Unpickler", fail)
-    assert len(list(Dataset.open(folder))) == 36
+    assert len(list(Dataset.open(folder).rows())) == 36
 
 
 def test_a_missing_folder_is_refused(tmp_path: Path) -> None:
@@ -266,7 +267,7 @@ def test_a_flipped_byte_is_noticed_when_the_row_is_read(copy: Path) -> None:
     content[column.data_page_offset - 200] ^= 1  # in the dictionary of texts
     path.write_bytes(content)
     with pytest.raises(InvalidInput, match=f"^{re.escape(str(path))}: expected a whole Parquet file, got "):
-        list(Dataset.open(copy))
+        list(Dataset.open(copy).rows())
 
 
 def test_a_row_that_is_no_posture_problem_is_refused(copy: Path) -> None:
@@ -283,3 +284,24 @@ def test_a_row_that_is_no_posture_problem_is_refused(copy: Path) -> None:
         data.row(4)
     message = "row 4: mass_kg: expected a number above 0, got -1"
     assert str(error.value) == f"{copy}/shard-00000.parquet: {message}"
+
+
+def test_it_is_what_a_data_loader_takes(folder: Path) -> None:
+    data = Dataset.open(folder)
+    batches = list(pytest.importorskip("torch").utils.data.DataLoader(data, batch_size=8))
+    assert [len(labels) for _, labels in batches] == [8, 8, 8, 8, 4]
+    labels = np.concatenate([labels.numpy() for _, labels in batches])
+    assert labels.tolist() == [{"feasible": 1, "infeasible": 0, "undecided": -1}[label] for label in data.labels]
+    seen = observe_batch([Scaled.of(problem) for problem in data.problems()])
+    assert set(batches[0][0]) == set(seen)
+    for name, values in seen.items():
+        np.testing.assert_array_equal(np.concatenate([batch[name].numpy() for batch, _ in batches]), values)
+
+
+def test_indices_count_from_either_end_and_end(folder: Path) -> None:
+    data = Dataset.open(folder).select([3, 1])
+    assert len(list(data)) == 2
+    for first, last in zip(data[1][0].values(), data[-1][0].values(), strict=True):
+        np.testing.assert_array_equal(first, last)
+    with pytest.raises(IndexError, match="row 2 of 2"):
+        _ = data[2]

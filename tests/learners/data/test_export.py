@@ -15,7 +15,7 @@ from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.export import Exported, expert_action, export, load_exported
 from stancekit.learners.data.labelling import label
 from stancekit.learners.data.ledger import LabelPlan
-from stancekit.learners.evaluation.evaluate import scenes_of
+from stancekit.learners.data.scenes import scenes_of
 from stancekit.planners.errors import InvalidInput
 
 LOAD = """
@@ -49,7 +49,7 @@ def test_every_row_is_an_episode_of_one_step_with_the_environments_own_numbers(
     done, data = written
     assert data.total_episodes == data.total_steps == done.episodes == len(dataset) == 12
     env = EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes_of(dataset)))
-    for row, episode in zip(dataset, data.iterate_episodes(), strict=True):
+    for row, episode in zip(dataset.rows(), data.iterate_episodes(), strict=True):
         observation, _ = env.reset()
         action = expert_action(row, 0.02)
         _, reward, _, _, info = env.step(action)
@@ -70,7 +70,7 @@ def test_the_experts_box_holds_the_witness_and_p1_over_it_says_what_the_label_sa
 ) -> None:
     done, _ = written
     assert done.agreement == 1.0
-    for row in dataset:
+    for row in dataset.rows():
         assert row.point is not None
         low, high = expert_action(row, 0.02).reshape(2, 3, 6)
         assert np.all(low <= row.point)

@@ -87,7 +87,7 @@ def test_trivially_infeasible_samples_are_counted_but_never_kept_in_a_balanced_s
     assert drawn.trivial > 0
     assert drawn.total > len(data)
     assert len(data.trivial) == 0
-    assert not any(row.trivial or row.point is None for row in data)
+    assert not any(row.trivial or row.point is None for row in data.rows())
 
 
 @pytest.mark.parametrize("size", [1, 2, 3, 5, 7, 100])
@@ -126,7 +126,7 @@ def test_no_row_depends_on_where_a_block_begins(
 def test_rows_hold_what_the_exact_planner_answers_to_each_problem_alone(natural: Path) -> None:
     exact = ExactPlanner(max_nodes=NATURAL.max_nodes, time_limit_s=math.inf)
     kinds = set()
-    for row in Dataset.open(natural):
+    for row in Dataset.open(natural).rows():
         alone = exact.solve(row.problem)
         kinds.add(row.kind)
         assert (row.status, row.lower_bound, row.solves) == (alone.status, alone.lower_bound, alone.solves)
@@ -246,7 +246,7 @@ def test_bad_arguments_are_refused(tmp_path: Path) -> None:
     assert str(error.value) == "workers: expected 1 or more, got 0"
     with pytest.raises(InvalidInput) as error:
         label(replace(PLAN, distribution="moon"), tmp_path)
-    assert str(error.value) == "distribution: expected one of ground-3, wall-3, wall-5, got 'moon'"
+    assert str(error.value) == "distribution: expected one of ground-3, wall-3, wall-5, or FILE.py:NAME, got 'moon'"
     with pytest.raises(InvalidInput) as error:
         label(PLAN, tmp_path, source=distribution("wall-5"))
     assert str(error.value) == "distribution: expected the planned 'wall-3', got 'wall-5'"
@@ -279,12 +279,12 @@ def test_a_failure_in_a_worker_process_arrives(tmp_path: Path) -> None:
 
 def test_a_natural_set_keeps_the_first_samples_as_they_come(natural: Path) -> None:
     data = Dataset.open(natural)
-    assert [(row.shard, row.sample) for row in data] == [(shard, k) for shard in range(2) for k in range(20)]
-    assert {row.kind for row in data} == {"feasible", "infeasible", "trivial"}
+    assert [(row.shard, row.sample) for row in data.rows()] == [(shard, k) for shard in range(2) for k in range(20)]
+    assert {row.kind for row in data.rows()} == {"feasible", "infeasible", "trivial"}
     summary = data.summary()
     assert summary.rows == summary.drawn
     assert summary.rows.total == 40
-    for row in data:
+    for row in data.rows():
         assert (row.posture is not None) == (row.status is Status.FEASIBLE)
         assert (row.certificate is not None) == (row.status is Status.INFEASIBLE)
         assert (row.point is None) == row.trivial
@@ -293,7 +293,7 @@ def test_a_natural_set_keeps_the_first_samples_as_they_come(natural: Path) -> No
 def test_every_row_can_be_drawn_again_to_the_last_bit(balanced: Path) -> None:
     data = Dataset.open(balanced)
     streams = {shard: list(itertools.islice(samples(PLAN, shard), 200)) for shard in range(PLAN.shards)}
-    for row in data:
+    for row in data.rows():
         drawn = streams[row.shard][row.sample]
         assert json.dumps(row.problem.to_json()) == json.dumps(drawn.to_json())
         for mine, theirs in zip(row.problem.contacts, drawn.contacts, strict=True):
@@ -376,7 +376,7 @@ def test_a_row_that_was_changed_is_refused(tmp_path: Path, column: str) -> None:
 
 def test_points_of_s_balance_and_points_of_s_bar_do_so_but_for_the_moment(balanced: Path) -> None:
     looked_at = 0
-    for row in Dataset.open(balanced):
+    for row in Dataset.open(balanced).rows():
         assert row.point is not None
         position, force = row.point[:, :3], row.point[:, 3:]
         frames = np.array([contact.patch.frame for contact in row.problem.contacts])

@@ -12,10 +12,11 @@ from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.executor import processes
 from stancekit.learners.data.labelling import label
 from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.data.scenes import scenes_of
 from stancekit.learners.evaluation import evaluate as module
-from stancekit.learners.evaluation.evaluate import Share, evaluate, evaluate_lift, paper_row, rollout, scenes_of
+from stancekit.learners.evaluation.evaluate import Share, evaluate, evaluate_lift, paper_row, rollout
 from stancekit.learners.selectors.selector import FixedSelector
-from stancekit.learners.training.fitting import fit
+from stancekit.learners.training.envelope_methods import fit
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.envelope import EnvelopeSet

@@ -13,7 +13,8 @@ from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.labelling import label
 from stancekit.learners.data.ledger import LabelPlan
-from stancekit.learners.evaluation.evaluate import rollout, scenes_of
+from stancekit.learners.data.scenes import scenes_of
+from stancekit.learners.evaluation.evaluate import rollout
 from stancekit.learners.selectors.chooser import Chooser, ChooserSettings, costs, fit_chooser
 from stancekit.learners.selectors.gradient import clustered_boxes
 from stancekit.learners.selectors.network import Architecture

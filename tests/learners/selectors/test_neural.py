@@ -15,7 +15,7 @@ from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.labelling import label
 from stancekit.learners.data.ledger import LabelPlan
-from stancekit.learners.evaluation.evaluate import scenes_of
+from stancekit.learners.data.scenes import scenes_of
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, Mirror, SceneTensors, pinball
 from stancekit.learners.selectors.neural import NeuralSelector, calibrated_room, fit_neural, roomy
 from stancekit.learners.selectors.neural_training import NeuralSettings, Rows, margins_of

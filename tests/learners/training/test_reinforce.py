@@ -16,9 +16,10 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.refinement import EnvelopeRefinementEnv, LargestGap
 from stancekit.envs.scenes import ListedScenes, SampledScenes
-from stancekit.envs.selection import EnvelopeSelectionEnv, RewardWeights
+from stancekit.envs.selection import EnvelopeSelectionEnv
+from stancekit.envs.selection_task import RewardWeights
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
-from stancekit.learners.evaluation.experiment import Quota
+from stancekit.learners.data.quota import Quota
 from stancekit.learners.selectors.heuristic import heuristic_envelope
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy, bounds_of, moved
 from stancekit.learners.selectors.selector import FixedSelector

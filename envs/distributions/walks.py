@@ -1,0 +1,78 @@
+"""Distributions of walks: drawn terrains, or the paper's tasks on one of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.gait.task import GaitTask
+from stancekit.planners.robot.single_body import GaitRobot, anymal
+from stancekit.planners.terrain.reference import (
+    FAMILIES,
+    REFERENCES,
+    random_terrain,
+    reference_tasks,
+    reference_terrain,
+)
+
+DRAWS = 100
+Tasks = Callable[[np.random.Generator], GaitTask]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampledTasks:
+    """Walks over drawn terrains, or the paper's tasks on one of its own.
+
+    terrain: a family, ``mixed`` for all of them in turn at random, or a reference terrain. difficulty: of families,
+    uniform between the two. distance_m: from start to goal, uniform; robot: ANYmal where there is none.
+    """
+
+    terrain: str = "mixed"
+    difficulty: tuple[float, float] = (0.2, 0.8)
+    distance_m: tuple[float, float] = (0.3, 0.8)
+    duration_s: float = 3.0
+    robot: GaitRobot = field(default_factory=anymal)
+
+    def __post_init__(self) -> None:
+        known = ("mixed", *FAMILIES, *REFERENCES)
+        if self.terrain not in known:
+            raise InvalidInput(f"terrain: expected one of {', '.join(known)}, got {self.terrain!r}")
+        for name, most in (("difficulty", 1.0), ("distance_m", 3.0)):
+            low, high = getattr(self, name)
+            if not 0.0 <= low <= high <= most:
+                raise InvalidInput(f"{name}: expected 0 ≤ low ≤ high ≤ {most:g}, got {low:g} and {high:g}")
+
+    def __call__(self, rng: np.random.Generator) -> GaitTask:
+        """Draw a walk; a goal where the robot cannot stand is drawn again. Raises PlanningFailed if none is found."""
+        for _ in range(DRAWS):
+            try:
+                return self._reference(rng) if self.terrain in REFERENCES else self._drawn(rng)
+            except InvalidInput as error:
+                refused = error
+        raise PlanningFailed(f"no walk was found on {self.terrain} in {DRAWS} draws; the last: {refused}")
+
+    def _drawn(self, rng: np.random.Generator) -> GaitTask:
+        family = str(rng.choice(list(FAMILIES))) if self.terrain == "mixed" else self.terrain
+        field_ = random_terrain(family, float(rng.uniform(*self.difficulty)), rng)
+        turn = float(rng.uniform(-np.pi, np.pi))
+        start = rng.uniform(-1.5, 1.5, 2)
+        goal = start + rng.uniform(*self.distance_m) * np.array([np.cos(turn), np.sin(turn)])
+        return GaitTask(
+            robot=self.robot, terrain=field_, start_xy_m=start, goal_xy_m=goal, start_yaw_rad=turn,
+            duration_s=self.duration_s, gait=_gait(self.robot),
+        )  # fmt: skip
+
+    def _reference(self, rng: np.random.Generator) -> GaitTask:
+        chosen = reference_tasks(self.terrain)
+        walk = chosen[int(rng.integers(len(chosen)))]
+        return GaitTask(
+            robot=self.robot, terrain=reference_terrain(self.terrain), start_xy_m=walk.start_xy_m,
+            goal_xy_m=walk.goal_xy_m, adhesive=walk.adhesive, duration_s=self.duration_s, gait=_gait(self.robot),
+        )  # fmt: skip
+
+
+def _gait(robot: GaitRobot) -> str:
+    return "trot" if len(robot.feet) == 4 else "tripod"
