@@ -24,7 +24,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
-from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, Evidence
+from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, DualBound
 
 from .dual_bounds import BAND, Bools, Bounds, Index, least, ranges, witnessed
 
@@ -47,10 +47,10 @@ class Counts:
     @property
     def total(self) -> int:
         """All verdicts."""
-        return self.solved + self.settled
+        return self.solved + self.cached
 
     @property
-    def settled(self) -> int:
+    def cached(self) -> int:
         """Verdicts without a solve."""
         return self.witness + self.certificate + self.range + self.trivial
 
@@ -58,7 +58,7 @@ class Counts:
         return Counts(**{f.name: getattr(self, f.name) - getattr(other, f.name) for f in fields(self)})
 
 
-class Judge(Protocol):
+class FeasibilityOracle(Protocol):
     """Says which problems P1 admits over which boxes."""
 
     @property
@@ -66,19 +66,19 @@ class Judge(Protocol):
         """How all verdicts so far were found."""
         ...
 
-    def admitted(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
+    def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
         """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
         ...
 
 
-class SolvingJudge:
+class SolvingOracle:
     """Solves P1 for every problem and box: the plain loop."""
 
     def __init__(self, problems: Sequence[Scaled], programs: Programs) -> None:
         self._problems, self._programs = of_one_size(problems), programs
         self.counts = Counts()
 
-    def admitted(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
+    def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
         """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
         margins = np.array([[self._margin(int(k), box) for k in which] for box in boxes]).reshape(len(boxes), -1)
         done = self.counts
@@ -93,7 +93,7 @@ class SolvingJudge:
         return next((margin for margin in margins if not np.isnan(margin)), float("nan"))
 
 
-class CachingJudge:
+class CachingOracle:
     """Solves P1 only where no witness and no certificate kept of earlier solves settles it.
 
     witnesses, certificates: how many are kept a problem; the one that has not served for longest gives way.
@@ -122,16 +122,16 @@ class CachingJudge:
         """How all verdicts so far were found."""
         return Counts(**self._tally)
 
-    def admitted(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
+    def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
         """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
         found = np.zeros((len(which), len(boxes)), dtype=bool)
         bounds = Bounds.of(boxes)
         for begin in range(0, len(which), CHUNK):
             part = which[begin : begin + CHUNK]
-            found[begin : begin + CHUNK] = self._judge(part, boxes, bounds)
+            found[begin : begin + CHUNK] = self._decide(part, boxes, bounds)
         return found.T
 
-    def _judge(self, which: Index, boxes: Sequence[Envelope], bounds: Bounds) -> Bools:
+    def _decide(self, which: Index, boxes: Sequence[Envelope], bounds: Bounds) -> Bools:
         """Shape (K, P), for K problems and P boxes."""
         self._clock += 1
         admits = np.zeros((len(which), len(boxes)), dtype=bool)
@@ -154,16 +154,16 @@ class CachingJudge:
         """Solve one problem over what is open of its boxes, shape (P,); every solve may settle some of the others."""
         while open_.any():
             b = int(np.flatnonzero(open_)[0])
-            evidence = self._examine(k, case.boxes[b])
+            bound = self._solve(k, case.boxes[b])
             open_[b] = False
-            admits[b] = evidence.margin <= FEASIBLE_MARGIN
+            admits[b] = bound.margin <= FEASIBLE_MARGIN
             self._tally["solved"] += 1
-            self._tally["unknown"] += bool(np.isnan(evidence.margin))
-            if np.isposinf(evidence.margin):  # the multipliers of the envelope rows add up to 0: any box will do
+            self._tally["unknown"] += bool(np.isnan(bound.margin))
+            if np.isposinf(bound.margin):  # the multipliers of the envelope rows add up to 0: any box will do
                 self._trivial[k] = True
                 self._settle("trivial", open_.copy(), open_)
-            elif not np.isnan(evidence.margin):
-                kind, slot = self._keep(k, evidence)
+            elif not np.isnan(bound.margin):
+                kind, slot = self._keep(k, bound)
                 rest = np.flatnonzero(open_)
                 now = np.zeros_like(open_)
                 now[rest] = self._apply(k, kind, slot, case, rest)
@@ -181,22 +181,22 @@ class CachingJudge:
             hits = least(self._rows[one], self._slope[one], self._constant[one], bounds, low, high) > 0.0
         return np.asarray(hits[0, 0])
 
-    def _examine(self, k: int, box: Envelope) -> Evidence:
+    def _solve(self, k: int, box: Envelope) -> DualBound:
         problem = self._problems[k]
         program = self._programs.get(McCormick, problem.layout)
-        found = (program.examine(problem, near) for near in _tries(box))
-        return next((evidence for evidence in found if not np.isnan(evidence.margin)), Evidence(margin=float("nan")))
+        found = (program.dual_bound(problem, near) for near in _tries(box))
+        return next((bound for bound in found if not np.isnan(bound.margin)), DualBound(margin=float("nan")))
 
-    def _keep(self, k: int, evidence: Evidence) -> tuple[int, int]:
+    def _keep(self, k: int, bound: DualBound) -> tuple[int, int]:
         """Put what a solve proves in the place of what has not served for longest; returns its kind and place."""
-        kind = WITNESS if evidence.margin <= FEASIBLE_MARGIN else CERTIFICATE
+        kind = WITNESS if bound.margin <= FEASIBLE_MARGIN else CERTIFICATE
         slot = int(np.argmin(self._used[kind][k]))
         self._used[kind][k, slot] = self._clock
         if kind == WITNESS:
-            self._point[k, slot], self._excess[k, slot] = evidence.point, evidence.excess
+            self._point[k, slot], self._excess[k, slot] = bound.point, bound.excess
         else:
-            self._rows[k, slot], self._slope[k, slot] = evidence.rows, evidence.slope
-            self._constant[k, slot] = evidence.constant
+            self._rows[k, slot], self._slope[k, slot] = bound.rows, bound.slope
+            self._constant[k, slot] = bound.constant
         return kind, slot
 
     def _credit(self, kind: int, which: Index, hits: Bools) -> Bools:

@@ -10,12 +10,12 @@ from scipy.optimize import linprog
 
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.selectors.dual_bounds import BAND, Bounds, balanced, least, ranges, witnessed
-from stancekit.learners.selectors.feasibility import CachingJudge, Counts, SolvingJudge
+from stancekit.learners.selectors.feasibility import CachingOracle, Counts, SolvingOracle
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
-from stancekit.planners.relaxation.relaxed import Evidence, RelaxationAnswer
+from stancekit.planners.relaxation.relaxed import DualBound, RelaxationAnswer
 
 BOUNDS = {"wall": ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4)), "ground": ((0.0, 0.5), (-0.15, 0.15), (-0.15, 0.15))}
 
@@ -38,28 +38,28 @@ def boxes_about(problems: list[Scaled], kind: str, count: int, spread: float, se
 @pytest.mark.parametrize(("name", "kind", "spread"), [("wall-3", "wall", 0.1), ("ground-3", "ground", 0.1)])
 def test_the_cache_says_what_solving_says(programs: Programs, name: str, kind: str, spread: float) -> None:
     problems = drawn(name, 30, seed=3)
-    plain, cached = SolvingJudge(problems, programs), CachingJudge(problems, programs)
+    plain, cached = SolvingOracle(problems, programs), CachingOracle(problems, programs)
     which = np.arange(len(problems))
     for seed in range(3):  # each generation finds more proofs than the one before
         boxes = boxes_about(problems, kind, 18, spread, seed)
-        np.testing.assert_array_equal(cached.admitted(which, boxes), plain.admitted(which, boxes))
+        np.testing.assert_array_equal(cached.is_feasible(which, boxes), plain.is_feasible(which, boxes))
     counts = cached.counts
     assert counts.total == plain.counts.total == plain.counts.solved == 3 * 18 * 30
     assert min(counts.witness, counts.certificate, counts.trivial if name == "wall-3" else 1) > 0
-    assert counts.settled > 0.6 * counts.total
+    assert counts.cached > 0.6 * counts.total
     assert counts.unknown == plain.counts.unknown == 0
 
 
 def test_little_memory_settles_less_and_errs_no_more(programs: Programs) -> None:
     problems = drawn("wall-3", 12, seed=4)
-    plain, small = SolvingJudge(problems, programs), CachingJudge(problems, programs, witnesses=1, certificates=1)
-    large = CachingJudge(problems, programs)
+    plain, small = SolvingOracle(problems, programs), CachingOracle(problems, programs, witnesses=1, certificates=1)
+    large = CachingOracle(problems, programs)
     for seed in range(4):
         which, boxes = np.random.default_rng(seed).permutation(12)[:8], boxes_about(problems, "wall", 10, 0.15, seed)
-        expected = plain.admitted(which, boxes)
-        np.testing.assert_array_equal(small.admitted(which, boxes), expected)
-        np.testing.assert_array_equal(large.admitted(which, boxes), expected)
-    assert large.counts.settled >= small.counts.settled > 0
+        expected = plain.is_feasible(which, boxes)
+        np.testing.assert_array_equal(small.is_feasible(which, boxes), expected)
+        np.testing.assert_array_equal(large.is_feasible(which, boxes), expected)
+    assert large.counts.cached >= small.counts.cached > 0
 
 
 def test_certificates_and_witnesses_hold_at_other_boxes(programs: Programs) -> None:
@@ -67,7 +67,7 @@ def test_certificates_and_witnesses_hold_at_other_boxes(programs: Programs) -> N
     boxes = boxes_about(problems, "wall", 8, 0.04, seed=6)
     bounds, refuted, shown = Bounds.of(boxes), 0, 0
     for problem in problems:
-        evidence = programs.get(McCormick, problem.layout).examine(problem, boxes[0])
+        evidence = programs.get(McCormick, problem.layout).dual_bound(problem, boxes[0])
         margins = np.array([programs.get(McCormick, problem.layout).solve(problem, box).margin for box in boxes])
         if np.isinf(evidence.margin):
             continue
@@ -116,7 +116,7 @@ def test_ranges_hold_every_answer(programs: Programs) -> None:
     wide = Envelope(low=-np.ones((3, 6)), high=np.ones((3, 6)))
     points = 0
     for problem in drawn("wall-3", 30, seed=8):
-        answer = programs.get(McCormick, problem.layout).examine(problem, wide)
+        answer = programs.get(McCormick, problem.layout).dual_bound(problem, wide)
         if answer.point is not None:
             low, high = ranges(problem)
             assert np.all(answer.point >= low - 1e-7)
@@ -127,19 +127,19 @@ def test_ranges_hold_every_answer(programs: Programs) -> None:
 
 def test_what_no_box_can_mend_is_solved_once(programs: Programs) -> None:
     hopeless = replace(drawn("wall-3", 1, seed=0)[0], weight=50.0)
-    judge = CachingJudge([hopeless], programs)
+    oracle = CachingOracle([hopeless], programs)
     boxes = boxes_about([hopeless], "wall", 6, 0.05, seed=1)
-    assert not judge.admitted(np.array([0]), boxes).any()
-    assert not judge.admitted(np.array([0]), boxes).any()
-    assert judge.counts == Counts(solved=1, trivial=11)
+    assert not oracle.is_feasible(np.array([0]), boxes).any()
+    assert not oracle.is_feasible(np.array([0]), boxes).any()
+    assert oracle.counts == Counts(solved=1, trivial=11)
 
 
 def test_a_box_out_of_range_needs_no_solve(programs: Programs) -> None:
     problem = drawn("wall-3", 1, seed=0)[0]
     box = Envelope(low=np.full((3, 6), 0.9), high=np.full((3, 6), 0.95))
-    judge = CachingJudge([problem], programs)
-    assert not judge.admitted(np.array([0]), [box]).any()
-    assert judge.counts == Counts(range=1)
+    oracle = CachingOracle([problem], programs)
+    assert not oracle.is_feasible(np.array([0]), [box]).any()
+    assert oracle.counts == Counts(range=1)
     assert programs.get(McCormick, problem.layout).solve(problem, box).margin > BAND
 
 
@@ -161,8 +161,8 @@ class Stubborn:
     def solve(self, scaled: Scaled, envelope: Envelope) -> RelaxationAnswer:
         return RelaxationAnswer(margin=np.nan) if self.gives_up(envelope) else self._p1(scaled).solve(scaled, envelope)
 
-    def examine(self, scaled: Scaled, envelope: Envelope) -> Evidence:
-        return Evidence(margin=np.nan) if self.gives_up(envelope) else self._p1(scaled).examine(scaled, envelope)
+    def dual_bound(self, scaled: Scaled, envelope: Envelope) -> DualBound:
+        return DualBound(margin=np.nan) if self.gives_up(envelope) else self._p1(scaled).dual_bound(scaled, envelope)
 
 
 @pytest.mark.parametrize("always", [False, True])
@@ -171,8 +171,8 @@ def test_a_solver_that_gives_up_is_asked_about_a_box_beside(programs: Programs, 
     box = boxes_about(problems, "wall", 1, 0.0, seed=0)[0]
     fake = Stubborn(programs, box, always)
     which = np.arange(12)
-    expected = SolvingJudge(problems, programs).admitted(which, [box])
+    expected = SolvingOracle(problems, programs).is_feasible(which, [box])
     assert expected.any()
-    for judge in (SolvingJudge(problems, fake), CachingJudge(problems, fake)):  # type: ignore[arg-type]
-        np.testing.assert_array_equal(judge.admitted(which, [box]), expected & (not always))
-        assert judge.counts.unknown == (judge.counts.solved if always else 0)
+    for oracle in (SolvingOracle(problems, fake), CachingOracle(problems, fake)):  # type: ignore[arg-type]
+        np.testing.assert_array_equal(oracle.is_feasible(which, [box]), expected & (not always))
+        assert oracle.counts.unknown == (oracle.counts.solved if always else 0)

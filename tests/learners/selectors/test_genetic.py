@@ -18,7 +18,7 @@ from stancekit.learners.data.labelling import label
 from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.selectors import evolution
 from stancekit.learners.selectors.convergence import Generation, draw_convergence
-from stancekit.learners.selectors.feasibility import CachingJudge, Counts, SolvingJudge
+from stancekit.learners.selectors.feasibility import CachingOracle, Counts, SolvingOracle
 from stancekit.learners.selectors.genetic import (
     GeneticResult,
     GeneticSettings,
@@ -60,7 +60,7 @@ def infeasible(dataset: Dataset) -> list[Scaled]:
 @pytest.fixture(scope="module")
 def whole(dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled], programs: Programs) -> GeneticResult:
     """One run, without interruption."""
-    return evolve(feasible, infeasible, dataset.points, SMALL, judge=CachingJudge([*feasible, *infeasible], programs))
+    return evolve(feasible, infeasible, dataset.points, SMALL, oracle=CachingOracle([*feasible, *infeasible], programs))
 
 
 def outcome_of(history: tuple[Generation, ...]) -> list[tuple[float, ...]]:
@@ -134,7 +134,7 @@ def test_the_shares_are_what_solving_every_problem_says(
 def test_terrains_are_drawn_anew_half_of_each_label(
     feasible: list[Scaled], infeasible: list[Scaled], programs: Programs
 ) -> None:
-    trials = Trials.of(feasible, infeasible, replace(SMALL, terrains=21), SolvingJudge(feasible, programs))
+    trials = Trials.of(feasible, infeasible, replace(SMALL, terrains=21), SolvingOracle(feasible, programs))
     rng = np.random.default_rng(0)
     draws = [trials.draw(rng) for _ in range(2)]
     for which in draws:
@@ -147,13 +147,13 @@ def test_the_cache_changes_no_result(
     dataset: Dataset, feasible: list[Scaled], infeasible: list[Scaled], programs: Programs,
     whole: GeneticResult,
 ) -> None:  # fmt: skip
-    judge = SolvingJudge([*feasible, *infeasible], programs)
-    plain = evolve(feasible, infeasible, dataset.points, SMALL, judge=judge)
+    oracle = SolvingOracle([*feasible, *infeasible], programs)
+    plain = evolve(feasible, infeasible, dataset.points, SMALL, oracle=oracle)
     np.testing.assert_array_equal(plain.envelope.to_vector(), whole.envelope.to_vector())
     assert outcome_of(plain.history) == outcome_of(whole.history)
     assert plain.counts.solved == plain.counts.total == whole.counts.total == 5 * 10 * 20 + 3 * 80
-    assert whole.counts.settled > 0.5 * whole.counts.total
-    assert sum(g.settled for g in whole.history) < whole.counts.settled
+    assert whole.counts.cached > 0.5 * whole.counts.total
+    assert sum(g.cached for g in whole.history) < whole.counts.cached
 
 
 def test_a_run_improves_on_its_first_generation(
@@ -161,9 +161,9 @@ def test_a_run_improves_on_its_first_generation(
 ) -> None:
     settings = GeneticSettings(population=12, generations=8, terrains=80, finalists=4, seed=1)
     result = evolve(
-        feasible, infeasible, dataset.points, settings, judge=CachingJudge([*feasible, *infeasible], programs)
+        feasible, infeasible, dataset.points, settings, oracle=CachingOracle([*feasible, *infeasible], programs)
     )
-    trials = Trials.of(feasible, infeasible, settings, CachingJudge([*feasible, *infeasible], programs))
+    trials = Trials.of(feasible, infeasible, settings, CachingOracle([*feasible, *infeasible], programs))
     a, b = trials.shares(first_generation(dataset.points, 12, np.random.default_rng(1)), trials.all())
     first = fitness(a, b, settings)
     found = fitness(np.array([result.a]), np.array([result.b]), settings)[0]
@@ -176,7 +176,7 @@ def test_of_the_finalists_the_fittest_that_keeps_to_delta_wins() -> None:
     class Told:
         counts = Counts()
 
-        def admitted(self, which: np.ndarray, boxes: list[Envelope]) -> np.ndarray:
+        def is_feasible(self, which: np.ndarray, boxes: list[Envelope]) -> np.ndarray:
             rows = {0.1: [1] * 8 + [0] * 2 + [0] * 10, 0.2: [1] * 9 + [0] + [1] * 3 + [0] * 7}  # b, a: .2, 0 and .1, .3
             return np.array([rows[round(float(box.high[0, 0]), 1)] for box in boxes], dtype=bool)
 
@@ -203,8 +203,9 @@ def test_a_run_that_was_interrupted_ends_as_one_that_was_not(
             raise Interrupted
 
     def go(**more: Any) -> GeneticResult:
-        judge = CachingJudge([*feasible, *infeasible], programs)
-        return evolve(feasible, infeasible, dataset.points, SMALL, judge=judge, checkpoint=tmp_path / "ga.npz", **more)
+        oracle = CachingOracle([*feasible, *infeasible], programs)
+        kept = tmp_path / "ga.npz"
+        return evolve(feasible, infeasible, dataset.points, SMALL, oracle=oracle, checkpoint=kept, **more)
 
     with pytest.raises(Interrupted):
         go(progress=interrupt)
@@ -222,10 +223,10 @@ def test_another_checkpoint_is_refused(
 ) -> None:
     path = tmp_path / "ga.npz"
     short = replace(SMALL, generations=1, terrains=4, finalists=1)
-    judge = CachingJudge([*feasible, *infeasible], programs)
+    oracle = CachingOracle([*feasible, *infeasible], programs)
 
     def go(settings: GeneticSettings, points: np.ndarray) -> None:
-        evolve(feasible, infeasible, points, settings, judge=judge, checkpoint=path)
+        evolve(feasible, infeasible, points, settings, oracle=oracle, checkpoint=path)
 
     def refused(settings: GeneticSettings = short) -> str:
         with pytest.raises(InvalidInput) as caught:
@@ -238,7 +239,7 @@ def test_another_checkpoint_is_refused(
     with pytest.raises(InvalidInput, match="got another's"):
         go(short, dataset.points[:-1])
     with pytest.raises(InvalidInput, match="got another's"):
-        evolve(feasible, infeasible[::-1], dataset.points, short, judge=judge, checkpoint=path)
+        evolve(feasible, infeasible[::-1], dataset.points, short, oracle=oracle, checkpoint=path)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
     assert refused().startswith(f"{path}: expected arrays without pickle: File is not a zip file")
@@ -321,9 +322,9 @@ def test_a_baseline_has_the_same_budget_and_repeats(
     state = np.random.get_state()[1].copy()  # noqa: NPY002  (a package that seeds the global generator is found out)
 
     def go(seed: int) -> GeneticResult:
-        judge = CachingJudge([*feasible, *infeasible], programs)
+        oracle = CachingOracle([*feasible, *infeasible], programs)
         run = getattr(evolution, search)
-        found: GeneticResult = run(feasible, infeasible, dataset.points, replace(settings, seed=seed), judge=judge)
+        found: GeneticResult = run(feasible, infeasible, dataset.points, replace(settings, seed=seed), oracle=oracle)
         return found
 
     first, second, other = go(4), go(4), go(5)

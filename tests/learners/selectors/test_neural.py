@@ -163,7 +163,7 @@ def test_calibration_gives_no_more_room_than_the_target_needs(dataset: Dataset, 
     network = random_network(drawn("wall-3", 40))
     room = calibrated_room(network, rows, programs, 0.8, least=-0.05, most=0.5)
 
-    def admitted(room: float) -> int:
+    def is_feasible(room: float) -> int:
         with torch.no_grad():
             low, high = (side.numpy().astype(float) for side in network(rows.scenes))
         return sum(
@@ -171,7 +171,7 @@ def test_calibration_gives_no_more_room_than_the_target_needs(dataset: Dataset, 
             for i, problem in enumerate(rows.problems)
         )
 
-    assert admitted(room) >= 48 > admitted(room - 1e-3)
+    assert is_feasible(room) >= 48 > is_feasible(room - 1e-3)
 
 
 def test_training_repeats_to_the_last_bit_and_goes_on_where_it_stopped(
