@@ -92,7 +92,8 @@ def spread(values: np.ndarray) -> str:
 
 def child(tree: Path, task: list[object]) -> dict[str, float]:
     """Label in a process of its own, with the packages of this tree."""
-    environment = {**os.environ, "PYTHONPATH": str(tree / "typings")}
+    paths = f"{tree / '.editable'}{os.pathsep}{tree / 'typings'}"  # typings: in older checkouts
+    environment = {**os.environ, "PYTHONPATH": paths}
     environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-c", CHILD, json.dumps(task)]
     run = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)

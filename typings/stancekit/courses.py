@@ -1,1 +1,0 @@
-../../api/courses.py

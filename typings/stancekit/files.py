@@ -1,1 +1,0 @@
-../../api/files.py
