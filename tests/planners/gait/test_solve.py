@@ -20,7 +20,7 @@ Build = Callable[..., GaitProgram]
 ITERATES = """
 import hashlib, numpy as np
 from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.robot import anymal
+from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.gait.task import GaitTask
 from stancekit.planners.terrain.heightfield import HeightField
 field = HeightField.from_function(lambda x, y: 0.08 * np.sin(2.5 * x + 0.3) * np.cos(2.0 * y), 2.0, 0.1)
