@@ -4,7 +4,7 @@ python benchmarks/neural.py --problems wall-3 --rows 10000 --json
 python benchmarks/neural.py --quick
 
 Three data sets a class, from three seeds: one to train on, one to calibrate on, one to test on, which nothing has seen
-before. Every selector is rolled out by ``learners.evaluate.evaluate``; shares come with Wilson 95 % intervals.
+before. Every selector is rolled out by ``learners.evaluation.evaluate``; shares come with Wilson 95 % intervals.
 quantile, gradient-K: one or K boxes for all terrains, P1 taking the best of K. gradient-K chooser: a network gives each
 terrain one of the K. neural-quantile: the network's own box for each terrain, after its first stage alone. neural:
 after both. With ``--quick`` everything is small, and so are the figures.

@@ -146,11 +146,10 @@ class PlanCourse:
             raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {self.intervals}")
         for field in fields(self):
             planners = OF_PLANNERS.get(field.name, (self.planner,))
-            known = self.planner in COURSE_METHODS and self.planner not in planners
-            if known and getattr(self, field.name) != field.default:
-                raise InvalidInput(
-                    f"--{field.name}: expected --planner {' or '.join(planners)} with it, got {self.planner}"
-                )
+            without = self.planner in COURSE_METHODS and self.planner not in planners
+            if without and getattr(self, field.name) != field.default:
+                wanted = " or ".join(planners)
+                raise InvalidInput(f"--{field.name}: expected --planner {wanted} with it, got {self.planner}")
         if self.relaxation == "envelope" and self.envelope is None:
             raise InvalidInput("--relaxation: expected --envelope FILE with envelope, got none")
         if self.relaxation == "lift" and self.envelope is not None:
