@@ -216,6 +216,9 @@ def distribution(name: str) -> Distribution:
 
     Raises InvalidInput that lists the names there are.
     """
+    if not isinstance(name, str):
+        known = ", ".join(REGISTRY.names())
+        raise InvalidInput(f"distribution: expected one of {known}, or FILE.py:NAME, got {name!r}")
     if name in DISTRIBUTIONS:
         return DISTRIBUTIONS[name]
     if name.endswith((".yaml", ".yml")):
