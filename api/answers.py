@@ -46,7 +46,7 @@ def verify(
     Raises:
         InvalidInput: for a pair that does not belong together. A bad answer is refused in the report, and not raised.
     Source:
-        Paper E eqs. 1-11; paper W eqs. 2-7, between the knots, too.
+        E1-E11; W2-W7, between the knots, too.
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]

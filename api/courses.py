@@ -49,7 +49,7 @@ def plan(
     Raises:
         InvalidInput: for a course that is none, an unknown planner, or envelopes that are missing or have no use.
     Source:
-        Paper E §IV-B, eq. 11, eqs. 1-10 in every stance.
+        Paper E §IV-B, E11, E1-E10 in every stance.
     Example:
         >>> import stancekit
         >>> outcome = stancekit.plan("stairs", frames=4)

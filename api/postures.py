@@ -83,7 +83,7 @@ def solve(
         InvalidInput: for an unknown method, envelopes that are missing or were learned for other problems, a solver
             that is not installed.
     Source:
-        Paper E §II (P, eqs. 1-11), §III (P1, P2).
+        Paper E §II (P, E1-E11), §III (P1, P2).
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("ground-3", rng=3)[0]

@@ -49,7 +49,7 @@ def label(
         InvalidInput: for a folder that holds another data set, numbers out of range.
         LabellingFailed: where the distribution does not yield enough rows of a label.
     Source:
-        Paper E Algorithm 1.
+        Algorithm E1.
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", feasible=6, infeasible=6)
@@ -76,8 +76,8 @@ def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object)
 
     Arguments:
         dataset: what ``label`` returned, or its folder; for "modes" several, one a terrain.
-        method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm 2 line by line), "gmm" (with its
-            boundary fitted by P1's margins), "ga", "gradient", "modes" (for mode switching); "chooser", "neural" and
+        method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm E2 line by line), "gmm" (its
+            boundary is fitted by P1's margins), "ga", "gradient", "modes" (for mode switching); "chooser", "neural" and
             "rl" need torch. Or one that a package registered under ``stancekit.methods``, or "FILE.py:NAME".
         settings: of ``learners.training.fit_settings.FitSettings``: share, clusters, threshold, boxes, steps, batch,
             seed, ... Each method uses those that concern it.
@@ -87,7 +87,7 @@ def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object)
     Raises:
         InvalidInput: for an unknown method or setting, and rows that the method lacks.
     Source:
-        Paper E §III-B, Algorithm 2; §IV-A.
+        Paper E §III-B, Algorithm E2; §IV-A.
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", feasible=6, infeasible=6)

@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.gait.attempt import Attempt
-from stancekit.planners.gait.portfolio import Caps, GaitPlan, plan_gait
-from stancekit.planners.gait.task import ChartName, GaitTask
+from stancekit.planners.gait.method.attempt import Attempt
+from stancekit.planners.gait.method.portfolio import Caps, GaitPlan, plan_gait
+from stancekit.planners.gait.task import GaitTask
 from stancekit.planners.robot.single_body import GaitRobot, anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import named_terrain
@@ -27,7 +27,7 @@ def walk(
     duration_s: float = 10.0,
     friction: float = 0.75,
     adhesive: Sequence[str] = (),
-    chart: ChartName | Literal["portfolio"] = "portfolio",
+    chart: str = "portfolio",
     total_s: float = 240.0,
 ) -> GaitPlan:
     """Find a walk over a terrain: the motion of the torso, footholds and contact forces.
@@ -42,7 +42,8 @@ def walk(
         duration_s: time to walk [s].
         friction: Coulomb coefficient ν of the ground.
         adhesive: names of feet that stick: they may pull, and have no friction cone.
-        chart: coordinates to solve in; "portfolio" tries one after another until the verifier accepts.
+        chart: coordinates to solve in ("decoupled", "warped-exact", "ambient", ..., or "FILE.py:NAME"); "portfolio"
+            tries one after another until the verifier accepts.
         total_s: processor time of all solves; the best walk until then is the answer [s].
     Returns:
         A ``GaitPlan``: ``trajectory`` is the walk that the verifier accepted, None where there is none, and ``message``
@@ -51,7 +52,7 @@ def walk(
         InvalidInput: for a place off the terrain, ground that the robot cannot stand on there, a walk longer than its
             time.
     Source:
-        Paper W §III (eqs. 1-7), §IV (charts), §V.
+        Paper W §III (W1-W7), §IV (charts), §V.
     Example:
         >>> import numpy as np, stancekit
         >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)

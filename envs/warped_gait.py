@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -12,12 +13,12 @@ from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.refusals import shown
-from stancekit.planners.gait.attempt import Attempt, Attempted, Workbench
-from stancekit.planners.gait.task import ChartName, GaitSettings, GaitTask
+from stancekit.planners.gait.charts import CHARTS
+from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
+from stancekit.planners.gait.task import GaitSettings, GaitTask
 
 from .distributions.walks import SampledTasks, Tasks
 
-CHARTS: tuple[ChartName, ...] = get_args(ChartName)
 HEIGHTS = ((1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0))
 """Homotopies to choose from: factors on the terrain's heights."""
 NOISES = (0.0, 0.01, 0.02)
@@ -26,7 +27,6 @@ PATCH, PATCH_M = 24, 4.0
 """Heights along a side of the observed square, and its side [m]."""
 LARGEST = 1e6
 _ROOM = 4.0  # bound on lengths in an observation [m]
-
 
 @dataclass(frozen=True, kw_only=True)
 class GaitRewardWeights:
@@ -90,9 +90,9 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     | argument | default | meaning |
     |---|---|---|
-    | terrain | 'mixed' | a family, "mixed" for all of them, or a reference terrain |
+    | terrain | 'mixed' | a family, "mixed" for all of them, a terrain of `TERRAINS`, or "FILE.py:NAME" |
     | tasks | None | a function that draws a walk from a generator, in place of ``terrain`` |
-    | charts | CHARTS | coordinates to choose from |
+    | charts | None | coordinates to choose from, all of `planners.gait.charts.CHARTS` if None, or "FILE.py:NAME" |
     | settings | GaitSettings(max_iterations=50) | of the optimiser; its limit is that of every stage |
     | weights | GaitRewardWeights() | what a step is worth |
     | timing | False | put CPU seconds into ``info`` and the reward |
@@ -110,7 +110,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         terrain: str = "mixed",
         *,
         tasks: Tasks | None = None,
-        charts: tuple[ChartName, ...] = CHARTS,
+        charts: Sequence[str] | None = None,
         settings: GaitSettings = GaitSettings(max_iterations=50),
         weights: GaitRewardWeights = GaitRewardWeights(),
         timing: bool = False,
@@ -118,13 +118,16 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
-        if not charts or set(charts) - set(CHARTS):
-            raise InvalidInput(f"charts: expected some of {', '.join(CHARTS)}, got {list(charts)}")
+        charts = CHARTS.names() if charts is None else tuple(charts)
+        if not charts:
+            raise InvalidInput(f"charts: expected some of {', '.join(CHARTS.names())}, got {list(charts)}")
+        for chart in charts:
+            CHARTS.get(chart)
         if weights.seconds and not timing:
             raise InvalidInput(f"weights: expected timing with seconds, whose weight is {weights.seconds:g}")
         self.render_mode = render_mode
         self._tasks: Tasks = SampledTasks(terrain=terrain) if tasks is None else tasks
-        self._charts, self._settings, self._weights, self._timing = tuple(charts), settings, weights, timing
+        self._charts, self._settings, self._weights, self._timing = charts, settings, weights, timing
         feet = len(self._tasks.robot.feet) if isinstance(self._tasks, SampledTasks) else self._feet_of()
         self.observation_space: spaces.Space[Any] = _task_space(feet)
         self.action_space: spaces.Space[Any] = spaces.MultiDiscrete([len(charts), len(HEIGHTS), len(NOISES)])

@@ -1,8 +1,8 @@
-"""Distributions of walks: drawn terrains, or the paper's tasks on one of its own."""
+"""Walks drawn at random, or from those that a terrain is known for: what ``stancekit/WarpedGait-v0`` begins with."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +12,8 @@ from stancekit.planners.gait.task import GaitTask
 from stancekit.planners.robot.single_body import GaitRobot, anymal
 from stancekit.planners.terrain.reference import (
     FAMILIES,
-    REFERENCES,
+    TERRAINS,
+    TerrainTask,
     random_terrain,
     reference_tasks,
     reference_terrain,
@@ -20,13 +21,15 @@ from stancekit.planners.terrain.reference import (
 
 DRAWS = 100
 Tasks = Callable[[np.random.Generator], GaitTask]
+"""Draws a walk."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SampledTasks:
     """Walks over drawn terrains, or the paper's tasks on one of its own.
 
-    terrain: a family, ``mixed`` for all of them in turn at random, or a reference terrain. difficulty: of families,
+    terrain: a family, ``mixed`` for all of them in turn at random, or a terrain of ``TERRAINS`` or ``FILE.py:NAME``,
+    with the walks that it is known for, else drawn ones. difficulty: of families,
     uniform between the two. distance_m: from start to goal, uniform; robot: ANYmal where there is none.
     """
 
@@ -37,26 +40,37 @@ class SampledTasks:
     robot: GaitRobot = field(default_factory=anymal)
 
     def __post_init__(self) -> None:
-        known = ("mixed", *FAMILIES, *REFERENCES)
-        if self.terrain not in known:
-            raise InvalidInput(f"terrain: expected one of {', '.join(known)}, got {self.terrain!r}")
+        known = ("mixed", *FAMILIES, *TERRAINS.names())
+        if self.terrain not in known and ".py:" not in self.terrain:
+            raise InvalidInput(f"terrain: expected one of {', '.join(known)}, or FILE.py:NAME, got {self.terrain!r}")
+        if not self._drawn_anew:
+            TERRAINS.get(self.terrain)
         for name, most in (("difficulty", 1.0), ("distance_m", 3.0)):
             low, high = getattr(self, name)
             if not 0.0 <= low <= high <= most:
                 raise InvalidInput(f"{name}: expected 0 ≤ low ≤ high ≤ {most:g}, got {low:g} and {high:g}")
 
+    @property
+    def _drawn_anew(self) -> bool:
+        """Whether every walk has a terrain of its own."""
+        return self.terrain == "mixed" or self.terrain in FAMILIES
+
     def __call__(self, rng: np.random.Generator) -> GaitTask:
         """Draw a walk; a goal where the robot cannot stand is drawn again. Raises PlanningFailed if none is found."""
+        tasks = () if self._drawn_anew else reference_tasks(self.terrain)
         for _ in range(DRAWS):
             try:
-                return self._reference(rng) if self.terrain in REFERENCES else self._drawn(rng)
+                return self._task_of(tasks, rng) if tasks else self._drawn(rng)
             except InvalidInput as error:
                 refused = error
         raise PlanningFailed(f"no walk was found on {self.terrain} in {DRAWS} draws; the last: {refused}")
 
     def _drawn(self, rng: np.random.Generator) -> GaitTask:
-        family = str(rng.choice(list(FAMILIES))) if self.terrain == "mixed" else self.terrain
-        field_ = random_terrain(family, float(rng.uniform(*self.difficulty)), rng)
+        if self._drawn_anew:
+            family = str(rng.choice(list(FAMILIES))) if self.terrain == "mixed" else self.terrain
+            field_ = random_terrain(family, float(rng.uniform(*self.difficulty)), rng)
+        else:
+            field_ = reference_terrain(self.terrain)
         turn = float(rng.uniform(-np.pi, np.pi))
         start = rng.uniform(-1.5, 1.5, 2)
         goal = start + rng.uniform(*self.distance_m) * np.array([np.cos(turn), np.sin(turn)])
@@ -65,9 +79,8 @@ class SampledTasks:
             duration_s=self.duration_s, gait=_gait(self.robot),
         )  # fmt: skip
 
-    def _reference(self, rng: np.random.Generator) -> GaitTask:
-        chosen = reference_tasks(self.terrain)
-        walk = chosen[int(rng.integers(len(chosen)))]
+    def _task_of(self, tasks: Sequence[TerrainTask], rng: np.random.Generator) -> GaitTask:
+        walk = tasks[int(rng.integers(len(tasks)))]
         return GaitTask(
             robot=self.robot, terrain=reference_terrain(self.terrain), start_xy_m=walk.start_xy_m,
             goal_xy_m=walk.goal_xy_m, adhesive=walk.adhesive, duration_s=self.duration_s, gait=_gait(self.robot),

@@ -44,14 +44,14 @@ class Trajectory:
         forces_n: contact forces on the robot f_W, shape (K, E, 3) [N].
         contact: which feet stand, shape (K, E), bool.
         robot, terrain: what walks, and where.
-        friction: ν of eq. 5.
+        friction: ν of W5.
         adhesive: feet without a friction cone, shape (E,), bool.
         start_xy_m, goal_xy_m: where the torso has to begin and to end, shape (2,) [m].
         provenance: what made it, names to texts or numbers.
     Raises:
         InvalidInput: for values that are no arrays of numbers.
     Source:
-        Paper W §III, eqs. 2-7.
+        Paper W §III, W2-W7.
     Example:
         >>> import numpy as np, stancekit
         >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
@@ -127,28 +127,18 @@ class Trajectory:
 
 def robot_to_json(robot: GaitRobot) -> dict[str, Any]:
     """A robot as JSON-ready values; ``robot_from_json`` gives it back to the last bit."""
-    return {
-        "name": robot.name,
-        "mass_kg": robot.mass_kg,
-        "inertia_kgm2": robot.inertia_kgm2.tolist(),
-        "stand_height_m": robot.stand_height_m,
-        "trunk_half_m": robot.trunk_half_m.tolist(),
-        "feet": [
-            {
-                "name": foot.name,
-                "nominal_m": foot.nominal_m.tolist(),
-                "reach_min_m": foot.reach_min_m.tolist(),
-                "reach_max_m": foot.reach_max_m.tolist(),
-                "hip_m": foot.hip_m.tolist(),
-            }
-            for foot in robot.feet
-        ],
-    }
+    feet = [{name: _plain(value) for name, value in vars(foot).items()} for foot in robot.feet]
+    return {name: _plain(value) for name, value in vars(robot).items()} | {"feet": feet}
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def robot_from_json(data: Any) -> GaitRobot:
     """Read what ``robot_to_json`` wrote. Raises InvalidInput."""
-    from ..robot.single_body import Foot, GaitRobot
+    from ..robot.leg_boxes import Foot
+    from ..robot.single_body import GaitRobot
 
     try:
         feet = tuple(Foot(**foot) for foot in data["feet"])

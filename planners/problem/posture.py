@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -13,7 +14,9 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen, gathered
 from ..files.refusals import refusals
 from ..robot.model import Robot, hexapod
+from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
+from ..terrain.sole import checked_sole, sole_offsets, sole_region
 
 FORMAT = "stancekit/posture/1"
 GRAVITY_M_S2 = 9.81
@@ -31,10 +34,13 @@ class Contact:
         reach_m: Δ_FK, radius of the workspace about the shoulder [m].
         patch: the terrain under the toe.
         force_min, force_max: bounds on (f_n, f_y, f_z), in units of the problem's force scale, shape (3,).
+        reach_rows: half-spaces that the toe is in, too.
+        sole_m: points (forward, left) of a rigid flat foot, shape (K, 2) [m], on the patch with the yaw ``yaw_rad``
+            [rad], whose centre is the toe (``terrain.sole``); None for a point foot.
     Raises:
         InvalidInput: for wrong shapes, a reach that is not positive, bounds in the wrong order; all that is wrong.
     Source:
-        Paper E §II, eqs. 2, 3 and 11.
+        Paper E §II, E2, E3 and E11.
     Example:
         >>> import numpy as np
         >>> from stancekit import Contact, Patch, hexapod
@@ -53,6 +59,9 @@ class Contact:
     patch: Patch
     force_min: Array
     force_max: Array
+    reach_rows: ReachRows | None = None
+    sole_m: Array | None = None
+    yaw_rad: float = 0.0
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -66,6 +75,19 @@ class Contact:
             raise InvalidInput(
                 f"force_min: expected at most force_max {self.force_max.tolist()}, got {self.force_min.tolist()}"
             )
+        put(self, "yaw_rad", checked(self.yaw_rad, "yaw_rad"))
+        if self.sole_m is not None:
+            put(self, "sole_m", checked_sole(self.sole_m, "sole_m"))
+
+    @cached_property
+    def offsets_m(self) -> Array:
+        """From the toe to the points that bear forces: its own place, or a sole's points, shape (K, 3) [m]."""
+        return np.zeros((1, 3)) if self.sole_m is None else sole_offsets(self.sole_m, self.patch, self.yaw_rad)
+
+    @cached_property
+    def region(self) -> Patch:
+        """Where the toe may be: the patch, or the part of it from which a sole stays on it. Raises InvalidInput."""
+        return self.patch if self.sole_m is None else sole_region(self.patch, self.offsets_m)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,12 +102,12 @@ class PostureProblem:
         com_nominal_m: where the centre of mass should be, shape (3,) [m].
         com_radius_m: how far from there it may be [m].
         gravity_m_s2: g [m/s²].
-        force_scale_n, length_scale_m: characteristic quantities of eqs. 3 and 4 [N], [m]; the weight where None.
+        force_scale_n, length_scale_m: characteristic quantities of E3 and E4 [N], [m]; the weight where None.
         tilt_limit_rad: largest component of Θ, within which the rotation is linearised [rad].
     Raises:
         InvalidInput: for no contacts, a limb twice, numbers out of range; all that is wrong.
     Source:
-        Paper E §II, eqs. 1-11 of one frame.
+        Paper E §II, E1-E11 of one frame.
     Example:
         >>> import stancekit
         >>> problem = stancekit.sample("wall-3", rng=0)[0]
@@ -112,6 +134,12 @@ class PostureProblem:
             raise InvalidInput(f"contacts: expected every leg once, got {legs}")
         put = object.__setattr__
         put(self, "contacts", tuple(self.contacts))
+        for index, contact in enumerate(self.contacts):
+            if contact.sole_m is not None:
+                try:
+                    _ = contact.region
+                except InvalidInput as error:
+                    raise InvalidInput(f"contacts[{index}].sole_m: {error}") from None
         body = {name: getattr(self, name) for name in _BODY}
         for name, value in _checked_body(**body).items():
             put(self, name, value)
@@ -154,6 +182,8 @@ class PostureProblem:
                     "friction": contact.patch.friction,
                     "force_min": contact.force_min.tolist(),
                     "force_max": contact.force_max.tolist(),
+                    **({} if contact.reach_rows is None else {"reach_rows": contact.reach_rows.to_json()}),
+                    **_sole_to_json(contact),
                 }
                 for contact in self.contacts
             ],
@@ -206,14 +236,23 @@ def _checked_body(**values: Any) -> dict[str, Any]:
     return found
 
 
+def _sole_to_json(contact: Contact) -> dict[str, Any]:
+    return {} if contact.sole_m is None else {"sole_m": contact.sole_m.tolist(), "yaw_rad": contact.yaw_rad}
+
+
 def _contact(item: _ContactJson, index: int, robot: Robot) -> Contact:
     """One contact of the JSON form. Raises InvalidInput with everything that is wrong with it."""
     surface = item.model_dump(include={"vertices_m", "normal", "shear_reference", "friction"})
-    rest = item.model_dump(include={"leg", "shoulder_m", "reach_m", "force_min", "force_max"})
+    rest: dict[str, Any] = item.model_dump(exclude={*surface, "reach_rows"})
     patches = list[Patch]()
     wrong = []
+
+    def bounded() -> None:
+        rest["reach_rows"] = None if item.reach_rows is None else ReachRows(**item.reach_rows.model_dump())
+
     for check in (
         lambda: robot.select([item.leg]),
+        bounded,
         lambda: patches.append(Patch(**surface)),
         lambda: Contact(patch=cast(Patch, patches[:1]), **rest),  # the limb's own numbers, whatever the patch
     ):
@@ -224,6 +263,14 @@ def _contact(item: _ContactJson, index: int, robot: Robot) -> Contact:
     if wrong:
         raise InvalidInput("; ".join(f"contacts[{index}].{text}" for text in wrong))
     return Contact(patch=patches[0], **rest)
+
+
+class ReachRowsJson(BaseModel):
+    """Half-spaces in a file, see ``ReachRows``."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+    normals: list[list[float]]
+    bounds_m: list[float]
 
 
 class _ContactJson(BaseModel):
@@ -237,6 +284,9 @@ class _ContactJson(BaseModel):
     friction: float
     force_min: list[float]
     force_max: list[float]
+    reach_rows: ReachRowsJson | None = None
+    sole_m: list[list[float]] | None = None
+    yaw_rad: float = 0.0
 
 
 class _PostureJson(BaseModel):

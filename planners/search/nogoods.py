@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..equilibrium.layout import Index
+from ..equilibrium.multipliers import multiplier_shapes
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array
@@ -96,7 +97,7 @@ class Nogoods:
                 row = np.zeros(_width(self._scaled))
                 whole, own = split(self._scaled, row), split(part, node.lift.multipliers)
                 whole["nu_F"][entry.stance], whole["nu_M"][entry.stance] = own["nu_F"][0], own["nu_M"][0]
-                whole["reach"][frame] = own["reach"][0]
+                whole["reach"][frame], whole["reach_rows"][frame] = own["reach"][0], own["reach_rows"][0]
                 tree.append(node.row)
                 multipliers.append(row)
                 return
@@ -154,6 +155,4 @@ class Nogoods:
 
 def _width(scaled: Scaled) -> int:
     """How many multipliers a leaf has."""
-    layout = scaled.layout
-    steps = layout.frames - 1
-    return 6 * len(layout.stances) + 3 * layout.frames * layout.limbs + 7 * steps + 3 * len(layout.moves)
+    return sum(int(np.prod(shape)) for shape in multiplier_shapes(scaled.layout).values())

@@ -29,7 +29,7 @@ class Patch:
     Raises:
         InvalidInput: for a bent, non-convex or degenerate polygon and for a shear reference along the normal.
     Source:
-        Paper E §II, Fig. 2, eqs. 1 and 10.
+        Paper E §II, Fig. 2, E1 and E10.
     Example:
         >>> import numpy as np
         >>> from stancekit import Patch
@@ -65,7 +65,7 @@ class Patch:
 
     @cached_property
     def frame(self) -> Array:
-        """R_WC, columns n, y = z × n, z: the axes of f_n, f_y, f_z (eq. 3), shape (3, 3)."""
+        """R_WC, columns n, y = z × n, z: the axes of f_n, f_y, f_z (E3), shape (3, 3)."""
         axes = contact_frames(self.normal, self.shear_reference)
         axes.setflags(write=False)
         return axes
