@@ -23,7 +23,7 @@ def read_policy(name: str, course: Course) -> SelectorPolicy | None:
     """
     if name == LIFT:
         return None
-    from stancekit.learners.selectors.selector import load_selector
+    from stancekit.learners.selectors.selector_file import load_selector
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
     learned = load_selector(Path(name))
@@ -37,7 +37,7 @@ def read_policy(name: str, course: Course) -> SelectorPolicy | None:
 
 def _envelopes(learned: Learned, name: str) -> EnvelopeSet:
     """Envelopes of the selector's class of problems: its own, where it has some; else the expert's."""
-    from stancekit.envs.distributions.postures import distribution
+    from stancekit.envs.distributions.postures import PostureDistribution, distribution
     from stancekit.learners.selectors.selector import FixedSelector
     from stancekit.planners.relaxation.expert import expert_envelopes
 
@@ -47,4 +47,7 @@ def _envelopes(learned: Learned, name: str) -> EnvelopeSet:
         kind = distribution(learned.problem_class)
     except InvalidInput as error:
         raise InvalidInput(f"{name}: problem class: {error}") from None
+    if not isinstance(kind, PostureDistribution):
+        got = learned.problem_class
+        raise InvalidInput(f"{name}: problem class: expected one of the ground or of walls, got {got}")
     return expert_envelopes(kind.terrain, legs=kind.legs)

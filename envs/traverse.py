@@ -16,20 +16,17 @@ from stancekit.planners.answer.plan import Plan, PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course import Course
-from stancekit.planners.problem.course_file import read_spec
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.relaxation.envelope import EnvelopeSet
-from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.course_features import CourseFeatures, Features
-from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.plan_window import Standing, joined
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
-from .distributions.courses import perturbed
+from .traverse_setup import CourseSource, TraverseWeights, course_source, offered_planners, path_length_m
 
 MAX_DRAWS = 50
 """Draws until a course whose first key frame holds."""
@@ -47,42 +44,88 @@ class Executed(Protocol):
 
 
 Executor = Callable[[Plan], Executed]
-CourseSource = Callable[[np.random.Generator], Course]
-
-
-@dataclass(frozen=True, kw_only=True)
-class TraverseWeights:
-    """What a step is worth: reward = progress · (share of the path's length that the COM went forward along it)
-    + feasible · [a verified plan] − failure · [none, or one whose execution failed] − solve · (convex problems solved)
-    − second · (seconds of planning, compiling left out; with ``timing`` only).
-    """
-
-    progress: float = 1.0
-    feasible: float = 0.1
-    failure: float = 0.2
-    solve: float = 0.005
-    second: float = 0.1
 
 
 class TraverseEnv(gym.Env[Features, np.int64]):
-    """One step: see the coming candidate patches, choose who plans the next ``horizon`` key frames, be moved there.
+    """Choose who plans the next key frames of a climb, and be moved there.
 
-    Observation: see ``CourseFeatures``. Action: index of a planner: 0 the two-stage planner over the lift, 1 and up the
-    same over the envelopes given. Where the chosen planner finds no plan, the robot stays and the agent may choose
-    again. The episode ends at the last frame, where it is proved that no plan goes on from here, and where an execution
-    fails; it is cut off after ``patience`` steps in vain.
-    Info after a reset and a step (numeric, fixed shapes): ``feasible``, ``infeasible`` (proved), ``refused`` (the
-    envelope was not learned for these limbs or patches), ``executed`` (1 done, 0 failed, −1 not tried), ``frame``,
-    ``solves``, ``progress_m``, ``objective``, ``residual``, ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,):
-    the mode of the terrain under each coming frame, −1 where unknown; ``reward_<term>``; and ``plan_seconds``,
-    ``compile_seconds``, which stay 0 unless ``timing``: a clock in ``info`` would make equal episodes differ.
+    ## Description
 
-    courses: names, files or descriptions, one of which is drawn and perturbed by ``amount``; or a function of a random
-    generator. frames: M of each, None for its own. horizon: key frames a step. envelopes: what to offer beside the
-    lift, None for the expert's rules for walking and climbing (paper E §IV-A). planners: replaces all of these.
-    limbs, regions, corners: of the view: how many limbs, the most candidates a toe and corners a patch. executor: plays
-    the plan of every window on a world, ``partial(runner.run.simulate, world="mujoco")`` for one, each from a standing
-    start. programs: to share with other environments of this process.
+    A course of M key frames (paper E §IV-B) an episode. One step: see the coming candidate patches, choose a planner
+    for the next ``horizon`` key frames, be moved there if it finds a plan that the verifier accepts together with what
+    was walked before. Where it finds none the robot stays, and the agent may choose again.
+
+    ## Observation Space
+
+    A ``Dict`` of flat float32 ``Box``es, with H = ``horizon``, N = ``limbs``, R = ``regions``, U = ``corners``; lengths
+    in the course's length scale, places as seen from the COM:
+
+    | name | shape | meaning |
+    |---|---|---|
+    | corners | (H * N * R * U * 3,) | candidate patches of the limb's next toe, by coming frame, limb and candidate |
+    | normals | (H * N * R * 3,) | their normals |
+    | friction | (H * N * R,) | and friction |
+    | offered | (H * N * R,) | 1 where there is a candidate, 0 where the rest is zero |
+    | toes | (3 * N,) | where the toes stand |
+    | footing | (3 * N,) | the normals there |
+    | grip | (N,) | and the friction |
+    | shoulders | (3 * N,) | shoulders in the body frame |
+    | reach | (N,) | Δ_FK of the limbs |
+    | path | (3 * H,) | the nominal COM at the coming frames, the last one repeated |
+    | goal | (3,) | where the COM should end |
+    | left | (1,) | share of the frames that are left |
+
+    ## Action Space
+
+    ``Discrete``: 0 is the two-stage planner over the lift, 1 and up the same over the envelopes given.
+
+    ## Reward
+
+    progress · (share of the path's length that the COM went forward along it) + feasible · [a verified plan]
+    − failure · [none, or one whose execution failed] − solve · (convex problems solved) − second · (seconds of
+    planning, with ``timing`` only), with the weights of ``TraverseWeights``.
+
+    ## Starting State
+
+    The first key frame of one of ``courses``, perturbed by ``amount``; courses whose first frame does not hold are
+    drawn again.
+
+    ## Episode End
+
+    Terminated at the last frame, where it is proved that no plan goes on from here, and where an execution fails.
+    Truncated after ``patience`` steps in vain.
+
+    ## Info
+
+    After a reset and a step (numeric, fixed shapes): ``feasible``, ``infeasible`` (proved), ``refused`` (the envelope
+    was not learned for these limbs or patches), ``executed`` (1 done, 0 failed, −1 not tried), ``frame``, ``solves``,
+    ``progress_m``, ``objective``, ``residual``, ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,): the mode of
+    the terrain under each coming frame, −1 where unknown; ``reward_<term>``; and ``plan_seconds``, ``compile_seconds``,
+    which stay 0 unless ``timing``.
+
+    ## Arguments
+
+    | argument | default | meaning |
+    |---|---|---|
+    | courses | ('stairs', 'walls', 'ground-to-wall') | names, files or descriptions; or a function of a generator |
+    | frames | 9 | M of each, None for its own |
+    | horizon | 2 | key frames a step |
+    | amount | 1.0 | how far a course is perturbed; 1 keeps the built-in ones climbable |
+    | envelopes | None | what to offer beside the lift; the expert's for walking and climbing where None |
+    | planners | None | replaces all of these |
+    | weights | TraverseWeights() | what a step is worth |
+    | patience | 4 | steps in vain before the end |
+    | limbs | 6 | of the observation: how many limbs |
+    | regions | None | the most candidates a toe; those of the courses where None |
+    | corners | 4 | the most corners a patch |
+    | executor | None | plays the plan of every window on a world, each from a standing start |
+    | programs | None | compiled models to share with other environments of this process |
+    | timing | False | put seconds into ``info`` and the reward |
+    | render_mode | None | "rgb_array" |
+
+    ## Version History
+
+    - v0: the first version
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
@@ -112,9 +155,9 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             if not isinstance(value, int) or value < least:
                 raise InvalidInput(f"{name}: expected {least} or more, got {value!r}")
         self.render_mode = render_mode
-        self._draw, self._features = _source(courses, frames, amount, horizon, limbs, regions, corners)
+        self._draw, self._features = course_source(courses, frames, amount, horizon, limbs, regions, corners)
         programs = programs or Programs()
-        self._planners = tuple(_planners(envelopes, programs) if planners is None else planners)
+        self._planners = tuple(offered_planners(envelopes, programs) if planners is None else planners)
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
         self._start = TwoStageCoursePlanner(programs=programs)
@@ -253,48 +296,6 @@ class _Try:
         return float(sum(step @ course.direction(k) for k, step in enumerate(steps, 1)))
 
 
-def path_length_m(course: Course) -> float:
-    """Length of the nominal path [m]; 1 where it does not move."""
-    length = float(np.linalg.norm(np.diff(course.com_nominal_m, axis=0), axis=1).sum())
-    return length if length > 1e-9 else 1.0
-
-
 def _space(features: CourseFeatures) -> spaces.Dict:
     bounds = features.bounds()
     return spaces.Dict({name: spaces.Box(low, high, (n,), np.float32) for name, (low, high, n) in bounds.items()})
-
-
-def _source(
-    courses: Sequence[str | CourseSpec] | CourseSource,
-    frames: int | None,
-    amount: float,
-    horizon: int,
-    limbs: int,
-    regions: int | None,
-    corners: int,
-) -> tuple[CourseSource, CourseFeatures]:
-    """What draws courses, and the size of their views. Raises InvalidInput."""
-    if callable(courses):
-        if regions is None:
-            raise InvalidInput("regions: expected the most candidates of a toe where courses is a function, got None")
-        return courses, CourseFeatures(limbs=limbs, horizon=horizon, regions=regions, corners=corners)
-    specs = [read_spec(course) if isinstance(course, str) else course for course in courses]
-    specs = [spec if frames is None else spec.with_frames(frames) for spec in specs]
-    if not specs:
-        raise InvalidInput("courses: expected one or more, got none")
-    seen = regions or max(spec.candidates.count for spec in specs)
-
-    def draw(rng: np.random.Generator) -> Course:
-        return perturbed(specs[int(rng.integers(len(specs)))], rng, amount=amount)
-
-    return draw, CourseFeatures(limbs=limbs, horizon=horizon, regions=seen, corners=corners)
-
-
-def _planners(envelopes: Sequence[EnvelopeSet | Modes] | None, programs: Programs) -> Sequence[CoursePlanner]:
-    """The two-stage planner over the lift, and over each of the envelopes."""
-    if envelopes is None:
-        envelopes = (expert_envelopes("ground"), expert_envelopes("wall"))
-    return [
-        TwoStageCoursePlanner(programs=programs),
-        *(EnvelopeCoursePlanner(given, programs=programs) for given in envelopes),
-    ]
