@@ -23,7 +23,8 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 from stancekit.planners.search.answer import Acceptance
-from stancekit.views.posture_picture import draw_posture, to_rgb
+from stancekit.views.postures import draw_posture
+from stancekit.views.sheet import to_rgb
 
 from .distributions.postures import distribution
 from .scenes import SampledScenes, Scene, SceneSource
