@@ -27,7 +27,6 @@ from .sheet import ACCENT, INK, QUIET
 
 __all__ = ["check_page", "page", "write_page"]
 
-FOV_RAD = 0.8
 POINT_M = 0.0011
 """Width of a line of one point, as a share of the viewer's distance."""
 
@@ -56,8 +55,8 @@ def page(motion: Motion) -> str:
         view, camera = server.initial_camera, motion.camera
         low, high = motion.window(1.6)
         view.look_at = tuple(camera.target_m + 0.5 * (low + high) @ camera.axes[:2])
-        away_m = float((high - low)[1]) / (2.0 * np.tan(0.5 * FOV_RAD))
-        view.position, view.fov = tuple(view.look_at + away_m * camera.axes[2]), FOV_RAD
+        view.position = tuple(camera.position_m)
+        view.fov = 2.0 * np.arctan2(0.5 * (high - low)[1], camera.distance_m)
         stage = _Stage(server.scene, motion.camera.distance_m)
         stage.show(motion.fixed, "/fixed")
         recording = server.get_scene_serializer()
@@ -86,7 +85,8 @@ class _Stage:
             self._add_mesh(f"{root}/facets{k}", each.reshape(-1, 3), faces, colour, opacity, flat_shading=True)
         for k, path in enumerate([*scene.paths, *borders(scene.facets)]):
             thickness = path.width * POINT_M * self._distance_m
-            self._scene.add_line_segments(f"{root}/path{k}", path.pieces_m, _rgb(path.colour), thickness=thickness)
+            pieces = path.pieces_m + min(path.lift_m, 0.01) * UP
+            self._scene.add_line_segments(f"{root}/path{k}", pieces, _rgb(path.colour), thickness=thickness)
         for body in scene.bodies:
             self._body(f"{root}/{body.name}", body)
 

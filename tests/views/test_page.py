@@ -152,10 +152,12 @@ def is_climb(shown):
 
 
 def is_walk(shown):
-    """The earth of the block, dark limbs, and the red of the forces."""
-    red, green, blue = (shown[..., k] for k in range(3))
-    earth, forces = (red - blue > 0.03) & (red < 0.9) & (red > 0.4), (red - np.maximum(green, blue) > 0.35)
-    return earth.mean() > 0.01 and forces.sum() > 5 and (shown.max(axis=-1) < 0.5).mean() > 0.0005
+    """Below the legend: the grey of the block, dark limbs, and the red of the forces."""
+    part = shown[190:400]
+    red, green, blue = (part[..., k] for k in range(3))
+    grey = (np.abs(part.max(axis=-1) - 0.6) < 0.15) & (np.ptp(part, axis=-1) < 0.1)
+    forces = red - np.maximum(green, blue) > 0.2
+    return grey.mean() > 0.02 and forces.sum() > 5 and (part.max(axis=-1) < 0.45).sum() > 20
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)")
