@@ -84,7 +84,7 @@ class Report:
     to frame on which limbs carry all the way; on the others every limb moves at once, and the course asks for the
     frames only. linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does [m]; exact_reach_m:
     how far a toe is out of reach with the exact rotation [m]. Both are reported and decide nothing: reach is what
-    eq. 11 says. goal_m: distance of the last COM from the goal [m].
+    E11 says. goal_m: distance of the last COM from the goal [m].
     joints: what inverse kinematics says, see ``check_joints``; no part of ``accepted``.
     """
 
@@ -177,12 +177,17 @@ def plan_shapes(course: Course) -> dict[str, tuple[int, ...]]:
     """The shape that each array of a plan over a course has, by name."""
     frames, limbs = course.frames, len(course.robot.limbs)
     placed, stances = len(course.placements), len(course.stances)
+    soles: dict[str, tuple[int, ...]] = {}
+    if course.has_soles:
+        points = max(1 if limb.sole_m is None else len(limb.sole_m) for limb in course.robot.limbs)
+        soles = {"points_m": (placed, points, 3), "point_forces_n": (stances, limbs, points, 3)}
     return {
         "com_m": (frames, 3),
         "rotation_rad": (frames, 3),
         "toes_m": (placed, 3),
         "choice": (placed,),
         "forces_n": (stances, limbs, 3),
+        **soles,
         "modes": (frames,),
     }
 

@@ -13,6 +13,7 @@ import pytest
 
 from stancekit.learners import labelling
 from stancekit.learners.dataset import Dataset
+from stancekit.learners.shards import LabellingFailed
 
 SAME = ("--feasible", "8", "--infeasible", "8", "--shard-size", "4", "--seed", "2", "--workers", "1")
 COMMAND = [sys.executable, "-m", "stancekit.cli.main", "label", "wall-3"]
@@ -103,7 +104,7 @@ def test_ctrl_c_is_one_line(stancekit, monkeypatch):
 
 def test_a_distribution_that_lacks_a_label_fails(stancekit, monkeypatch):
     def give_up(*_, **__):
-        raise labelling.LabellingFailed("wall-3: shard 0 lacks 8 infeasible rows after 9 draws")
+        raise LabellingFailed("wall-3: shard 0 lacks 8 infeasible rows after 9 draws")
 
     monkeypatch.setattr(labelling, "label", give_up)
     ran = stancekit("label", "wall-3", "data")

@@ -192,8 +192,8 @@ def test_a_host_that_paused_finds_its_servos_stopped(bus: ServoBus, world: Dynam
 
 HOST = """
 import sys, numpy as np
-from stancekit.envs.worlds.calibration import Calibration
-from stancekit.envs.worlds.dynamixel import DynamixelWorld
+from stancekit.runner.worlds.dynamixel.calibration import Calibration
+from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.planners.robot import hexapod
 world = DynamixelWorld(hexapod(), Calibration.from_yaml(sys.argv[1]))
 start = world.reset((), np.zeros(24), np.zeros(3), np.eye(3)).angles_rad

@@ -1,17 +1,14 @@
 """Forces shared with a reserve of friction: balance, cones, and the least of all, against a model written again."""
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import cvxpy as cp
 import numpy as np
 import pytest
 
-from stancekit.planners.answer.outcome import Status
-from stancekit.planners.answer.plan import Plan, PlanOutcome
-from stancekit.planners.problem.course import Course
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.friction_margin import plan_with_reserve, slippery
+from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.runner.control.force_distribution import LEAST, RESERVES, ForceShare, shared_forces
@@ -68,49 +65,6 @@ def test_where_the_cones_leave_no_room_there_is_none_and_the_plan_keeps_its_own(
     icy = replace(climb, course=slippery(climb.course, 0.01))
     assert ForceShare(6).solve(icy, 0) is None
     np.testing.assert_array_equal(shared_forces(icy), climb.forces_n)
-
-
-class Picky:
-    """A planner that has a plan only for courses whose friction is at least this."""
-
-    name = "picky"
-
-    def __init__(self, plan: Plan, friction: float) -> None:
-        self.plan, self.friction, self.asked = plan, friction, list[float]()
-
-    def solve(self, course: Course) -> PlanOutcome:
-        friction = course.placements[0].candidates[0].friction
-        self.asked.append(friction)
-        if friction < self.friction:
-            return PlanOutcome(status=Status.INFEASIBLE, method=self.name, message="too slippery")
-        return PlanOutcome(status=Status.FEASIBLE, method=self.name, plan=replace(self.plan, course=course))
-
-
-def test_the_most_cautious_plan_is_taken_and_is_one_of_the_course_itself(walk: Callable[..., Plan]) -> None:
-    plan = walk()
-    planner = Picky(plan, 0.85 * plan.course.placements[0].candidates[0].friction)
-    outcome = plan_with_reserve(planner, plan.course)
-    assert outcome.plan is not None
-    assert outcome.plan.course is plan.course
-    assert outcome.plan.provenance["friction_share"] == 0.9
-    assert len(planner.asked) == 2
-
-
-def test_a_course_without_a_plan_gets_the_answer_for_all_of_its_friction(walk: Callable[..., Plan]) -> None:
-    plan = walk()
-    planner = Picky(plan, 1e6)
-    outcome = plan_with_reserve(planner, plan.course)
-    assert outcome.status is Status.INFEASIBLE
-    assert planner.asked[-1] == plan.course.placements[0].candidates[0].friction
-
-
-def test_slippery_courses_differ_in_friction_alone(walk: Callable[..., Plan]) -> None:
-    course = walk().course
-    dulled = slippery(course, 0.5)
-    for before, after in zip(course.placements, dulled.placements, strict=True):
-        assert after.candidates[0].friction == 0.5 * before.candidates[0].friction
-        np.testing.assert_array_equal(after.candidates[0].vertices_m, before.candidates[0].vertices_m)
-    assert [patch.friction for patch in dulled.terrain] == [0.5 * patch.friction for patch in course.terrain]
 
 
 def test_forces_of_any_limbs_that_bear_balance_within_the_reserve(climb: Plan) -> None:

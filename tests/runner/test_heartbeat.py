@@ -29,8 +29,8 @@ LIMIT_S = 1.0
 HOST = """
 import sys
 import numpy as np
-from stancekit.envs.runner.guardian import Guardian
-from stancekit.envs.worlds.ros import RosWorld
+from stancekit.runner.safety.heartbeat import Guardian
+from stancekit.runner.worlds.ros.driver import RosWorld
 from tests.emulators.ros_robots import JOINTS, ROBOT, START, reset, same_names
 
 setup = same_names(JOINTS, port=int(sys.argv[1]), ros=int(sys.argv[2]))

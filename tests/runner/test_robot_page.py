@@ -18,7 +18,7 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.worlds.catalogue import make_run_world
 from stancekit.runner.worlds.ros.setup import RosSetup
 
-PAGE = (Path(__file__).parents[3] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"```(\w+)\n(.*?)```", PAGE, re.DOTALL)
 
 
