@@ -13,10 +13,10 @@ from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.verify.trajectories import check_trajectory
-from stancekit.views.gait_picture import draw_motion
-from stancekit.views.plan_picture import draw_plan
-from stancekit.views.plot import save
-from stancekit.views.posture_picture import draw_posture
+from stancekit.views.gaits import draw_motion
+from stancekit.views.plans import draw_plan
+from stancekit.views.postures import draw_posture
+from stancekit.views.sheet import save
 
 
 def draw(

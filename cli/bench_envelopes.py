@@ -48,7 +48,7 @@ class BenchEnvelopes:
         from stancekit.learners.evaluation import bench
         from stancekit.learners.evaluation.experiment import Experiment
         from stancekit.planners.files.writing import write_text
-        from stancekit.views.posture_picture import save
+        from stancekit.views.sheet import save
 
         experiment = Experiment.from_yaml(self.config or config_path("bench-envelopes.yaml"), quick=self.quick)
         where = executor(self.executor, workers=self.workers, address=self.address)
@@ -92,7 +92,7 @@ def report(result: ClassResult, *, as_json: bool) -> None:
 def comparison_figure(result: ClassResult) -> Figure:
     """The comparison as a picture, the paper's figures as markers."""
     from stancekit.learners.evaluation.evaluate import paper_row
-    from stancekit.views.posture_picture import ComparisonBar, draw_comparison
+    from stancekit.views.comparison import ComparisonBar, draw_comparison
 
     names = {"p1_feasible": "P1 feasible", "p1_infeasible": "P1 infeasible", "project_fix_p": "→ fix-p"}
     names |= {"project_nlp": "→ nlp"}

@@ -53,7 +53,8 @@ class Demo:
         from stancekit.planners.answer.outcome import Status
         from stancekit.planners.search.posture import TwoStagePlanner
         from stancekit.planners.verify import check_posture
-        from stancekit.views.posture_picture import draw_posture, save
+        from stancekit.views.postures import draw_posture
+        from stancekit.views.sheet import save
 
         name, envelopes = result.best_envelopes
         planner = TwoStagePlanner(envelopes=envelopes, projection="fix-toes")

@@ -164,15 +164,15 @@ class PlanCourse:
             if target is not None:
                 check_writable(target)
         if self.picture is not None:
-            from stancekit.views.plan_picture import check_picture
+            from stancekit.views.sheet import check_picture
 
             check_picture(self.picture)
         if self.video is not None:
-            from stancekit.views.video import check_video
+            from stancekit.views.film import check_film
 
-            check_video(self.video)
+            check_film(self.video)
         if self.html is not None:
-            from stancekit.views.plan_page import check_page
+            from stancekit.views.page import check_page
 
             check_page(self.html)
         targets += [("--picture", self.picture), ("--video", self.video), ("--html", self.html)]
@@ -210,20 +210,21 @@ class PlanCourse:
 
             write_plan(self.out, plan, report)
         if self.picture is not None:
-            from stancekit.views.plan_picture import draw_plan
-            from stancekit.views.posture_picture import save
+            from stancekit.views.plans import draw_plan
+            from stancekit.views.sheet import save
 
             save(draw_plan(plan), self.picture)
         if self.video is not None:
-            from stancekit.views.plan_picture import FPS, frame_count, plan_frames
+            from stancekit.views.plans import FPS, frame_count, plan_frames
             from stancekit.views.video import write_video
 
             with progress(f"video {self.video}") as bar:
                 write_video(self.video, _counted(plan_frames(plan), bar, frame_count(plan)), fps=FPS)
         if self.html is not None:
-            from stancekit.views.plan_page import write_plan_page
+            from stancekit.views.page import write_page
+            from stancekit.views.plans import PlanView
 
-            write_plan_page(self.html, plan)
+            write_page(self.html, PlanView(plan).film(step_s=1.5))
         return report
 
     def _said(self, plan: Plan, report: Report) -> Iterator[str]:

@@ -183,7 +183,7 @@ class Run:
         """Draw and print; the exit code."""
         if self.picture is not None and self.log is not None:
             from stancekit.runner.log import read_log
-            from stancekit.views.posture_picture import save
+            from stancekit.views.sheet import save
             from stancekit.views.tracking_plot import draw_tracking
 
             save(draw_tracking(read_log(self.log)), self.picture)
@@ -239,7 +239,7 @@ class Run:
             self._check_log(self.log)
             check_writable(self.log)
         if self.picture is not None:
-            from stancekit.views.plan_picture import check_picture
+            from stancekit.views.sheet import check_picture
 
             if self.log is None:
                 raise InvalidInput("--picture: expected --log FILE.mcap with it, from which it is drawn, got none")

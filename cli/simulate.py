@@ -84,13 +84,13 @@ class Simulate:
     def _check_files(self) -> None:
         """Raise InvalidInput for a file that cannot be written."""
         from stancekit.planners.files.writing import check_writable
-        from stancekit.views.plan_picture import check_picture
-        from stancekit.views.video import check_video
+        from stancekit.views.film import check_film
+        from stancekit.views.sheet import check_picture
 
         if self.picture is not None:
             check_picture(self.picture)
         if self.video is not None:
-            check_video(self.video)
+            check_film(self.video)
         if self.out is not None:
             if self.out.suffix != ".npz":
                 raise InvalidInput(f"--out: expected a name that ends in .npz, got {self.out}")
@@ -102,12 +102,12 @@ class Simulate:
 
             write_bytes(self.out, execution.trace.to_npz())
         if self.picture is not None:
-            from stancekit.views.execution_picture import draw_execution
-            from stancekit.views.posture_picture import save
+            from stancekit.views.executions import draw_execution
+            from stancekit.views.sheet import save
 
             save(draw_execution(plan, execution), self.picture)
         if self.video is not None:
-            from stancekit.views.execution_picture import FPS, execution_frames
+            from stancekit.views.executions import FPS, execution_frames
             from stancekit.views.video import write_video
 
             write_video(self.video, execution_frames(plan, execution), FPS)

@@ -16,7 +16,8 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.views.posture_picture import draw_posture, to_rgb
+from stancekit.views.postures import draw_posture
+from stancekit.views.sheet import to_rgb
 
 from .scenes import Scene, SceneSource
 from .selection_task import RewardWeights, SelectionTask

@@ -211,8 +211,8 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         """Draw the path so far over the course."""
         if self._course is None:
             raise gym.error.ResetNeeded("reset the environment before rendering")
-        from stancekit.views.plan_picture import draw_plan
-        from stancekit.views.posture_picture import to_rgb
+        from stancekit.views.plans import draw_plan
+        from stancekit.views.sheet import to_rgb
 
         caption = f"{self._course.name}: key frame {self._frame} of {self._course.frames - 1}"
         return to_rgb(draw_plan(self.walk(), caption=caption, size_px=PICTURE_PX))

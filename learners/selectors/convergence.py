@@ -20,7 +20,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import parse_json
 from stancekit.planners.files.refusals import shown
 from stancekit.planners.files.writing import write_bytes
-from stancekit.views.plot import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
+from stancekit.views.sheet import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
 
 from .feasibility import Counts
 

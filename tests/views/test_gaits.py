@@ -1,8 +1,9 @@
-"""Pictures and charts of gaits: what they show is where it should be, and nothing else is needed to draw them."""
+"""Pictures and plots of gaits: what they show is where it should be, and nothing else is needed to draw them."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -13,10 +14,11 @@ from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
-from stancekit.views.gait_picture import draw_motion
 from stancekit.views.gait_plot import GaitRun, draw_convergence, draw_directions, draw_times
-from stancekit.views.gait_scene import GRID_M, MotionScene, view
-from stancekit.views.plot import ACCENT, leg_colour, save, to_rgb
+from stancekit.views.gaits import GRID_M, GaitView, draw_motion
+from stancekit.views.shapes import Box
+from stancekit.views.sheet import ACCENT, leg_colour, save, to_rgb
+from stancekit.views.still import Still, normals_of
 
 SMALL = (600, 450)
 
@@ -50,45 +52,68 @@ def pixels_of(pixels, colour) -> int:
 
 
 def test_the_robot_is_shown_at_both_ends_and_where_it_has_gone_on_between_them():
-    scene = MotionScene(walk())
-    assert scene.moments[0] == 0
-    assert scene.moments[-1] == scene.trajectory.samples - 1
-    way = scene.trajectory.torso_m[scene.moments]
-    steps = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    view = GaitView(walk())
+    assert view.shown[0] == 0
+    assert view.shown[-1] == view.trajectory.samples - 1
+    steps = np.linalg.norm(np.diff(view.trajectory.torso_m[view.shown], axis=0), axis=1)
     assert len(steps) > 1
     assert steps.max() < 1.2 * steps.min()
     still = replace(walk(), torso_m=np.tile([0.0, 0.0, 0.2], (81, 1)))
-    assert MotionScene(still).moments == [0]
+    assert GaitView(still).shown == [0]
 
 
 def test_touch_downs_are_the_samples_at_which_contact_begins():
-    scene = MotionScene(walk())
-    contact = scene.trajectory.contact
-    landings = scene.footholds()
-    assert len(landings) == 12
-    for sample, foot, place in landings:
+    view = GaitView(walk())
+    contact, names = view.trajectory.contact, view.trajectory.robot.foot_names
+    assert len(view.footholds) == 12
+    for sample, disc in view.footholds:
+        foot = names.index(disc.name.split()[0])
         assert contact[sample, foot]
         assert sample == 0 or not contact[sample - 1, foot]
-        assert np.array_equal(place, scene.trajectory.feet_m[sample, foot])
+        assert np.array_equal(disc.position_m, view.trajectory.feet_m[sample, foot])
+        assert disc.colour == leg_colour(foot)
 
 
 def test_legs_join_hips_and_feet_by_bones_of_equal_length():
-    scene = MotionScene(walk())
-    for k, (hip, knee, toe) in enumerate(scene.legs(40)):
-        foot = scene.trajectory.robot.feet[k]
-        assert np.allclose(hip, scene.trajectory.torso_m[40] + foot.hip_m)
-        assert np.array_equal(toe, scene.trajectory.feet_m[40, k])
+    view = GaitView(walk())
+    for k, (hip, knee, toe) in enumerate(view.chains(40)):
+        foot = view.trajectory.robot.feet[k]
+        assert np.allclose(hip, view.trajectory.torso_m[40] + foot.hip_m)
+        assert np.array_equal(toe, view.trajectory.feet_m[40, k])
         assert np.linalg.norm(knee - hip) == pytest.approx(np.linalg.norm(toe - knee))
         assert knee[2] > toe[2]
 
 
+def test_the_robot_of_a_scene_is_where_the_trajectory_has_it():
+    view = GaitView(walk())
+    scene = view.at(40)
+    bodies = {body.name: body for body in scene.bodies}
+    trunk = bodies["trunk 0"]
+    assert isinstance(trunk.shape, Box)
+    assert np.array_equal(trunk.shape.half_m, view.trajectory.robot.trunk_half_m)
+    assert np.array_equal(trunk.position_m, view.trajectory.torso_m[40])
+    assert np.array_equal(trunk.rotation, view.trajectory.rotation[40])
+    for k, limb in enumerate(view.shape.limbs):
+        assert np.array_equal(bodies[f"{limb} joint 2"].position_m, view.trajectory.feet_m[40, k])
+        for link, (a, b) in enumerate(pairwise(view.chains(40)[k])):
+            body = bodies[f"{limb} link {link}"]
+            half = 0.5 * body.shape.length_m * body.rotation[:, 2]
+            assert np.allclose([body.position_m - half, body.position_m + half], [a, b])
+    standing = np.flatnonzero(view.trajectory.contact[40])
+    assert [arrow.name for arrow in scene.arrows] == [view.shape.limbs[k] for k in standing]
+    for arrow, k in zip(scene.arrows, standing, strict=True):
+        assert np.array_equal(arrow.start_m, view.trajectory.feet_m[40, k])
+        assert np.allclose(arrow.vector_m, view.metres_a_newton * view.trajectory.forces_n[40, k])
+
+
 def test_lines_of_the_map_lie_on_the_terrain_and_go_where_the_map_sends_them():
-    scene = MotionScene(walk())
-    plain = np.concatenate(list(scene.lines(None)))
-    assert np.allclose(plain[:, 2], scene.trajectory.terrain.height(plain[:, :2]))
+    view = GaitView(walk())
+    plain = view.lines().reshape(-1, 3)
+    assert len(plain)
+    assert np.allclose(plain[:, 2], view.trajectory.terrain.height(plain[:, :2]))
     on_line = np.abs(plain[:, :2] / GRID_M - np.round(plain[:, :2] / GRID_M)) < 1e-9
     assert np.all(on_line.any(axis=1))
-    shifted = np.concatenate(list(scene.lines(lambda points: points + np.array([0.1, 0.0, 0.0]))))
+    shifted = GaitView(walk(), lambda points: points + np.array([0.1, 0.0, 0.0])).lines().reshape(-1, 3)
     off = np.abs((shifted[:, :2] - [0.1, 0.0]) / GRID_M - np.round((shifted[:, :2] - [0.1, 0.0]) / GRID_M))
     assert np.all((off < 1e-9).any(axis=1))
     assert not np.all(np.abs(shifted[:, 0] / GRID_M - np.round(shifted[:, 0] / GRID_M)) < 1e-9)
@@ -100,9 +125,8 @@ def test_a_robot_behind_a_wall_is_looked_at_from_the_other_side():
     torso = np.column_stack([np.zeros(81), np.linspace(-0.4, 0.4, 81), np.full(81, 0.2)])
     gone = walk(wall)
     feet = torso[:, None] + np.array([foot.nominal_m for foot in gone.robot.feet])
-    scene = MotionScene(replace(gone, torso_m=torso, feet_m=feet))
-    painter = view(scene)
-    assert painter.axes[2][0] < 0.0
+    view = GaitView(replace(gone, torso_m=torso, feet_m=feet))
+    assert view.camera.axes[2][0] < 0.0
 
 
 # -------------------------------------------------------------------------------------------------- the motion
@@ -155,7 +179,28 @@ def test_what_is_no_motion_is_refused():
             draw_motion(replace(walk(), **spoilt))
 
 
-# --------------------------------------------------------------------------------------------------- the charts
+def test_the_path_is_shown_between_the_trunks_and_not_through_them():
+    view = GaitView(walk())
+    path = view.fixed.paths[-1].pieces_m.mean(axis=1)
+    inside = Still(view.scene(), view.camera).inside(path)
+    local = np.abs(path[:, None] - view.trajectory.torso_m[view.shown])
+    assert np.array_equal(inside, np.any(np.all(local < view.trajectory.robot.trunk_half_m, axis=2), axis=1))
+    assert 0 < inside.sum() < len(path)
+
+
+def test_the_ground_is_the_terrain_and_its_block_looks_outward():
+    view = GaitView(walk())
+    top, *sides = view.ground
+    assert np.allclose(top.points_m[..., 2], view.trajectory.terrain.height(top.points_m[..., :2]))
+    middle = top.points_m.reshape(-1, 3).mean(axis=0)
+    for sheet in sides:
+        corners = sheet.points_m.reshape(-1, 3)[sheet.faces]
+        outward = np.sum((corners.mean(axis=1) - middle) * [1.0, 1.0, 0.0] * normals_of(corners), axis=1)
+        assert np.all(outward > 0.0)
+    assert np.all(normals_of(top.points_m.reshape(-1, 3)[top.faces])[:, 2] > 0.0)
+
+
+# ---------------------------------------------------------------------------------------------------- the plots
 
 
 def runs(directions=8):
@@ -167,15 +212,6 @@ def runs(directions=8):
         slow = np.maximum(0.8 ** np.arange(80), 1e-2 if k % 4 == 0 else 0.0)
         found.append(GaitRun(method="other", violations=slow, direction_rad=turn, seconds=5.0))
     return found
-
-
-def test_the_way_is_shown_between_the_trunks_and_not_through_them():
-    scene = MotionScene(walk())
-    pieces = np.array([0.5 * (a + b) for a, b in scene.way()])
-    shown = scene.trajectory.torso_m[scene.moments]
-    half = scene.trajectory.robot.trunk_half_m
-    assert 0 < len(pieces) < len(scene.trajectory.torso_m) - 1
-    assert np.all(np.any(np.abs(pieces[:, None] - shown) >= half, axis=2))
 
 
 def test_success_is_the_first_iterate_below_the_tolerance():
@@ -197,7 +233,7 @@ def test_violations_that_are_none_are_refused(values):
 
 
 @pytest.mark.parametrize("draw", [draw_convergence, draw_directions, draw_times])
-def test_charts_count_what_succeeds_by_method(draw):
+def test_plots_count_what_succeeds_by_method(draw):
     said = texts(draw(runs(), size_px=SMALL, caption="a caption"))
     assert "ours: 8/8, 14 iterations" in said
     assert "other: 6/8, 42 iterations" in said
@@ -214,7 +250,7 @@ def test_the_line_of_a_solve_ends_where_it_succeeds():
     assert np.allclose(lines[0].get_ydata()[:-1], 0.5 ** np.arange(14))
 
 
-def test_failures_stand_out_in_every_chart():
+def test_failures_stand_out_in_every_plot():
     only = [run for run in runs() if run.method == "other"]
     good = [run for run in only if run.success]
     for draw in (draw_convergence, draw_directions):

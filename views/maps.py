@@ -3,24 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise, product
+from typing import Literal
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import to_rgb as rgb
 from matplotlib.figure import Figure
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.warp.report import MapReport
 from stancekit.planners.warp.spline_map import SplineMap
 
-from .painter import ROBOT, Painter, unit
-from .plot import CHART_PX, DEFAULT_STYLE, INK, MEASURE_COLOURS, QUIET, RULE, SIZE_PX, Size, headline, plain_axes, sheet
+from .camera import Camera
+from .scene import Path, Scene
+from .shapes import polyline
+from .sheet import (
+    DEFAULT_STYLE,
+    INK,
+    MEASURE_COLOURS,
+    PLOT_PX,
+    QUIET,
+    SIZE_PX,
+    Size,
+    headline,
+    plain_axes,
+    quiet_axes,
+    sheet,
+)
+from .still import Still
+from .terrain import EARTH, block
 
-LOW, HIGH, EARTH, LINE = np.array(rgb("#9fb4b0")), np.array(rgb("#ecdcc0")), "#cfc8ba", "#27407f"
-IN_FRONT = 1e3
+LINE = "#27407f"
 FACETS, LINES, POINTS = 80, 25, 121
 """Facets of the terrain a side; lines of the map a side; points on one."""
 
@@ -39,7 +52,7 @@ def draw_map(
     width, height = figure.get_figwidth(), figure.get_figheight()
     below = 0.36 * height
     scene = plain_axes(figure, 20.0, 100.0 * below, 90.0)
-    _draw_ground(warp, field).paint(scene)
+    _ground(warp, field).paint(scene)
     section = figure.add_axes((0.06, 0.09, 0.42, below / height - 0.14))
     _draw_section(section, warp)
     error = figure.add_axes((0.545, 0.09, 0.2 * height / width + 0.03, below / height - 0.14))
@@ -50,14 +63,14 @@ def draw_map(
 
 
 @DEFAULT_STYLE
-def draw_map_convergence(reports: Sequence[MapReport], *, caption: str = "", size_px: Size = CHART_PX) -> Figure:
+def draw_map_convergence(reports: Sequence[MapReport], *, caption: str = "", size_px: Size = PLOT_PX) -> Figure:
     """Conformal and match energy by CPU time and by iteration, a line a method (paper W Fig. 5).
 
     The barrier is left out, so that methods with and without one compare. Raises InvalidInput without reports.
     """
     if not reports:
         raise InvalidInput("reports: expected one or more, got none")
-    figure = sheet(size_px, CHART_PX)
+    figure = sheet(size_px, PLOT_PX)
     headline(
         figure,
         caption or f"Convergence on {reports[0].terrain}",
@@ -94,49 +107,22 @@ def summary(report: MapReport) -> str:
     )
 
 
-def _draw_ground(warp: SplineMap, field: HeightField) -> Painter:
-    """The terrain in facets and the images of lines of constant x̄ and ȳ."""
-    (x0, x1), (y0, y1) = field.domain_m
-    x, y = np.linspace(x0, x1, FACETS + 1), np.linspace(y0, y1, FACETS + 1)
-    grid = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1)
-    points = np.concatenate([grid, field.height(grid)[..., None]], axis=-1)
-    heights = points[..., 2]
-    low, high = points.min(axis=(0, 1)), points.max(axis=(0, 1))
+def _ground(warp: SplineMap, field: HeightField) -> Still:
+    """The terrain on its block, and the images of lines of constant x̄ and ȳ on it."""
+    low, high = np.array(field.domain_m).T
     span = float(np.linalg.norm(high - low))
-    painter = Painter(0.5 * (low + high), np.deg2rad(-60.0), np.deg2rad(38.0), 2.2 * span)
-    for i, j in product(range(FACETS), repeat=2):
-        quad = points[[i, i + 1, i + 1, i], [j, j, j + 1, j + 1]]
-        normal = unit(np.cross(quad[2] - quad[0], quad[3] - quad[1]))
-        share = (float(quad[:, 2].mean()) - low[2]) / max(high[2] - low[2], 1e-9)
-        painter.face(quad, painter.lit(tuple(LOW + share * (HIGH - LOW)), normal), ROBOT, width=0.4)
-    _draw_sides(painter, points, float(heights.min()) - 0.08 * span)
-    _draw_lines(painter, warp, span / FACETS)
-    return painter
-
-
-def _draw_sides(painter: Painter, points: Array, floor_m: float) -> None:
-    """The block below the terrain, on the two sides that the viewer sees."""
-    for border, outward in (
-        (points[0], (-1.0, 0.0, 0.0)), (points[-1], (1.0, 0.0, 0.0)),
-        (points[:, 0], (0.0, -1.0, 0.0)), (points[:, -1], (0.0, 1.0, 0.0)),
-    ):  # fmt: skip
-        normal = np.array(outward)
-        if painter.facing(border.mean(axis=0), normal) > 0.0:
-            foot = np.array([[*border[-1, :2], floor_m], [*border[0, :2], floor_m]])
-            painter.face(np.vstack([border, foot]), painter.lit(EARTH, normal), ROBOT, width=0.4, depth=IN_FRONT)
-
-
-def _draw_lines(painter: Painter, warp: SplineMap, raised: float) -> None:
-    """Images of lines of constant x̄ and of constant ȳ on the ground, in pieces that hills can hide."""
-    spans = warp.domain_m
-    lines = [np.linspace(*span, LINES) for span in spans]
-    along = [np.linspace(*span, POINTS) for span in spans]
+    sheets = block(field, low, high, facets=FACETS, depth_m=0.08 * span, relief_m=0.0)
+    points = sheets[0].points_m.reshape(-1, 3)
+    camera = Camera(
+        target_m=0.5 * (points.min(axis=0) + points.max(axis=0)), azimuth_rad=np.deg2rad(-60.0),
+        elevation_rad=np.deg2rad(38.0), distance_m=2.2 * span,
+    )  # fmt: skip
+    lines, along = ([np.linspace(*span_m, count) for span_m in warp.domain_m] for count in (LINES, POINTS))
     first = np.moveaxis(warp.ground_on_grid(lines[0], along[1]), 0, -1)
     second = np.moveaxis(warp.ground_on_grid(along[0], lines[1]), 0, -1).swapaxes(0, 1)
-    for line in (*first, *second):
-        for a, b in pairwise(line):
-            depth = painter.near(0.5 * (a + b)) + 1.5 * raised
-            painter.face(np.array([a, b]), "none", ROBOT, edge=(*rgb(LINE), 0.6), width=0.8, depth=depth)
+    pieces = np.concatenate([polyline(line) for line in (*first, *second)])
+    path = Path(pieces_m=pieces, colour=LINE, opacity=0.6, width=0.8, lift_m=1.5 * span / FACETS)
+    return Still(Scene(sheets=sheets, paths=[path]), camera)
 
 
 def _draw_section(axes: Axes, warp: SplineMap) -> None:
@@ -152,7 +138,7 @@ def _draw_section(axes: Axes, warp: SplineMap) -> None:
     axes.plot(level[0, :, 0], level[2, :, 0], color=LINE, lw=0.6, alpha=0.6)
     x, heights = level[0, :, 0, 0], level[2, :, 0, 0]
     bottom = float(heights.min()) - 0.12 * warp.height_m
-    axes.fill_between(x, heights, bottom, color=EARTH, lw=0)
+    axes.fill_between(x, heights, bottom, color=tuple(EARTH), lw=0)
     axes.plot(x, heights, color=INK, lw=1.6)
     axes.set(
         xlim=(x0, x1),
@@ -163,7 +149,7 @@ def _draw_section(axes: Axes, warp: SplineMap) -> None:
         ylabel="z [m]",
     )
     axes.set_title(f"section at ȳ = {middle[0]:.2g} m: lines of constant x̄ and z̄", size=11, color=INK, loc="left")
-    _quiet(axes, grid=False)
+    _quiet(axes, grid=None)
 
 
 def _draw_error_map(figure: Figure, axes: Axes, warp: SplineMap, report: MapReport) -> None:
@@ -174,7 +160,7 @@ def _draw_error_map(figure: Figure, axes: Axes, warp: SplineMap, report: MapRepo
     image = axes.imshow(error.T, origin="lower", extent=(x0, x1, y0, y1), cmap="viridis", vmin=0.0, vmax=most)
     axes.set_title("conformal error at the ground [%]", size=11, color=INK, loc="left")
     axes.set(xlabel="x̄ [m]", anchor="SW")
-    _quiet(axes, grid=False)
+    _quiet(axes, grid=None)
     bar = figure.colorbar(image, ax=axes, fraction=0.046, pad=0.03)
     bar.outline.set_visible(False)
     bar.ax.tick_params(length=0, labelsize=10, labelcolor=QUIET)
@@ -193,13 +179,8 @@ def _draw_error_shares(axes: Axes, report: MapReport) -> None:
     _quiet(axes)
 
 
-def _quiet(axes: Axes, *, grid: bool = True) -> None:
-    axes.tick_params(which="both", length=0, labelsize=10, labelcolor=QUIET)
+def _quiet(axes: Axes, *, grid: Literal["both"] | None = "both") -> None:
+    quiet_axes(axes, grid=grid, sides=("bottom", "left"))
+    axes.tick_params(which="both", labelsize=10, pad=3)
     for label in (axes.xaxis.label, axes.yaxis.label):
         label.set(size=10.5, color=QUIET)
-    if grid:
-        axes.grid(color=RULE, lw=0.7)
-        axes.set_axisbelow(True)
-    for name, side in axes.spines.items():
-        side.set_visible(name in ("bottom", "left"))
-        side.set_color("#9aa5b1")

@@ -21,8 +21,10 @@ from stancekit.planners.problem import Contact, PostureProblem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.terrain import Patch
-from stancekit.views.painter import Painter
-from stancekit.views.posture_picture import ComparisonBar, draw_comparison, draw_posture, save, to_rgb
+from stancekit.views.camera import Camera
+from stancekit.views.comparison import ComparisonBar, draw_comparison
+from stancekit.views.postures import draw_posture
+from stancekit.views.sheet import save, to_rgb
 
 SMALL = (480, 360)
 Solved = Mapping[str, tuple[PostureProblem, Posture]]
@@ -198,7 +200,8 @@ def test_an_envelope_of_other_contacts_and_a_tiny_sheet_are_refused(solved: Solv
 
 def test_drawing_loads_no_pyplot() -> None:
     code = (
-        "import sys; from stancekit.views.posture_picture import ComparisonBar, draw_comparison, to_rgb;"
+        "import sys; from stancekit.views.postures import draw_posture; from stancekit.views.sheet import to_rgb;"
+        "from stancekit.views.comparison import ComparisonBar, draw_comparison;"
         "to_rgb(draw_comparison([ComparisonBar(selector='a', values={'b': 0.5})]));"
         "print('matplotlib.pyplot' in sys.modules)"
     )
@@ -206,19 +209,20 @@ def test_drawing_loads_no_pyplot() -> None:
     assert said == "False\n"
 
 
-def test_the_painter_sees_space_as_a_viewer_does() -> None:
-    painter = Painter(np.array([1.0, 2.0, 3.0]), 0.3, 0.4, 2.0)
-    np.testing.assert_allclose(painter.axes @ painter.axes.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(painter.axes) == pytest.approx(1.0)
-    right, up, towards = painter.axes
+def test_a_camera_sees_space_as_a_viewer_does() -> None:
+    target = np.array([1.0, 2.0, 3.0])
+    camera = Camera(target_m=target, azimuth_rad=0.3, elevation_rad=0.4, distance_m=2.0)
+    np.testing.assert_allclose(camera.axes @ camera.axes.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(camera.axes) == pytest.approx(1.0)
+    right, up, towards = camera.axes
     assert right[2] == pytest.approx(0.0)
     assert up[2] > 0.0
-    xy, near = painter.project(painter.target + np.array([0.1 * right, 0.1 * up, 0.1 * right + towards]))
+    xy, near = camera.project(target + np.array([0.1 * right, 0.1 * up, 0.1 * right + towards]))
     # What is at half the distance looks twice as large.
     np.testing.assert_allclose(xy, [[0.1, 0.0], [0.0, 0.1], [0.2, 0.0]], atol=1e-12)
     np.testing.assert_allclose(near, [0.0, 0.0, 1.0], atol=1e-12)
-    assert painter.facing(painter.target, towards) == pytest.approx(1.0)
-    assert painter.facing(painter.target, -up) == pytest.approx(0.0, abs=1e-12)
+    assert camera.facing(target, towards) == pytest.approx(1.0)
+    assert camera.facing(target, -up) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".pdf", ".svg", ".PNG"])

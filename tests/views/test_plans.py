@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import islice
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_posture
 from stancekit.views.plan_motion import LOAD, PlanMotion
-from stancekit.views.plan_picture import PlanStage, check_picture, draw_plan, frame_count, ghosts, plan_frames
-from stancekit.views.plan_terrain import ICE, bounds, cells, pieces
-from stancekit.views.posture_picture import save, to_rgb
+from stancekit.views.plans import PlanView, draw_plan, frame_count, ghosts, plan_frames
+from stancekit.views.sheet import check_picture, save, to_rgb
+from stancekit.views.terrain import ICE, cells
 
 
 @pytest.fixture(scope="module")
@@ -82,17 +84,18 @@ def test_cells_cover_their_patch_and_no_more(plan):
 
 
 def test_cells_stay_in_the_bounds(plan):
-    low, high = bounds(plan)
-    shown = [cell for _, grid in pieces(plan) for _, cell in grid]
+    view = PlanView(plan)
+    low, high = view.bounds_m
+    shown = [facet.corners_m for facet in view.fixed.facets]
     assert shown
     assert all((cell >= low - 1e-9).all() and (cell <= high + 1e-9).all() for cell in shown)
 
 
 def test_the_viewer_sees_the_faces_of_both_walls(plan):
-    painter = PlanStage(plan).painter()
+    camera = PlanView(plan).camera
     for patch in plan.course.terrain:
         if patch.centre_m[2] < 0.3:
-            assert painter.facing(patch.centre_m + 0.3 * patch.normal, patch.normal) > -0.3
+            assert camera.facing(patch.centre_m + 0.3 * patch.normal, patch.normal) > -0.3
 
 
 def test_a_stance_holds_the_robot_at_every_moment_of_the_motion(plan):
@@ -130,18 +133,60 @@ def test_a_toe_in_the_air_is_off_both_its_patches(plan):
         assert motion.swing(p, 1.0) == pytest.approx(plan.toes_m[p])
 
 
-def test_a_video_shows_one_room_and_ends_at_the_last_frame(plan):
-    count = frame_count(plan)
-    pictures = plan_frames(plan, size_px=(320, 300))
-    first = next(pictures)
-    assert first.shape == (300, 320, 3)
-    assert np.array_equal(first, next(pictures))  # it stays a moment at the first key frame
+def test_the_robot_of_a_scene_is_where_the_plan_has_it(plan):
+    view = PlanView(plan)
+    for frame in range(3):
+        scene = view.at(view.motion.key(frame))
+        bodies = {body.name: body for body in scene.bodies}
+        trunk = bodies["trunk 0"]
+        assert np.array_equal(trunk.position_m, plan.com_m[frame])
+        assert trunk.rotation == pytest.approx(Rotation.from_rotvec(plan.rotation_rad[frame].copy()).as_matrix())
+        assert np.array_equal([bodies[f"{limb} joint 3"].position_m for limb in view.shape.limbs], plan.toes_at(frame))
+        forces = dict(zip(view.shape.limbs, plan.forces_at(frame), strict=True))
+        assert scene.arrows
+        for arrow in scene.arrows:
+            assert arrow.vector_m == pytest.approx(view.metres_a_newton * forces[arrow.name])
+        filled = {name for name in bodies if name.startswith("chosen ")}
+        assert filled == {f"chosen {p}" for p in plan.course.holds[frame].tolist()}
+
+
+def test_a_cone_holds_every_force_of_its_friction_and_no_other(plan):
+    view = PlanView(plan)
+    for body in view.at(view.motion.key(1)).bodies:
+        if body.name.startswith("cone "):
+            patch = view.chosen[int(body.name.split()[1])]
+            rays = body.shape.vertices_m[1:]
+            normal = rays @ patch.normal
+            aside = np.linalg.norm(rays - np.outer(normal, patch.normal), axis=1)
+            assert aside / normal == pytest.approx(patch.friction)
+            assert np.array_equal(body.shape.vertices_m[0], np.zeros(3))
+
+
+def test_a_film_stays_at_both_ends_and_passes_every_key_frame(plan):
+    view, count = PlanView(plan), frame_count(plan)
+    motion = view.film()
     assert count == round(20.0 * (2 * 1.2 + 1.0)) + 1
-    stage = PlanStage(plan)
-    moving = stage.picture(0.6, (320, 300))
-    assert (moving != first).any()
-    corner = (slice(30, None), slice(0, 8))
+    assert len(motion.moments) == len(motion.notes) == count
+    trunks = np.array([next(b.position_m for b in moment.bodies if b.name == "trunk 0") for moment in motion.moments])
+    assert np.array_equal(trunks[:10], np.tile(plan.com_m[0], (10, 1)))
+    assert np.array_equal(trunks[-10:], np.tile(plan.com_m[-1], (10, 1)))
+    for com in plan.com_m:
+        assert np.abs(trunks - com).max(axis=1).min() < 1e-12
+    assert motion.notes[0] == "key frame 0 of 2"
+    assert motion.notes[-1] == "key frame 2 of 2"
+
+
+@pytest.mark.usefixtures("gl")
+def test_frames_of_a_film_show_one_room(plan):
+    pictures = list(islice(plan_frames(plan, size_px=(320, 300)), 0, 24, 23))
+    assert [picture.shape for picture in pictures] == [(300, 320, 3)] * 2
+    first, moving = pictures
+    assert (moving[33:] != first[33:]).any()
+    corner = (slice(33, None), slice(0, 8))
     assert np.array_equal(moving[corner], first[corner])
+    bluish = (first[..., 2].astype(int) - first[..., 0] > 15) & (first[..., 2] > 150)
+    greenish = (first[..., 1].astype(int) - first[..., 2] > 40) & (first[..., 1] > 120)
+    assert min(bluish.mean(), greenish.mean()) > 0.01
 
 
 def area(polygon):

@@ -6,8 +6,8 @@ import pytest
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.warp.conformal import fit_map
-from stancekit.views.map_picture import draw_map, draw_map_convergence
-from stancekit.views.plot import to_rgb
+from stancekit.views.maps import draw_map, draw_map_convergence
+from stancekit.views.sheet import to_rgb
 
 FIELD = HeightField.from_function(lambda x, y: 0.1 * np.sin(3.0 * x) * np.cos(2.0 * y), 2.0, 0.1, name="egg box")
 
