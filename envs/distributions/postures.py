@@ -170,7 +170,8 @@ REGISTRY: Registry[Any] = Registry(
 class OwnDistribution:
     """A distribution from elsewhere: something with ``sample(rng)``, or its class, which is made without arguments.
 
-    name: by which it was asked for. Its ``terrain`` counts where it has one. To other processes it goes by its name.
+    name: by which it was asked for. Its ``terrain`` counts where it has one. To other processes it goes
+    by its name, or as it is where no registry has it.
     """
 
     def __init__(self, thing: Any, name: str) -> None:
@@ -194,6 +195,8 @@ class OwnDistribution:
 
     def __reduce__(self) -> tuple[Any, ...]:
         path, colon, attribute = self.name.rpartition(":")
+        if self.name not in REGISTRY.names() and not path.endswith(".py"):
+            return OwnDistribution, (self._thing, self.name)
         return _again, (f"{Path(path).resolve()}:{attribute}" if colon else self.name, self.name)
 
 
