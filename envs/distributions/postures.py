@@ -16,7 +16,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.refusals import refusals
-from stancekit.planners.plugins import Registry
+from stancekit.planners.plugins import Registry, made_or_class
 from stancekit.planners.problem import Contact, PostureBatch, PostureProblem
 from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS
 from stancekit.planners.robot import Limb, Robot, hexapod
@@ -162,7 +162,8 @@ DISTRIBUTIONS: Mapping[str, PostureDistribution] = MappingProxyType({d.name: d f
 REGISTRY: Registry[Any] = Registry(
     "distribution", "stancekit.distributions",
     {name: f"{__name__}:{name.upper().replace('-', '_')}" for name in DISTRIBUTIONS},
-    expected="something with sample(rng), or a class of it", accepts=lambda it: callable(getattr(it, "sample", None)),
+    expected="something with sample(rng), or a class of it that is made without arguments",
+    accepts=lambda it: made_or_class(it, "sample"),
 )  # fmt: skip
 """All distributions."""
 
