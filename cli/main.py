@@ -163,8 +163,8 @@ def run(verb: Verb) -> int:
         if os.environ.get(TRACE):
             raise
         if theirs := fault(error):
-            complain(f"stancekit: error: {theirs}; {TRACE}=1 shows more")
-            return 2
+            complain(f"stancekit: failed: {theirs}; {TRACE}=1 shows more")
+            return 1
         complain(f"stancekit: internal error: {type(error).__name__}: {error}; {TRACE}=1 shows where")
         return INTERNAL
 

@@ -285,7 +285,6 @@ def plans():
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("sample", "own.py:Scenes"), "{own} line 7: RuntimeError: no scene today; STANCEKIT_TRACE=1 shows more"),
         (("evaluate", "data", "--selector", "own.py:Bare"), "selector {own}:Bare: expected (action, state), got a nda"),
         (("evaluate", "data", "--selector", "own.py:Short"), "action: expected shape (36,), got (3,)"),
         (("evaluate", "data", "--selector", "own.py:Wants"), "selector own.py:Wants: expected something with predict("),
@@ -301,6 +300,13 @@ def test_what_a_file_of_ones_own_does_wrong_is_one_line(arguments, words, refusa
     own = write("own.py", FAULTY)
     given = [labelled if word == "data" else word for word in arguments]
     assert refusal(*given).startswith(words.format(own=tmp_path / own))
+
+
+def test_what_a_file_of_ones_own_raises_is_one_line_with_its_place(stancekit, write, tmp_path):
+    ran = stancekit("sample", write("own.py", FAULTY) + ":Scenes")
+    where = f"{tmp_path / 'own.py'} line 7"
+    line = f"stancekit: failed: {where}: RuntimeError: no scene today; STANCEKIT_TRACE=1 shows more\n"
+    assert (ran.code, ran.err) == (1, line)
 
 
 def test_a_selector_that_takes_the_observation_alone_is_enough(stancekit, write, labelled):
