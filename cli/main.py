@@ -27,6 +27,7 @@ from .label import LabelPostures
 from .picture import Picture
 from .plan import PlanCourse
 from .replay import Replay
+from .robot import Robot
 from .run import Run
 from .sample import Sample
 from .simulate import Simulate
@@ -75,6 +76,7 @@ Verb = (
     | Annotated[Simulate, tyro.conf.subcommand("simulate")]
     | Annotated[Run, tyro.conf.subcommand("run")]
     | Annotated[Replay, tyro.conf.subcommand("replay")]
+    | Annotated[Robot, tyro.conf.subcommand("robot")]
     | Annotated[Warp, tyro.conf.subcommand("warp")]
     | Annotated[Gait, tyro.conf.subcommand("gait")]
     | Annotated[Bench, tyro.conf.subcommand("bench")]

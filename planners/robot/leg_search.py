@@ -39,11 +39,11 @@ SHORTEST_M = 0.02
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Found:
-    """Legs, and what of them was guessed or is hard to believe, a line each."""
+    """Legs, what of them was guessed, a line each, and what is hard to believe: of which joint or link, and what."""
 
     legs: tuple[Leg, ...]
     guesses: tuple[str, ...]
-    doubts: tuple[str, ...]
+    doubts: tuple[tuple[str, str], ...]
 
 
 def legs_of(model: Any, shapes: Sequence[Shape], order: Sequence[str], feet: Mapping[str, str]) -> Found:
@@ -84,7 +84,7 @@ class _Tree:
 
     def __init__(self, model: Any, shapes: Sequence[Shape]) -> None:
         self._model, self._shapes = model, shapes
-        self.doubts = list[str]()
+        self.doubts = list[tuple[str, str]]()
         pin = pinocchio()
         self._bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
         self._base = max(j for j in range(model.njoints) if model.joints[j].nq == 7)
@@ -222,7 +222,7 @@ class _Tree:
             inside = lower <= -np.pi and upper >= np.pi
             lower = -np.pi if inside or model.joints[j].nq == 2 or not lower < upper else lower
             upper = lower + 2.0 * np.pi
-            self.doubts.append(f"joint {name}: turns freely, its limits are a whole turn apart or more")
+            self.doubts.append((f"joint {name}", "turns freely, its limits are a whole turn apart or more"))
         torque, velocity = float(model.effortLimit[row]), float(model.velocityLimit[row])
         return Joint(
             name=name, lower_rad=lower, upper_rad=upper, slides=slides,
@@ -242,7 +242,7 @@ class _Tree:
         ends = [place + turn @ shape.far_m for shape in own]
         ends = ends or [2.0 * self._model.inertias[end.joints[-1]].lever]
         tip = max(ends, key=lambda point: float(np.linalg.norm(point)))
-        self.doubts.append(f"link {end.foot}: has no link for its foot, which is taken for its farthest end")
+        self.doubts.append((f"link {end.foot}", "has no link for its foot, its farthest end is taken for it"))
         return np.asarray(tip), 0.0
 
 

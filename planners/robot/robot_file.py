@@ -5,17 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..errors import InvalidInput
 from ..files.documents import read_text, read_yaml
 from ..files.refusals import refusals, shown
-from .model import hexapod
+from .leg_ik import limb_posture
+from .model import Robot, hexapod
 from .robot_model import RobotModel, model_of
-from .urdf import hexapod_urdf
+from .urdf import Servo, hexapod_urdf, joint_names, link_lengths
 from .urdf_reader import JointCorrection, Number
 
 BUILT_IN = ("hexapod",)
+OUTWARD_M, DOWN_M = 0.15, 0.2
 
 
 class RobotKeys(BaseModel):
@@ -59,7 +62,18 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
 def hexapod_model() -> RobotModel:
     """The default robot as one URDF among others: six limbs of four joints."""
     robot = hexapod()
-    return model_of(hexapod_urdf(robot), where="hexapod", feet={name: f"{name}_foot" for name in robot.limb_names})
+    return model_of(
+        hexapod_urdf(robot),
+        where="hexapod",
+        feet={name: f"{name}_foot" for name in robot.limb_names},
+        posture_rad=dict(zip(joint_names(robot), _hexapod_stance(robot), strict=True)),
+    )
+
+
+def _hexapod_stance(robot: Robot) -> list[float]:
+    """Feet so far outward of their shoulders and below them as paper E's ground problems have them."""
+    target, down = np.array([OUTWARD_M, 0.0, -DOWN_M]), np.array([0.0, 0.0, -1.0])
+    return [angle for limb in robot.limbs for angle in limb_posture(link_lengths(limb), target, down, Servo())]
 
 
 def _from_yaml(path: Path, srdf: str | Path | None) -> RobotModel:

@@ -88,6 +88,12 @@ class RobotModel:
         said = "\0".join([self.urdf, *(f"{leg.name}\0{leg.foot}\0{leg.stance_rad.tolist()}" for leg in self.legs)])
         return hashlib.sha256(said.encode()).hexdigest()
 
+    @property
+    def stand_height_m(self) -> float:
+        """Of the centre of mass over the ground under its feet, as it stands [m]."""
+        grounds = [float(leg.nominal_m[2]) - leg.radius_m for leg in self.legs]
+        return float(self.body.com_m[2]) - float(np.mean(grounds))
+
     def leg(self, name: str) -> Leg:
         """The leg of a name. Raises InvalidInput for one that is not there."""
         for leg in self.legs:
@@ -153,12 +159,12 @@ def model_of(
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     doubts = [*found.doubts, *_torque_doubts(legs, body)]
-    doubts += [f"mesh {each}: no such file, drawn as links" for each in missing]
+    doubts += [(f"mesh {each}", "no such file, not drawn") for each in missing]
     return RobotModel(
         name=called, urdf=text, legs=legs, body=body, shapes=shapes, mounts=_mounts(model, legs, rest),
         disabled_pairs=frozenset() if semantics is None else disabled_pairs(semantics),
         remarks=(*(Remark(kind="guess", text=each) for each in (*found.guesses, *guesses)),
-                 *(Remark(kind="doubt", text=each) for each in doubts)),
+                 *(Remark(kind="doubt", text=each) for each in _joined(doubts))),
     )  # fmt: skip
 
 
@@ -234,7 +240,20 @@ def _mounts(model: Any, legs: Sequence[Leg], rest: Array) -> dict[str, Mount]:
     return found
 
 
-def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[str]:
+def _joined(doubts: Sequence[tuple[str, str]]) -> list[str]:
+    """One line a doubt, whatever number of joints, links or meshes it is of."""
+    subjects = dict[str, list[str]]()
+    for subject, text in doubts:
+        subjects.setdefault(f"{subject.partition(' ')[0]}\0{text}", []).append(subject.partition(" ")[2])
+    lines = []
+    for key, names in subjects.items():
+        kind, _, text = key.partition("\0")
+        plural = "es" if kind == "mesh" else "s"
+        lines.append(f"{kind}{plural if len(names) > 1 else ''} {', '.join(names)}: {text}")
+    return lines
+
+
+def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[tuple[str, str]]:
     """Torque limits that are not said, or that no joint of such a robot has."""
     doubts = []
     for leg in legs:
@@ -243,7 +262,7 @@ def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[str]:
             if joint.slides:
                 continue
             if joint.torque_nm <= 0.0:
-                doubts.append(f"joint {joint.name}: no torque limit")
+                doubts.append((f"joint {joint.name}", "no torque limit"))
             elif joint.torque_nm > most:
-                doubts.append(f"joint {joint.name}: a torque limit of {joint.torque_nm:g} Nm")
+                doubts.append((f"joint {joint.name}", f"a torque limit of {joint.torque_nm:g} Nm"))
     return doubts

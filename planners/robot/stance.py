@@ -12,6 +12,8 @@ DROP = 0.75
 """Share of how far below its hip a foot can be, at which it stands."""
 SAMPLES = 4000
 NEAREST = 200
+BACKWARD = 0.2
+"""How much a knee to the rear is preferred, where both ways are as good: all legs then bend alike."""
 
 
 def standing(leg: Leg) -> Array:
@@ -30,4 +32,6 @@ def standing(leg: Leg) -> Array:
     middle, half = 0.5 * (leg.lower_rad + leg.upper_rad), 0.5 * (leg.upper_rad - leg.lower_rad)
     found, error = descend(leg, np.repeat(target[None], len(near), axis=0), angles[near])
     strain = np.max(np.abs(found - middle) / np.maximum(half, 1e-9), axis=1) + 1e3 * np.maximum(error - REACHED_M, 0.0)
+    knees = leg.chain.frames(found)[1][:, -1]
+    strain = strain + BACKWARD * (knees[:, 0] - hip[0]) / leg.chain.length_m
     return np.asarray(found[int(np.argmin(strain))])

@@ -51,14 +51,16 @@ class Workspace:
 
     inner: a polytope that is reached throughout, as far as ``unreachable`` says. ball_m: the largest ball in it, centre
     and radius, shape (4,). box_m: the largest upright box in it, low and high corner, shape (2, 3). outer: holds all
-    that is reachable, proved. cover: share of what is reachable, usefully below the hip, that is in ``inner``;
-    unreachable: share of ``inner`` that is not; both by inverse kinematics on sampled points.
+    that is reachable, proved. reach_m: how far from its first joint the foot gets [m]. cover: share of what is
+    reachable, usefully below the hip, that is in ``inner``; unreachable: share of ``inner`` that is not; both by
+    inverse kinematics on sampled points.
     """
 
     inner: Polytope
     ball_m: Array
     box_m: Array
     outer: OuterSet
+    reach_m: float
     cover: float
     unreachable: float
 
@@ -79,6 +81,7 @@ def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
         ball_m=inner.largest_ball,
         box_m=inner.largest_box(),
         outer=outer_set(leg),
+        reach_m=voxels.reach_m,
         cover=float(held.mean()) if len(held) else 0.0,
         unreachable=float(1.0 - _reached(seeds, inner.sample(CHECKED, rng)).mean()),
     )
@@ -90,6 +93,7 @@ class _Voxels:
     def __init__(self, leg: Leg, rng: np.random.Generator) -> None:
         self.size = leg.chain.length_m / VOXELS
         feet = leg.chain.feet(leg.random_angles(SAMPLES * len(leg.joints), rng))
+        self.reach_m = float(np.linalg.norm(feet - leg.hip_m, axis=1).max())
         self.corner = feet.min(axis=0) - 2.0 * self.size
         cells = ((feet - self.corner) / self.size).astype(np.intp)
         shape = tuple(cells.max(axis=0) + 3)

@@ -59,7 +59,7 @@ def _packed(workspaces: tuple[Workspace, ...]) -> bytes:
             f"{i}.offsets": each.inner.offsets_m,
             f"{i}.ball": each.ball_m,
             f"{i}.box": each.box_m,
-            f"{i}.shares": [each.cover, each.unreachable],
+            f"{i}.shares": [each.reach_m, each.cover, each.unreachable],
             f"{i}.outer_normals": each.outer.normals,
             f"{i}.outer_offsets": each.outer.offsets_m,
             f"{i}.outer_ball": [*each.outer.centre_m, each.outer.radius_m, each.outer.slack_m],
@@ -86,8 +86,8 @@ def _workspace(arrays: Mapping[str, Any]) -> Workspace:
         normals=arrays["outer_normals"], offsets_m=arrays["outer_offsets"], centre_m=np.array(centre),
         radius_m=float(radius), slack_m=float(slack),
     )  # fmt: skip
-    cover, unreachable = arrays["shares"]
+    reach, cover, unreachable = arrays["shares"]
     return Workspace(
         inner=Polytope(normals=arrays["normals"], offsets_m=arrays["offsets"]), ball_m=arrays["ball"],
-        box_m=arrays["box"], outer=outer, cover=float(cover), unreachable=float(unreachable),
+        box_m=arrays["box"], outer=outer, reach_m=float(reach), cover=float(cover), unreachable=float(unreachable),
     )  # fmt: skip

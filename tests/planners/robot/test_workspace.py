@@ -148,9 +148,7 @@ def test_flat_sets_and_legs_without_an_inside_are_refused() -> None:
         workspaces_of(model_of(robot(parts), feet={"a": "a1", "b": "b1"}), cached=False)
 
 
-def test_workspaces_are_kept_by_digest_and_read_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_workspaces_are_kept_by_digest_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path))
     one = model_of(robot([leg(name) for name in list(HIPS)[:2]]))
     first = workspaces_of(one)
