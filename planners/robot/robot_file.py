@@ -27,6 +27,7 @@ class RobotKeys(BaseModel):
     urdf: the robot. srdf: pairs of links that may touch, and a posture to stand in. packages: folders where
     ``package://`` names lead. name: in place of the URDF's. feet: the links that are feet, by the names that their legs
     shall have, or a list. joints: corrections by name or pattern. posture_rad: to stand in, by name or pattern.
+    root_rpy_rad: how the URDF's root lies in a frame whose z points up, where its own does not.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -37,6 +38,7 @@ class RobotKeys(BaseModel):
     feet: Annotated[dict[str, str] | list[str], Field(union_mode="left_to_right")] = {}
     joints: dict[str, JointCorrection] = {}
     posture_rad: dict[str, Number] = {}
+    root_rpy_rad: tuple[Number, Number, Number] | None = None
     source: Any = None
 
 
@@ -89,6 +91,7 @@ def _from_yaml(path: Path, srdf: str | Path | None) -> RobotModel:
             read_text(urdf), where=str(urdf), folder=urdf.parent, packages=[folder / each for each in keys.packages],
             srdf="" if semantics is None else read_text(semantics), feet=keys.feet, joints=keys.joints,
             posture_rad=keys.posture_rad, name=keys.name,
+            root_rpy_rad=keys.root_rpy_rad or (),
         )  # fmt: skip
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None

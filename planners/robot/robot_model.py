@@ -22,7 +22,7 @@ from .leg import Leg
 from .leg_search import legs_of
 from .shapes import Shape, disabled_pairs, shapes_of
 from .stance import standing
-from .urdf_reader import JointCorrection, built, corrected, matching, parsed, pinocchio
+from .urdf_reader import JointCorrection, built, corrected, matching, parsed, pinocchio, turned
 
 STANCES = ("standing", "stand", "half_sitting", "home", "default")
 """Postures of an SRDF that are taken for the one in which the robot stands, the first that is there."""
@@ -134,16 +134,19 @@ def model_of(
     joints: Mapping[str, JointCorrection] | None = None,
     posture_rad: Mapping[str, float] | None = None,
     name: str = "",
+    root_rpy_rad: Sequence[float] = (),
 ) -> RobotModel:
     """The robot of a URDF's text.
 
     where: what messages call the file. folder, packages: where meshes are. srdf: text of an SRDF, for pairs of links
     that may touch and a posture to stand in. feet: links, by the names of their legs or alone; searched for where none
     is given. joints: corrections, by name or pattern. posture_rad: of the standing robot, by joint or pattern.
-    name: in place of the URDF's.
+    name: in place of the URDF's. root_rpy_rad: of a root whose z does not point up, in a frame whose z does.
     Raises InvalidInput, in one line, for a file that is no URDF of a robot with legs and masses.
     """
     text = corrected(text.strip("\0 \t\r\n"), joints or {}, where)
+    if len(root_rpy_rad):
+        text = turned(text, root_rpy_rad, where)
     root = parsed(text, where)
     model = built(text, where)
     try:

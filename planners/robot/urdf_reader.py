@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
+from tempfile import TemporaryFile
 from typing import Annotated, Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -18,6 +19,8 @@ from ..files.arrays import LARGEST
 from ..files.refusals import shown
 
 DEEPEST_XML = 30
+UPRIGHT = "upright"
+"""The root that is put above one that lies on its side."""
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(gt=0.0, le=LARGEST)]
 
@@ -85,6 +88,25 @@ def corrected(text: str, corrections: Mapping[str, JointCorrection], where: str)
     return ElementTree.tostring(root, encoding="unicode")
 
 
+def turned(text: str, root_rpy_rad: Sequence[float], where: str) -> str:
+    """The URDF of a robot whose z does not point up, below a new root whose z does.
+
+    root_rpy_rad: roll, pitch and yaw of the old root in the new one.
+    """
+    root = parsed(text, where)
+    children = {child.get("link") for child in root.findall("joint/child")}
+    names = [link.get("name", "") for link in root.findall("link")]
+    old = next((name for name in names if name not in children), None)
+    if old is None or UPRIGHT in names:
+        raise InvalidInput(f"{where}: expected one root to turn, and no link that is called {UPRIGHT}")
+    ElementTree.SubElement(root, "link", name=UPRIGHT)
+    joint = ElementTree.SubElement(root, "joint", name=f"{UPRIGHT}_joint", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=UPRIGHT)
+    ElementTree.SubElement(joint, "child", link=old)
+    ElementTree.SubElement(joint, "origin", xyz="0 0 0", rpy=" ".join(map(repr, root_rpy_rad)))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
 def matching(pattern: str, names: Mapping[str, object], where: str) -> list[str]:
     """The names that a name or pattern means. Raises InvalidInput for one that means none."""
     found = [pattern] if pattern in names else [name for name in names if fnmatchcase(name, pattern)]
@@ -107,24 +129,27 @@ def pinocchio() -> Any:
 def built(text: str, where: str) -> Any:
     """pinocchio's model of a URDF on a free-flying base. Raises InvalidInput for what pinocchio refuses."""
     pin = pinocchio()
-    try:
-        with quiet():
-            return pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
-    except Exception as error:  # what pinocchio meets
-        raise InvalidInput(f"{where}: expected a URDF: {' '.join(str(error).split())[:120]}") from None
+    with TemporaryFile() as said:
+        try:
+            with _standard_error(said.fileno()):
+                return pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+        except Exception as error:  # what pinocchio meets
+            said.seek(0)
+            lines = said.read(10_000).decode(errors="replace").splitlines()
+            reason = next((line.partition("Error:")[2] for line in lines if line.startswith("Error:")), str(error))
+            raise InvalidInput(f"{where}: expected a URDF: {' '.join(reason.split())[:120]}") from None
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
-    """Nothing on standard error, where urdfdom writes several lines by itself before it refuses."""
-    with open(os.devnull, "wb") as nowhere:
-        kept = os.dup(2)
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+def _standard_error(descriptor: int) -> Iterator[None]:
+    """Standard error goes elsewhere: urdfdom writes several lines to it by itself before it refuses."""
+    kept = os.dup(2)
+    os.dup2(descriptor, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 def _few(names: Mapping[str, object]) -> str:

@@ -15,7 +15,7 @@ from scipy.ndimage import binary_closing, binary_dilation, distance_transform_ed
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .inverse_kinematics import Seeds
+from .inverse_kinematics import REACHED_M, Seeds
 from .leg import Leg
 from .outer import OuterSet, outer_set
 from .polytope import Polytope
@@ -30,17 +30,15 @@ MOST_INSIDE = 12_000
 """Voxels by which an ellipsoid is fitted."""
 SEEDS, TRIES = 8_000, 2
 """Postures to start inverse kinematics from, and how many of them for each point."""
-CHECKED, CUTS = 4_000, 12
+CHECKED, CUTS = 4_000, 16
 """Points by which a polytope is checked, and by which shares are measured; how often it is cut."""
-MISSED = 0.0015
+MISSED = 0.0008
 """Share of a polytope that may be out of reach, as far as its points tell."""
-DEAR = 12.0
+DEAR = 25.0
 """Points within reach that may be lost with one that is not."""
-MOST_TANGENTS = 100
+MOST_TANGENTS = 20
 USEFUL = 0.15
 """Of the leg's length: feet that are so far below the hip are of use, and count in ``cover``."""
-TOUCHES_M = 1e-3
-"""A point this close to a reachable one counts as reached; voxels are far larger."""
 CUBE = np.ones((3, 3, 3), dtype=np.bool_)
 CUBE.setflags(write=False)
 
@@ -198,4 +196,4 @@ def _best_faces(candidates: Array, points: Array, missed: np.ndarray) -> tuple[A
 
 
 def _reached(seeds: Seeds, points: Array) -> np.ndarray:
-    return np.asarray(seeds.solve(points)[1] <= TOUCHES_M)
+    return np.asarray(seeds.solve(points)[1] <= REACHED_M)

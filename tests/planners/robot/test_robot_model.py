@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot import hexapod
@@ -220,6 +221,8 @@ MIMIC = quadruped().replace('<limit lower="-2.4"', '<mimic joint="LF_HFE" multip
         (quadruped(), {"posture_rad": {"LF_TOE": 1.0}},
          "posture_rad: expected one of LF_HAA, LF_HFE, LF_KFE, RF_HAA, RF_HFE, RF_KFE, LH_HAA, LH_HFE, LH_KFE, RH_HAA, "
          "RH_HFE, RH_KFE, got 'LF_TOE'"),
+        (quadruped().replace('lower="-0.7"', 'lower="-0.7."'), {},
+         "expected a URDF: joint [LF_HAA]: lower value (-0.7.) is not a valid float"),
         ("<robot", {}, "expected a URDF: unclosed token: line 1, column 0"),
         ("<sdf/>", {}, "expected a URDF: expected a robot, got 'sdf'"),
         (quadruped().replace('radius="0.02"', 'radius="wide"'), {},
@@ -245,6 +248,22 @@ def test_a_yaml_file_names_a_urdf_and_corrects_it(tmp_path: Path) -> None:
     assert model.legs[2].upper_rad[0] == 0.3
     assert model.legs[1].stance_rad.tolist() == [0.0, 0.6, -1.2]
     assert model.remarks == ()
+
+
+def test_a_robot_that_lies_on_its_side_is_put_upright(tmp_path: Path) -> None:
+    lying = quadruped().replace('<link name="base">', '<link name="base0"/><link name="base">', 1)
+    lying = lying.replace("</robot>", fixed("side", "base0", "base") + "</robot>")
+    lying = lying.replace('<child link="base"/><origin xyz="0 0 0"/>', '<child link="base"/><origin rpy="1.5 .1 0"/>')
+    (tmp_path / "q.urdf").write_text(lying)
+    turn = model_of(lying, feet=["LF_FOOT"]).mounts["base"].rotation
+    yaw, pitch, roll = Rotation.from_matrix(turn.T).as_euler("ZYX").tolist()
+    (tmp_path / "q.yaml").write_text(f"urdf: q.urdf\nroot_rpy_rad: [{roll}, {pitch}, {yaw}]\n")
+    model, upright = named_robot(tmp_path / "q.yaml"), model_of(quadruped())
+    assert model.leg_names == upright.leg_names
+    for ours, theirs in zip(model.legs, upright.legs, strict=True):
+        np.testing.assert_allclose(ours.hip_m, theirs.hip_m, atol=1e-9)
+        q = theirs.stance_rad[None]
+        np.testing.assert_allclose(ours.chain.feet(q), theirs.chain.feet(q), atol=1e-9)
 
 
 @pytest.mark.parametrize(
