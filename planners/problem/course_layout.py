@@ -23,7 +23,9 @@ TOE_M = 0.02
 
 def lay_out(spec: CourseSpec, folder: Path = Path()) -> Course:
     """The course that a description means. folder: where relative paths of files begin. Raises InvalidInput."""
-    robot = spec.make_robot()
+    model = spec.robot_model(folder)
+    robot = spec.make_robot(model)
+    spec = spec if model is None else spec.standing(model, robot)
     corners, way = _corners(spec)
     com_m, passed = _walk(corners, way, spec.frames)
     radius = np.full(spec.frames, spec.body.com_radius_m)
