@@ -39,12 +39,12 @@ class Polytope:
             raise InvalidInput("polytope: expected one that is bounded and has an inside")
         return np.asarray(found.x)
 
-    def ball_near(self, home: Array, share: float) -> Array:
-        """The largest ball inside whose centre is within ``share`` of its radius of ``home``, shape (4,) [m]; where
-        there is none, the largest of all."""
+    def ball_above(self, home: Array, above: float, aside: float) -> Array:
+        """The largest ball inside whose centre is ``above`` radii over ``home``, give or take ``aside`` radii in any
+        direction, shape (4,) [m]; where there is none, the largest of all."""
         faces, count = np.column_stack([self.normals, np.ones(len(self.normals))]), len(self.normals)
         cone = np.zeros((4, 4))
-        cone[0, 3], cone[1:, :3] = -share, -np.eye(3)
+        cone[0, 3], cone[1:, :3], cone[3, 3] = -aside, -np.eye(3), above
         settings = clarabel.DefaultSettings()
         settings.verbose = False
         found = clarabel.DefaultSolver(
@@ -54,8 +54,9 @@ class Polytope:
         ).solve()  # fmt: skip
         centre = np.array(found.x[:3])
         radius = float(np.min(self.offsets_m - self.normals @ centre))
-        near = radius > 0.0 and float(np.linalg.norm(centre - home)) <= 1.001 * share * radius
-        return np.append(centre, radius) if near else self.largest_ball
+        off = centre - home - np.array([0.0, 0.0, above * radius])
+        there = radius > 0.0 and float(np.linalg.norm(off)) <= 1.001 * aside * radius
+        return np.append(centre, radius) if there else self.largest_ball
 
     @cached_property
     def _dual(self) -> HalfspaceIntersection:

@@ -117,7 +117,7 @@ def test_balls_and_boxes_are_inside_and_touch(measured: Measured) -> None:
     for each, workspace in zip(model.legs, workspaces, strict=True):
         (*middle, smaller), inner = workspace.ball_m, workspace.inner
         assert np.min(inner.offsets_m - inner.normals @ np.array(middle)) == pytest.approx(smaller, abs=1e-9)
-        assert np.linalg.norm(each.nominal_m - middle) <= 0.601 * smaller
+        assert np.linalg.norm(middle - each.nominal_m - [0.0, 0.0, 0.5 * smaller]) <= 0.301 * smaller
         *centre, radius = inner.largest_ball
         assert 0.5 * radius < smaller <= radius + 1e-9
         room = inner.offsets_m - inner.normals @ np.array(centre)
@@ -135,8 +135,10 @@ def test_the_largest_box_of_an_octahedron_is_known() -> None:
     np.testing.assert_allclose(octahedron.largest_ball, [0.0, 0.0, 0.0, 1.0 / np.sqrt(3.0)], atol=1e-9)
     assert ConvexHull(octahedron.vertices).volume == pytest.approx(4.0 / 3.0)
     cube = Polytope(normals=np.vstack([np.eye(3), -np.eye(3)]), offsets_m=np.ones(6))
-    *centre, radius = cube.ball_near(np.array([0.5, 0.0, 0.0]), 0.25)  # 1 − x = r, .5 − x … = r / 4
-    np.testing.assert_allclose([*centre, radius], [1.0 / 3.0, 0.0, 0.0, 2.0 / 3.0], atol=1e-6)
+    *centre, radius = cube.ball_above(np.array([0.0, 0.0, 0.5]), -0.5, 0.25)  # r = 1 − z, z = .5 − (.5 ± .25) r
+    assert radius == pytest.approx(1.0)
+    *centre, radius = cube.ball_above(np.array([0.0, 0.0, 0.5]), 0.5, 0.25)  # r = 1 − z, z = .5 + (.5 − .25) r
+    np.testing.assert_allclose([*centre, radius], [0.0, 0.0, 0.6, 0.4], atol=1e-6)
     more = octahedron.cut(np.eye(3), np.full(3, 2.0))
     assert len(more.normals) == 11
     assert len(more.lean().normals) == 8
