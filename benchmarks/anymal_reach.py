@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stancekit.planners.robot.leg_boxes import Workspace
 from stancekit.planners.robot.single_body import GaitRobot
 
 POSTURE = [-0.1, 0.7, -1.0, -0.1, -0.7, 1.0, 0.1, 0.7, -1.0, 0.1, -0.7, 1.0]  # "standing" of the SRDF beside it
@@ -34,8 +35,10 @@ def main() -> None:
     """Print the numbers."""
     path = Path(sys.argv[1]) if len(sys.argv) > 1 else default_path()
     robot = GaitRobot.from_urdf(
-        path, FEET, POSTURE, ranges_rad=[(0.6, 0.6), (1.0, 1.0), (1.4, 0.6)], trunk_half_m=[0.27, 0.14, 0.12],
-        ceiling_m=-0.2, inner_m=0.08, voxel_m=0.02, steps=40,
+        path, FEET, POSTURE, trunk_half_m=[0.27, 0.14, 0.12],
+        workspace=Workspace(
+            ranges_rad=[(0.6, 0.6), (1.0, 1.0), (1.4, 0.6)], ceiling_m=-0.2, inner_m=0.08, voxel_m=0.02, steps=40
+        ),
     )  # fmt: skip
     print(f"mass {robot.mass_kg:.4f} kg\ninertia\n{robot.inertia_kgm2.round(5)}\nstands {robot.stand_height_m:.3f} m")
     lows, highs = [], []

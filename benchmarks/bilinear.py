@@ -2,7 +2,7 @@
 
 In the form "eliminated" toes, p and m are gone: left are c, Θ, and U − 1 weights, three forces and the vector from
 shoulder to toe a limb. A product of a weight and a force is all that is bilinear, since Σ f is fixed and the centre of
-mass enters linearly. The form "paper" keeps p and m as variables with m = p f (eqs. 2, 8, 9), in their plain bounds.
+mass enters linearly. The form "paper" keeps p and m as variables with m = p f (E2, E8, E9), in their plain bounds.
 """
 
 from __future__ import annotations
@@ -151,7 +151,7 @@ def _toe(scaled: Scaled, unknowns: _Unknowns, i: int) -> list[Any]:
 
 
 def _equal_zero(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
-    """Net force (eq. 5), net moment (eq. 6, about the world's origin) and the definition of the legs (eq. 11)."""
+    """Net force (E5), net moment (E6, about the world's origin) and the definition of the legs (E11)."""
     com, weight = unknowns.com, scaled.weight
     force, moment, rows = [0.0, 0.0, -weight], [-weight * com[1], weight * com[0], 0.0], []
     for i in range(scaled.size[0]):
@@ -177,7 +177,7 @@ def _equal_zero(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
 
 
 def _moment_of_products(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
-    """Σ m_ijk P_j × F_ik (eq. 9), about the centre of mass."""
+    """Σ m_ijk P_j × F_ik (E9), about the centre of mass."""
     total: list[Any] = [0.0, 0.0, 0.0]
     for i in range(scaled.size[0]):
         for j in range(3):
@@ -188,7 +188,7 @@ def _moment_of_products(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
 
 
 def _at_most_zero(scaled: Scaled, unknowns: _Unknowns) -> list[Any]:
-    """Patches (eq. 1), cones (eq. 10), reach (eq. 11) and the ball of the centre of mass."""
+    """Patches (E1), cones (E10), reach (E11) and the ball of the centre of mass."""
     off = [unknowns.com[j] - float(scaled.com[0, j]) for j in range(3)]
     rows = [_square(off) - float(scaled.com_radius[0]) ** 2]
     for i in range(scaled.size[0]):

@@ -22,13 +22,13 @@ from stancekit.learners.selectors.quantile import quantile_box
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
-from stancekit.planners.gait.seeds import Seat
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.warp.conformal import flatten
+from stancekit.planners.warp.contact_plans import WarpedPose
 from stancekit.planners.warp.spline_map import SplineMap
 
 ON_SURFACE = 1e-4
@@ -62,13 +62,13 @@ def transfer(
     hits: dict[str, list[tuple[bool, bool, bool]]] = {"chart": [], "direct": []}
     for _ in range(count):
         place = np.array([*rng.uniform(-2.0, 2.0, 2), HEIGHT_M])
-        seat = Seat(warp=warp, com_bar_m=place)
-        problem = seat.problem(source.sample(rng))
+        pose = WarpedPose(warp=warp, com_bar_m=place)
+        problem = pose.problem(source.sample(rng))
         status = planner.solve(problem).status
         if status is Status.UNDECIDED:
             continue
         scaled = Scaled.of(problem)
-        boxes = {"chart": seat.envelope(envelope, problem.length_scale_m), "direct": envelope}
+        boxes = {"chart": pose.envelope(envelope, problem.length_scale_m), "direct": envelope}
         for way, box in boxes.items():
             admitted, projected = _both(programs, scaled, box)
             hits[way].append((status is Status.FEASIBLE, admitted, projected))

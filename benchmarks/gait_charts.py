@@ -14,18 +14,19 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import dataclass
-from typing import Any, get_args
+from functools import lru_cache, partial
+from typing import Any
 
 import numpy as np
 
 from stancekit.planners.errors import PlanningFailed
-from stancekit.planners.gait.formulation import GaitProgram, formulate
-from stancekit.planners.gait.solution import GaitSolution
-from stancekit.planners.gait.solve import Costs
-from stancekit.planners.gait.subprocess import solve_apart
-from stancekit.planners.gait.task import ChartName, GaitSettings, GaitTask
+from stancekit.planners.gait.charts import CHARTS
+from stancekit.planners.gait.formulation import formulate
+from stancekit.planners.gait.gait_program import Costs, GaitProgram, GaitSolution
+from stancekit.planners.gait.method.subprocess import solve_in_subprocess
+from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import anymal
-from stancekit.planners.terrain.reference import REFERENCES, reference_tasks, reference_terrain
+from stancekit.planners.terrain.reference import TERRAINS, reference_tasks, reference_terrain
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
 from stancekit.planners.warp.conformal import flatten
 
@@ -68,7 +69,7 @@ def main() -> None:
     lines = []
     for terrain in asked.terrains:
         field, tasks = reference_terrain(terrain), reference_tasks(terrain)
-        warp = flatten(field) if any(chart.startswith("warped") for chart in asked.charts) else None
+        warp = lru_cache(maxsize=1)(partial(flatten, field))
         for chart in asked.charts:
             cells = []
             for number in [task for task in asked.tasks if task < len(tasks)]:
@@ -90,7 +91,7 @@ def solved(program: GaitProgram, seed: int | None, asked: argparse.Namespace, ip
     """One solve in a child process, and the verifier's word."""
     guess = None if seed is None else program.perturbed(np.random.default_rng(seed), asked.noise)
     try:
-        found = solve_apart(
+        found = solve_in_subprocess(
             program, guess, time_limit_s=PATIENCE * asked.seconds, costs=Costs(proximal=asked.proximal),
             max_iterations=asked.iterations, max_cpu_time=asked.seconds, **ipopt,
         )  # fmt: skip
@@ -125,8 +126,8 @@ def summary(terrain: str, chart: str, cells: list[Cell]) -> str:
 def arguments() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--terrains", nargs="+", choices=list(REFERENCES), default=["ripple", "cone", "hill", "pit"])
-    parser.add_argument("--charts", nargs="+", choices=get_args(ChartName),
+    parser.add_argument("--terrains", nargs="+", choices=TERRAINS.names(), default=["ripple", "cone", "hill", "pit"])
+    parser.add_argument("--charts", nargs="+", choices=CHARTS.names(),
                         default=["decoupled", "warped-exact", "warped", "ambient"])  # fmt: skip
     parser.add_argument("--tasks", nargs="+", type=int, default=[0, 5, 10])
     parser.add_argument("--seeds", type=int, default=3)

@@ -27,7 +27,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.seeds import KeyFrames, pushed_plan, seeded
+from stancekit.planners.gait.method.guess import along_key_frames
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import lay_out
@@ -38,6 +38,7 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.warp.conformal import flatten
+from stancekit.planners.warp.contact_plans import KeyFrames, pushed_plan
 from stancekit.planners.warp.spline_map import SplineMap
 
 HEIGHT_M = 0.2
@@ -115,7 +116,7 @@ def walk(
             if guess != "guess" and guess not in frames:
                 yield row | {"feasible": False, "verified": False}
                 continue
-            x = program.guess if guess == "guess" else seeded(program, frames[guess])
+            x = program.guess if guess == "guess" else along_key_frames(program.structure, frames[guess])
             solution = program.solve(x, max_iterations=100)
             accepted = solution.success and check_trajectory(solution.trajectory()).accepted
             yield row | {

@@ -2,8 +2,8 @@
 
     python benchmarks/warp.py [--terrains ripple cone hill pit] [--cells 24 24 6] [--picture NAME.png] [--json]
 
-local-global is Algorithm 1 as printed, gauss-newton the paper's second method; both match softly and have no snap.
-accelerated is Algorithm 1 with the nearest similarity, fast diagonalisation and Anderson acceleration; fast is what
+local-global is Algorithm W1 as printed, gauss-newton the paper's second method; both match softly and have no snap.
+accelerated is Algorithm W1 with the nearest similarity, fast diagonalisation and Anderson acceleration; fast is what
 the product uses. CPU seconds include the checks: min det J on lines three times as dense as the quadrature, the match
 between the terrain's nodes, conformal errors. --picture writes one convergence chart a terrain, NAME-terrain.png.
 """
@@ -15,7 +15,7 @@ import json
 from pathlib import Path
 from typing import Any, get_args
 
-from stancekit.planners.terrain.reference import REFERENCES, reference_terrain
+from stancekit.planners.terrain.reference import TERRAINS, reference_terrain
 from stancekit.planners.warp.conformal import CELLS, Method, fit_map
 from stancekit.planners.warp.report import MapReport
 from stancekit.views.map_picture import draw_map_convergence
@@ -25,7 +25,7 @@ from stancekit.views.plot import save
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--terrains", nargs="+", choices=list(REFERENCES), default=["ripple", "cone", "hill", "pit"])
+    parser.add_argument("--terrains", nargs="+", choices=TERRAINS.names(), default=["ripple", "cone", "hill", "pit"])
     parser.add_argument("--cells", nargs=3, type=int, default=CELLS)
     parser.add_argument("--methods", nargs="+", choices=get_args(Method), default=list(get_args(Method)))
     parser.add_argument("--iterations", type=int, default=100)

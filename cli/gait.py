@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -12,19 +11,17 @@ import tyro
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.refusals import shown
 
+from . import gait_options
 from .console import as_options, emit, err, out
 from .terrain import TerrainFile
 from .watch import interruptible, watching
 
 if TYPE_CHECKING:
-    from stancekit.planners.files.arrays import Array
-    from stancekit.planners.gait.attempt import Attempt, Attempted
-    from stancekit.planners.gait.checkpoint import Partial
-    from stancekit.planners.gait.portfolio import Caps, GaitPlan
+    from stancekit.planners.gait.method.attempt import Attempt, Attempted
+    from stancekit.planners.gait.method.checkpoint import Checkpoint
+    from stancekit.planners.gait.method.portfolio import Caps, GaitPlan
     from stancekit.planners.gait.task import GaitSettings, GaitTask
-    from stancekit.planners.robot.single_body import GaitRobot
 
-ROBOTS = ("anymal", "hexapod")
 LIMITS = {True: 80, False: 200}
 """Iterations of a solve in a portfolio, and in one chart."""
 
@@ -34,8 +31,8 @@ class Gait:
     """Plan a walk over a terrain and verify it between the knots; write it only if the verifier accepts.
 
     TERRAIN is a reference terrain (ripple, cone, hill, pit, pit-84, pit-87), a drawn one as rough:0.5:7
-    (FAMILY:DIFFICULTY:SEED), or a file of heights. A place is written x,y in metres; before a negative one the sign =
-    is the safe way to write it, as in --start=-2.6,0.
+    (FAMILY:DIFFICULTY:SEED), a function of x and y as FILE.py:NAME, or a file of heights. A place is written x,y in
+    metres; before a negative one the sign = is the safe way to write it, as in --start=-2.6,0.
 
     A run that is interrupted keeps what it has beside --out; the same command goes on from there.
 
@@ -53,8 +50,9 @@ class Gait:
     face its goal, for the feet that stick are in front."""
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
     """anymal, hexapod, or a robot's file (YAML)."""
-    chart: Literal["portfolio", "ambient", "warped", "warped-exact", "shear", "decoupled"] = "portfolio"
-    """In which coordinates to solve; portfolio tries one after another until the verifier accepts."""
+    chart: Annotated[str, tyro.conf.arg(metavar="CHART|FILE.py:NAME")] = "portfolio"
+    """In which coordinates to solve: ambient, shear, decoupled, warped, warped-exact, or a chart of your own; portfolio
+    tries one after another until the verifier accepts."""
     timings: Literal["fixed", "optimised"] = "fixed"
     """Whether the phases keep the gait's timing, or are optimised with the rest."""
     gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] | None = None
@@ -98,7 +96,7 @@ class Gait:
 
     def run(self) -> int:
         """Plan, verify, write, draw."""
-        from stancekit.planners.gait.checkpoint import Partial
+        from stancekit.planners.gait.method.checkpoint import Checkpoint
 
         from . import gait_answer
 
@@ -107,18 +105,18 @@ class Gait:
         with as_options():
             settings, caps = self._settings(), self._caps()
         attempts = self._attempts(task)
-        partial = Partial(self.out, task, settings, attempts, caps.phases)
-        plan = self._plan(task, settings, caps, attempts, partial)
+        checkpoint = Checkpoint(self.out, task, settings, attempts, caps.phases)
+        plan = self._plan(task, settings, caps, attempts, checkpoint)
         best = plan.best
         if best is None:
-            hint = "" if plan.failures or partial.path is None else f"; remove {partial.path} to try anew"
+            hint = "" if plan.failures or checkpoint.path is None else f"; remove {checkpoint.path} to try anew"
             raise PlanningFailed(plan.message + hint)
         written = self._write(best)
         gait_answer.draw(
             best, plan, picture=self.picture, convergence=self.convergence, video=self.video, html=self.html
         )
         if written or not best.solution.success:
-            partial.remove()
+            checkpoint.remove()
         if self.json:
             emit(gait_answer.record(plan, best, self.terrain, self.out if written else None))
         else:
@@ -131,6 +129,7 @@ class Gait:
 
     def _check(self) -> None:
         """Raise InvalidInput for what cannot be written, and for counts out of range, before any work."""
+        from stancekit.planners.gait.charts import CHARTS
         from stancekit.planners.gait.trajectory_file import check_name
 
         from .gait_answer import check_pictures
@@ -152,6 +151,9 @@ class Gait:
             from stancekit.views.video import check_video
 
             check_video(self.video)
+        if self.chart != "portfolio":
+            with as_options():
+                CHARTS.get(self.chart)
         if not 1 <= self.seeds <= 1000:
             raise InvalidInput(f"--seeds: expected 1 to 1000, got {self.seeds}")
         if self.seed < 0:
@@ -162,8 +164,8 @@ class Gait:
     def _task(self) -> GaitTask:
         from stancekit.planners.gait.task import GaitTask
 
-        start, goal = _place(self.start, "--start"), _place(self.goal, "--goal")
-        robot = _robot(self.robot)
+        start, goal = gait_options.place(self.start, "--start"), gait_options.place(self.goal, "--goal")
+        robot = gait_options.robot(self.robot)
         sticky = [name.strip() for name in self.adhesive.split(",")] if self.adhesive else []
         unknown = sorted(set(sticky) - set(robot.foot_names))
         if unknown:
@@ -177,7 +179,7 @@ class Gait:
                 terrain=terrain,
                 start_xy_m=start,
                 goal_xy_m=goal,
-                start_yaw_rad=_heading(self.heading, goal - start),
+                start_yaw_rad=gait_options.heading(self.heading, goal - start),
                 duration_s=self.duration_s,
                 friction=self.friction,
                 adhesive=tuple(name in sticky for name in robot.foot_names),
@@ -185,7 +187,7 @@ class Gait:
                 timings=self.timings,
             )
         except InvalidInput as error:
-            raise InvalidInput(_as_options(str(error))) from None
+            raise InvalidInput(gait_options.in_options(str(error))) from None
 
     def _settings(self) -> GaitSettings:
         from stancekit.planners.gait.task import GaitSettings
@@ -193,33 +195,33 @@ class Gait:
         return GaitSettings(dynamics=self.dynamics, hessian=self.hessian, max_iterations=self._limit)
 
     def _caps(self) -> Caps:
-        from stancekit.planners.gait.portfolio import Caps
-        from stancekit.planners.gait.smoothing import Smoothing
+        from stancekit.planners.gait.method.portfolio import Caps
+        from stancekit.planners.gait.method.smoothing import Smoothing
 
         raw: dict[str, Any] = {"smoothing": Smoothing(rounds=0), "densifications": 0} if self.raw else {}
-        return Caps(iterations=self._limit, total_s=self.total_s, apart=True, **raw)
+        return Caps(iterations=self._limit, total_s=self.total_s, in_subprocess=True, **raw)
 
     @property
     def _limit(self) -> int:
         return self.max_iterations or LIMITS[self.chart == "portfolio"]
 
     def _attempts(self, task: GaitTask) -> list[Attempt]:
-        from stancekit.planners.gait.attempt import Attempt
-        from stancekit.planners.gait.portfolio import ways
+        from stancekit.planners.gait.method.attempt import Attempt
+        from stancekit.planners.gait.method.portfolio import default_attempts
 
-        found = ways(task) if self.chart == "portfolio" else [Attempt(chart=self.chart)]
-        return [way.perturbed(self.seed + k) if k else way for way in found for k in range(self.seeds)]
+        each = default_attempts(task) if self.chart == "portfolio" else [Attempt(chart=self.chart)]
+        return [one.perturbed(self.seed + k) if k else one for one in each for k in range(self.seeds)]
 
     # -------------------------------------------------------------------------------------------------- work
 
     def _plan(
-        self, task: GaitTask, settings: GaitSettings, caps: Caps, attempts: list[Attempt], partial: Partial
+        self, task: GaitTask, settings: GaitSettings, caps: Caps, attempts: list[Attempt], checkpoint: Checkpoint
     ) -> GaitPlan:
         """Attempts in their order, up to the chart that the verifier accepts. Raises KeyboardInterrupt when stopped."""
-        from stancekit.planners.gait.portfolio import plan_gait
+        from stancekit.planners.gait.method.portfolio import plan_gait
 
-        if partial.begun:
-            err.print(f"{partial.path}: goes on from what an interrupted run of this command kept")
+        if checkpoint.begun:
+            err.print(f"{checkpoint.path}: goes on from what an interrupted run of this command kept")
         with interruptible() as interrupted, watching(self.terrain) as show:
 
             def progress(*at: Any) -> bool:
@@ -227,12 +229,12 @@ class Gait:
                 return interrupted()
 
             try:
-                plan = plan_gait(task, settings, progress, caps=caps, attempts=attempts, partial=partial)
+                plan = plan_gait(task, settings, progress, caps=caps, attempts=attempts, checkpoint=checkpoint)
             except InvalidInput as error:
-                raise InvalidInput(_as_options(str(error))) from None
+                raise InvalidInput(gait_options.in_options(str(error))) from None
         if plan.stopped:
-            if partial.path is not None:
-                err.print(f"{partial.path}: kept; the same command goes on from there")
+            if checkpoint.path is not None:
+                err.print(f"{checkpoint.path}: kept; the same command goes on from there")
             raise KeyboardInterrupt
         return plan
 
@@ -257,45 +259,3 @@ class Gait:
         elif self.out is not None:
             kept = ", from what this run found" if best.solution.success else ""
             out.print(f"{self.out}: not written; --unverified writes what the verifier refuses{kept}")
-
-
-def _place(text: str, option: str) -> Array:
-    """A place X,Y, shape (2,) [m]."""
-    import numpy as np
-
-    try:
-        x, y = (float(part) for part in text.split(","))
-    except ValueError:
-        raise InvalidInput(f"{option}: expected a place X,Y in metres, got {shown(text)}") from None
-    return np.array([x, y])
-
-
-def _heading(text: str, way: Array) -> float:
-    """An angle, or that of the way to the goal [rad]."""
-    if text == "goal":
-        return math.atan2(way[1], way[0])
-    try:
-        return float(text)
-    except ValueError:
-        raise InvalidInput(f"--heading: expected an angle in rad, or goal, got {shown(text)}") from None
-
-
-def _robot(name: str) -> GaitRobot:
-    from stancekit.planners.robot.single_body import GaitRobot, anymal, hexapod_walker
-
-    if name in ROBOTS:
-        return anymal() if name == "anymal" else hexapod_walker()
-    if not Path(name).exists():
-        raise InvalidInput(f"--robot: expected {', '.join(ROBOTS)} or a robot's file, got {name!r}")
-    return GaitRobot.from_yaml(name)
-
-
-def _as_options(message: str) -> str:
-    """A task's message with the names of its fields as the options that gave them."""
-    names = {"start_xy_m": "start", "goal_xy_m": "goal", "start_yaw_rad": "heading"}
-    parts = []
-    for part in message.split("; "):
-        name, colon, rest = part.partition(":")
-        known = names.get(name, name if name in ("duration_s", "friction", "gait", "timings", "adhesive") else "")
-        parts.append(f"--{known.replace('_', '-')}{colon}{rest}" if known else part)
-    return "; ".join(parts)

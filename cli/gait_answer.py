@@ -12,8 +12,8 @@ from .console import err, progress
 
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
-    from stancekit.planners.gait.attempt import Attempted
-    from stancekit.planners.gait.portfolio import GaitPlan
+    from stancekit.planners.gait.method.attempt import Attempted
+    from stancekit.planners.gait.method.portfolio import GaitPlan
     from stancekit.planners.gait.task import GaitTask
     from stancekit.views.video import Frame
 
@@ -76,12 +76,12 @@ def _map(one: Attempted) -> Callable[[Array], Array] | None:
     """The map of the chart that a walk was found in, None for charts without."""
     import numpy as np
 
-    from stancekit.planners.gait.attempt import SCALED
-    from stancekit.planners.gait.solution import Pushforward
+    from stancekit.planners.gait.charts.pushforward import Pushforward
 
-    if one.attempt.chart in SCALED:
+    chart = one.solution.program.structure.chart
+    if chart.scales:
         return None
-    pushed = Pushforward(one.solution.program.structure)
+    pushed = Pushforward(chart)
     return lambda points: pushed.foot(points, np.zeros_like(points))[0]
 
 
@@ -120,12 +120,12 @@ def _attempt_record(plan: GaitPlan, index: int) -> dict[str, Any]:
 
 def _phases(plan: GaitPlan, one: Attempted) -> dict[str, dict[str, float]]:
     """By phase: CPU time, iterations and solves of an attempt."""
-    steps = [step for step in plan.steps if step.attempt == one.attempt.name]
+    solves = [record for record in plan.solves if record.attempt == one.attempt.name]
     return {
         phase: {
-            "cpu_seconds": sum(step.seconds for step in steps if step.phase == phase),
-            "iterations": sum(step.iterations for step in steps if step.phase == phase),
-            "solves": sum(step.phase == phase for step in steps),
+            "cpu_seconds": sum(record.seconds for record in solves if record.phase == phase),
+            "iterations": sum(record.iterations for record in solves if record.phase == phase),
+            "solves": sum(record.phase == phase for record in solves),
         }
         for phase in PHASES
     }
@@ -165,7 +165,7 @@ def advise(task: GaitTask) -> None:
     """Say what may help a walk that was not found, if its terrain is steeper than friction holds."""
     import numpy as np
 
-    from stancekit.planners.gait.homotopy import steepest
+    from stancekit.planners.gait.method.homotopy import steepest
 
     slope = steepest(task.terrain)
     if slope > task.friction and not any(task.adhesive):

@@ -1,4 +1,4 @@
-"""Terrains as the command line names them: a reference, a draw, or a file with what its numbers mean."""
+"""Terrains as the command line names them: a reference, a draw, FILE.py:NAME, or a file with its numbers' meaning."""
 
 from __future__ import annotations
 

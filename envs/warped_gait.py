@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from typing import Any, get_args
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,30 +13,20 @@ from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.refusals import shown
-from stancekit.planners.gait.attempt import Attempt, Attempted, Workbench
-from stancekit.planners.gait.task import ChartName, GaitSettings, GaitTask
-from stancekit.planners.robot.single_body import GaitRobot, anymal
-from stancekit.planners.terrain.reference import (
-    FAMILIES,
-    REFERENCES,
-    random_terrain,
-    reference_tasks,
-    reference_terrain,
-)
+from stancekit.planners.gait.charts import CHARTS
+from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
+from stancekit.planners.gait.task import GaitSettings, GaitTask
 
-CHARTS: tuple[ChartName, ...] = get_args(ChartName)
+from .distributions.walks import SampledTasks, Tasks
+
 HEIGHTS = ((1.0,), (0.5, 1.0), (0.25, 0.5, 0.75, 1.0))
 """Homotopies to choose from: factors on the terrain's heights."""
 NOISES = (0.0, 0.01, 0.02)
 """Initial guesses to choose from: what is added to the terrain-following one [m, rad, m·g]."""
 PATCH, PATCH_M = 24, 4.0
 """Heights along a side of the observed square, and its side [m]."""
-DRAWS = 100
 LARGEST = 1e6
 _ROOM = 4.0  # bound on lengths in an observation [m]
-
-Tasks = Callable[[np.random.Generator], GaitTask]
-
 
 @dataclass(frozen=True, kw_only=True)
 class GaitRewardWeights:
@@ -50,72 +40,67 @@ class GaitRewardWeights:
     seconds: float = 0.0
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SampledTasks:
-    """Walks over drawn terrains, or the paper's tasks on one of its own.
-
-    terrain: a family, ``mixed`` for all of them in turn at random, or a reference terrain. difficulty: of families,
-    uniform between the two. distance_m: from start to goal, uniform; robot: ANYmal where there is none.
-    """
-
-    terrain: str = "mixed"
-    difficulty: tuple[float, float] = (0.2, 0.8)
-    distance_m: tuple[float, float] = (0.3, 0.8)
-    duration_s: float = 3.0
-    robot: GaitRobot = field(default_factory=anymal)
-
-    def __post_init__(self) -> None:
-        known = ("mixed", *FAMILIES, *REFERENCES)
-        if self.terrain not in known:
-            raise InvalidInput(f"terrain: expected one of {', '.join(known)}, got {self.terrain!r}")
-        for name, most in (("difficulty", 1.0), ("distance_m", 3.0)):
-            low, high = getattr(self, name)
-            if not 0.0 <= low <= high <= most:
-                raise InvalidInput(f"{name}: expected 0 ≤ low ≤ high ≤ {most:g}, got {low:g} and {high:g}")
-
-    def __call__(self, rng: np.random.Generator) -> GaitTask:
-        """Draw a walk; a goal where the robot cannot stand is drawn again. Raises PlanningFailed if none is found."""
-        for _ in range(DRAWS):
-            try:
-                return self._reference(rng) if self.terrain in REFERENCES else self._drawn(rng)
-            except InvalidInput as error:
-                refused = error
-        raise PlanningFailed(f"no walk was found on {self.terrain} in {DRAWS} draws; the last: {refused}")
-
-    def _drawn(self, rng: np.random.Generator) -> GaitTask:
-        family = str(rng.choice(list(FAMILIES))) if self.terrain == "mixed" else self.terrain
-        field_ = random_terrain(family, float(rng.uniform(*self.difficulty)), rng)
-        turn = float(rng.uniform(-np.pi, np.pi))
-        start = rng.uniform(-1.5, 1.5, 2)
-        goal = start + rng.uniform(*self.distance_m) * np.array([np.cos(turn), np.sin(turn)])
-        return GaitTask(
-            robot=self.robot, terrain=field_, start_xy_m=start, goal_xy_m=goal, start_yaw_rad=turn,
-            duration_s=self.duration_s, gait=_gait(self.robot),
-        )  # fmt: skip
-
-    def _reference(self, rng: np.random.Generator) -> GaitTask:
-        chosen = reference_tasks(self.terrain)
-        walk = chosen[int(rng.integers(len(chosen)))]
-        return GaitTask(
-            robot=self.robot, terrain=reference_terrain(self.terrain), start_xy_m=walk.start_xy_m,
-            goal_xy_m=walk.goal_xy_m, adhesive=walk.adhesive, duration_s=self.duration_s, gait=_gait(self.robot),
-        )  # fmt: skip
-
-
 class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
-    """One step: see a height field with a start and a goal, choose how to solve the walk, be told what came of it.
+    """Choose how to solve a walk over a height field; the verifier judges what comes of it.
 
-    Observation, float32, in a frame whose origin is half-way from start to goal on the terrain and whose x points to
-    the goal: ``heights`` (24·24) [m] over a square of 4 m, row by row along x; ``start``, ``goal`` (2) [m]; ``facing``
-    (2), cosine and sine of the robot's heading; ``friction`` (1); ``adhesive`` (one a foot, 0 or 1).
-    Action: (chart, homotopy, initial guess), indices into ``charts``, ``HEIGHTS`` and ``NOISES``; a chart with a map of
+    ## Description
+
+    One walk an episode (paper W): a height field with a start and a goal. The agent chooses the coordinates to
+    optimise in, a homotopy and an initial guess; the optimiser solves, and the verifier looks between the knots.
+
+    ## Observation Space
+
+    A ``Dict`` of flat float32 ``Box``es, in a frame whose origin is half-way from start to goal on the terrain and
+    whose x points to the goal; E feet:
+
+    | name | shape | meaning |
+    |---|---|---|
+    | heights | (24 * 24,) | the terrain over a square of 4 m, row by row along x [m] |
+    | start | (2,) | [m] |
+    | goal | (2,) | [m] |
+    | facing | (2,) | cosine and sine of the robot's heading |
+    | friction | (1,) | ν |
+    | adhesive | (E,) | 1 for feet that stick |
+
+    ## Action Space
+
+    ``MultiDiscrete``: indices into ``charts``, ``HEIGHTS`` (homotopies) and ``NOISES`` (guesses). A chart with a map of
     its own knows no homotopy in height and ignores that choice.
-    Info after a step (numeric, fixed shapes): ``verified``, ``feasible``, ``iterations``, ``violation``, the verifier's
+
+    ## Reward
+
+    verified · [the verifier accepts] + feasible · [the solve succeeds] − iterations · (share of the limit that was
+    taken) − seconds · (CPU seconds, with ``timing`` only), with the weights of ``GaitRewardWeights``.
+
+    ## Starting State
+
+    A walk of ``tasks``, or ``SampledTasks(terrain)``; all have the same number of feet.
+
+    ## Episode End
+
+    Terminated after one step; never truncated.
+
+    ## Info
+
+    After a step (numeric, fixed shapes): ``verified``, ``feasible``, ``iterations``, ``violation``, the verifier's
     figures ``force_rms``, ``moment_rms``, ``peak_acceleration_g``, ``outside_cone``, ``refused`` (how many of its
     groups), ``reward_<term>``, and ``seconds``, which stays 0 unless ``timing``.
 
-    tasks: draws a walk, ``SampledTasks(terrain=…)`` where there is none; all walks have the same number of feet.
-    settings: of the optimiser; its max_iterations is the limit of every stage.
+    ## Arguments
+
+    | argument | default | meaning |
+    |---|---|---|
+    | terrain | 'mixed' | a family, "mixed" for all of them, a terrain of `TERRAINS`, or "FILE.py:NAME" |
+    | tasks | None | a function that draws a walk from a generator, in place of ``terrain`` |
+    | charts | None | coordinates to choose from, all of `planners.gait.charts.CHARTS` if None, or "FILE.py:NAME" |
+    | settings | GaitSettings(max_iterations=50) | of the optimiser; its limit is that of every stage |
+    | weights | GaitRewardWeights() | what a step is worth |
+    | timing | False | put CPU seconds into ``info`` and the reward |
+    | render_mode | None | "rgb_array" |
+
+    ## Version History
+
+    - v0: the first version
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
@@ -125,7 +110,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         terrain: str = "mixed",
         *,
         tasks: Tasks | None = None,
-        charts: tuple[ChartName, ...] = CHARTS,
+        charts: Sequence[str] | None = None,
         settings: GaitSettings = GaitSettings(max_iterations=50),
         weights: GaitRewardWeights = GaitRewardWeights(),
         timing: bool = False,
@@ -133,13 +118,16 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
-        if not charts or set(charts) - set(CHARTS):
-            raise InvalidInput(f"charts: expected some of {', '.join(CHARTS)}, got {list(charts)}")
+        charts = CHARTS.names() if charts is None else tuple(charts)
+        if not charts:
+            raise InvalidInput(f"charts: expected some of {', '.join(CHARTS.names())}, got {list(charts)}")
+        for chart in charts:
+            CHARTS.get(chart)
         if weights.seconds and not timing:
             raise InvalidInput(f"weights: expected timing with seconds, whose weight is {weights.seconds:g}")
         self.render_mode = render_mode
         self._tasks: Tasks = SampledTasks(terrain=terrain) if tasks is None else tasks
-        self._charts, self._settings, self._weights, self._timing = tuple(charts), settings, weights, timing
+        self._charts, self._settings, self._weights, self._timing = charts, settings, weights, timing
         feet = len(self._tasks.robot.feet) if isinstance(self._tasks, SampledTasks) else self._feet_of()
         self.observation_space: spaces.Space[Any] = _task_space(feet)
         self.action_space: spaces.Space[Any] = spaces.MultiDiscrete([len(charts), len(HEIGHTS), len(NOISES)])
@@ -259,10 +247,6 @@ def _task_space(feet: int) -> spaces.Dict:
             "adhesive": box_of(0.0, 1.0, feet),
         }
     )
-
-
-def _gait(robot: GaitRobot) -> str:
-    return "trot" if len(robot.feet) == 4 else "tripod"
 
 
 def _number(value: float) -> float:

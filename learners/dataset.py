@@ -1,4 +1,4 @@
-"""Data sets of labelled posture problems (paper E, Algorithm 1): what ``labelling`` writes and selectors learn from."""
+"""Data sets of labelled posture problems (Algorithm E1): what ``labelling`` writes and selectors learn from."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class LabelledPosture:
     certificate: where infeasible; its multipliers are rounded to float32, and lower_bound is what they still prove
     (0 where nothing is proved).
     point: [p, f], shape (N, 6), non-dimensional, see ``ScaledProblem.point``: of the witness where feasible, of an
-    answer of P̄ where infeasible (line 11 of Algorithm 1), None where trivial or undecided.
+    answer of P̄ where infeasible (line 11 of Algorithm E1), None where trivial or undecided.
     solves, nodes: convex problems solved and nodes visited to decide.
     """
 
@@ -179,12 +179,12 @@ class Dataset:
 
     @property
     def points(self) -> Array:
-        """S of Algorithm 1: [p, f] of the rows ``feasible``, shape (len(feasible), N, 6)."""
+        """S of Algorithm E1: [p, f] of the rows ``feasible``, shape (len(feasible), N, 6)."""
         return np.asarray(self._points[self.feasible])
 
     @property
     def infeasible_points(self) -> Array:
-        """S̄ of Algorithm 1: [p̄, f̄] of the rows ``infeasible``, shape (len(infeasible), N, 6)."""
+        """S̄ of Algorithm E1: [p̄, f̄] of the rows ``infeasible``, shape (len(infeasible), N, 6)."""
         return np.asarray(self._points[self.infeasible])
 
     def summary(self) -> Summary:

@@ -54,7 +54,7 @@ Progress = Callable[[int, int], None]
 class FitSettings:
     """Knobs of the fitting methods; each method uses those that concern it (``KNOBS``).
 
-    share: of the solutions that a quantile box leaves out on each side. clusters: n of Algorithm 2. threshold: p_th of
+    share: of the solutions that a quantile box leaves out on each side. clusters: n of Algorithm E2. threshold: p_th of
     its line 6. time_limit_s: of the printed Boundary_fit, per cluster. boxes: of gradient and chooser. steps, batch: of
     the margin descent. genetic, neural, chooser: keys of ``GeneticSettings``, ``NeuralSettings``, ``ChooserSettings``;
     rl: of ``TrainConfig``, but for environment, problem and scenes.

@@ -22,11 +22,13 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import checked
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.writing import write_text
-from stancekit.planners.gait.budget import Account
+from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.portfolio import Caps, plan_gait, ways
+from stancekit.planners.gait.method.budget import SolveBudget
+from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.terrain import reference
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_tasks, reference_terrain
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
@@ -36,7 +38,6 @@ from .executor import processes
 from .gait_row import checked_row
 
 TERRAINS = ("ripple", "cone", "hill", "pit")
-STEEPER = ("pit-84", "pit-87")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +50,7 @@ class Method:
 
 
 _PAPER = {"dynamics": "printed", "trunk_clearance_m": None}
-METHODS: Mapping[str, Method] = {
+_KNOWN: Mapping[str, Method] = {
     "ambient": Method(label="baseline: ambient, PCDM", settings={"chart": "ambient", **_PAPER}),
     "warped": Method(label="warped, as published", settings={"chart": "warped", **_PAPER}),
     "decoupled": Method(label="ours: decoupled, centred", settings={"chart": "decoupled"}),
@@ -65,7 +66,15 @@ METHODS: Mapping[str, Method] = {
         label="ours: decoupled, L-BFGS", settings={"chart": "decoupled", "hessian": "lbfgs"}
     ),
 }  # fmt: skip
-"""By name. The paper's own methods have its dynamics and no term for the trunk."""
+METHODS: Mapping[str, Method] = {
+    **_KNOWN,
+    **{
+        chart: Method(label=f"{chart}, centred", settings={"chart": chart})
+        for chart in CHARTS.names()
+        if chart not in _KNOWN
+    },
+}
+"""By name, and every further chart by its own. The paper's own methods have its dynamics and no term for the trunk."""
 PAPER: Mapping[str, Mapping[str, float]] = {
     "ambient-lbfgs": {"ripple": 0.48, "cone": 0.0, "hill": 0.0, "pit": 0.0},
     "warped-lbfgs": {"ripple": 0.92, "cone": 1.0, "hill": 1.0, "pit": 0.13},
@@ -94,7 +103,7 @@ class GaitBenchSettings:
     total_s: float = 240.0
 
     def __post_init__(self) -> None:
-        for name, known in (("terrains", (*TERRAINS, *STEEPER)), ("methods", tuple(METHODS))):
+        for name, known in (("terrains", reference.TERRAINS.names()), ("methods", tuple(METHODS))):
             unknown = sorted(set(getattr(self, name)) - set(known))
             if unknown or not getattr(self, name):
                 raise InvalidInput(f"{name}: expected some of {', '.join(known)}, got {', '.join(unknown) or 'none'}")
@@ -205,20 +214,19 @@ def measure(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, 
         if method.portfolio:
             return _planned(cell, settings, task)
         own = GaitSettings(max_iterations=settings.iterations, **method.settings)
-        warp = _map(cell.terrain, folder) if own.chart.startswith("warped") else None
+        program = formulate(task, own, lambda: _map(cell.terrain, folder))
     except PlanningFailed as error:
         return {"success": False, "verified": False, "status": str(error), "message": str(error)}
-    program = formulate(task, own, warp)
     guess = program.perturbed(_rng(cell), settings.noise) if cell.seed else program.guess
-    account = Account(solve_s=settings.cap_s, total_s=settings.cap_s)
-    solution = account(program, guess)
+    budget = SolveBudget(solve_s=settings.cap_s, total_s=settings.cap_s)
+    solution = budget(program, guess)
     report = check_trajectory(solution.trajectory())
-    step = account.steps[0]
+    (record,) = budget.solves
     return {
-        "success": step.success, "verified": step.success and report.accepted, "status": step.status,
-        "iterations": step.iterations, "cpu_s": step.seconds, "evaluating_s": step.seconds_evaluating,
-        "linear_s": step.seconds_linear, "violations": [_finite(value) for value in step.violations],
-        "capped": not step.success and step.seconds >= settings.cap_s,
+        "success": record.success, "verified": record.success and report.accepted, "status": record.status,
+        "iterations": record.iterations, "cpu_s": record.seconds, "evaluating_s": record.seconds_evaluating,
+        "linear_s": record.seconds_linear, "violations": [_finite(value) for value in record.violations],
+        "capped": not record.success and record.seconds >= settings.cap_s,
         **figures(report),
     }  # fmt: skip
 
@@ -226,22 +234,22 @@ def measure(cell: Cell, settings: GaitBenchSettings, folder: Path) -> dict[str, 
 def _planned(cell: Cell, settings: GaitBenchSettings, task: GaitTask) -> dict[str, Any]:
     """The product: all phases, from a guess that is perturbed alike in every chart."""
     caps = Caps(solve_s=settings.cap_s, total_s=settings.total_s)
-    attempts = [way.perturbed(cell.seed, settings.noise) if cell.seed else way for way in ways(task)]
+    attempts = [one.perturbed(cell.seed, settings.noise) if cell.seed else one for one in default_attempts(task)]
     plan = plan_gait(task, GaitSettings(max_iterations=settings.iterations), caps=caps, attempts=attempts)
     if not plan.attempts:
         raise PlanningFailed(plan.message)
     best = plan.attempts[-1]
-    phases = {name: [step for step in plan.steps if step.phase == name] for name in ("feasible", "smooth", "densify")}
+    phases = {name: [one for one in plan.solves if one.phase == name] for name in ("feasible", "smooth", "densify")}
     before = plan.feasible[-1]
     return {
         "success": any(report is not None for report in plan.feasible), "verified": plan.verified,
         "status": best.solution.status, "chart": best.attempt.chart,
-        "iterations": sum(step.iterations for step in phases["feasible"]),
+        "iterations": sum(one.iterations for one in phases["feasible"]),
         "cpu_s": plan.seconds,
-        "evaluating_s": sum(step.seconds_evaluating for step in plan.steps),
-        "linear_s": sum(step.seconds_linear for step in plan.steps),
-        "phase_s": {name: sum(step.seconds for step in steps) for name, steps in phases.items()},
-        "phase_iterations": {name: sum(step.iterations for step in steps) for name, steps in phases.items()},
+        "evaluating_s": sum(one.seconds_evaluating for one in plan.solves),
+        "linear_s": sum(one.seconds_linear for one in plan.solves),
+        "phase_s": {name: sum(one.seconds for one in solves) for name, solves in phases.items()},
+        "phase_iterations": {name: sum(one.iterations for one in solves) for name, solves in phases.items()},
         "capped": not plan.verified and plan.seconds >= settings.total_s,
         "before": None if before is None else figures(before),
         **figures(best.report),

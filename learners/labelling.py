@@ -1,4 +1,4 @@
-"""Algorithm 1 of paper E, DataGeneration: draw posture problems, decide them exactly, keep S and S̄ as a data set.
+"""Algorithm E1, DataGeneration: draw posture problems, decide them exactly, keep S and S̄ as a data set.
 
 Work comes in shards. A shard is drawn from a random stream of its own and the planner's answers do not depend on what
 it answered before, so its rows depend on nothing but the plan. Any executor may draw it; this process writes it when it
@@ -86,7 +86,7 @@ def label(
     run: Callable[[Sequence[Task]], Iterable[Shard]] | None = None,
     draws_per_row: int = 10_000,
 ) -> Summary:
-    """Make the planned data set in this folder, or what is missing of it.
+    """Make the planned data set in this folder, or what is missing of it (Algorithm E1).
 
     workers: processes; the rows do not depend on them. progress: called once at the start and after every shard.
     source: the distribution, where its name is not a registered one. run: the executor, in place of ``processes``.

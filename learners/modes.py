@@ -30,8 +30,8 @@ def learn_modes(
     """Draw postures of each distribution, solve them exactly, and put the quantile box around their solutions.
 
     count: solutions of each. share: of them left out on each side of each dimension; with none it is the exterior
-    boundary of Algorithm 2. The modes are named after the terrains and counted in the order given, which for ground and
-    wall is that of ``Course.modes``.
+    boundary of Algorithm E2. The modes are named after the terrains and counted in the order given, which for ground
+    and wall is that of ``Course.modes``.
     Raises InvalidInput for a count below 1.
     """
     if count < 1:

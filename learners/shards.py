@@ -1,4 +1,4 @@
-"""One shard of a data set, drawn in blocks: sample, decide, and keep what is wanted (paper E, Algorithm 1, lines 4–11).
+"""One shard of a data set, drawn in blocks: sample, decide, and keep what is wanted (Algorithm E1, lines 4–11).
 
 A block is decided together because that is cheaper, and for no other reason: where it begins and ends changes nothing.
 """
@@ -80,7 +80,7 @@ def label_shard(header: Header, source: PostureDistribution, shard: int, draws_p
 
 
 class _Labeller:
-    """Lines 4 to 11 of Algorithm 1, a block at a time. No clock takes part: slow machines label as fast ones do.
+    """Lines 4 to 11 of Algorithm E1, a block at a time. No clock takes part: slow machines label as fast ones do.
 
     kept: rows so far; drawn: the kind of every sample so far; solve_ms: what each took, of a block its share.
     """

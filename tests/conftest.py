@@ -80,7 +80,7 @@ def _mixed(seed: int, corners: tuple[int, ...]) -> PostureProblem:
 class Written:
     """Variables and convex constraints of one posture problem (all but the bilinear one), non-dimensional.
 
-    positions: p of eq. 2, shape (N, 3); forces: f of eq. 3, shape (N, 3). ``on_patches`` is separate, for toes held.
+    positions: p of E2, shape (N, 3); forces: f of E3, shape (N, 3). ``on_patches`` is separate, for toes held.
     """
 
     problem: PostureProblem

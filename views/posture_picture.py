@@ -174,7 +174,7 @@ def _words(scene: Scene, caption: str) -> tuple[str, str]:
 
 
 def _point(problem: PostureProblem, posture: Posture) -> Array:
-    """[p, f] of eqs. 2 to 4, shape (N, 6)."""
+    """[p, f] of E2–E4, shape (N, 6)."""
     frames = np.array([contact.patch.frame for contact in problem.contacts])
     forces = np.einsum("nji,nj->ni", frames, posture.forces_n) / float(problem.force_scale_n or 1.0)
     return np.concatenate([(posture.toes_m - posture.com_m) / problem.length_scale_m, forces], axis=1)

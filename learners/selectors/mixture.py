@@ -1,4 +1,4 @@
-"""Algorithm 2 (EnvelopeFitting) of paper E: envelopes around the clusters of a mixture, as printed and improved."""
+"""Algorithm E2 (EnvelopeFitting): envelopes around the clusters of a mixture, as printed and improved."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ DOMAIN = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class MixtureFit:
-    """What one run of Algorithm 2 made.
+    """What one run of Algorithm E2 made.
 
     kept: share of S in each envelope. gaps: what was left of each Boundary_fit program's gap at its time limit.
     """
@@ -42,7 +42,7 @@ def fit_as_printed(
     seed: int = 0,
     time_limit_s: float = 12.0,
 ) -> MixtureFit:
-    """Algorithm 2, line by line. points: S, shape (K, N, 6); excluded: S̄, shape (J, N, 6); threshold: p_th.
+    """Algorithm E2, line by line. points: S, shape (K, N, 6); excluded: S̄, shape (J, N, 6); threshold: p_th.
 
     Line 3: cluster means of a mixture. Line 4: Boundary_fit, the largest box around a mean without points of S̄
     (``boundary.largest_box``, stopped at the time limit). Line 5: the points of S in it. Line 6: those that belong to
@@ -74,7 +74,7 @@ def fit_improved(
     share: float = 0.05,
     seed: int = 0,
 ) -> MixtureFit:
-    """Algorithm 2 with Boundary_fit asking what P1 answers instead of which points lie in the box.
+    """Algorithm E2 with Boundary_fit asking what P1 answers instead of which points lie in the box.
 
     A point of P̄ outside the box does not keep P1 from finding another one inside, and the width of a box says nothing
     of the solutions it keeps. So each cluster starts from the quantile box of its own members, and ``boundary_fit``

@@ -51,7 +51,7 @@ class Bounds:
 def witnessed(point: Array, excess: Array, axes: Array, bounds: Bounds, open_: Bools) -> Bools:
     """Whether points settle P1 over boxes with BAND to spare, shape (K, W, P), False where not open, shape (K, P).
 
-    point, excess: of K × W witnesses (``Evidence``). axes: eq. 9 is axes · m = 0, shape (K, 3, 9N). A point [p, f] in
+    point, excess: of K × W witnesses (``Evidence``). axes: E9 is axes · m = 0, shape (K, 3, 9N). A point [p, f] in
     the box is one of P1 if some moments m = p f + e balance there under the envelope rows, which read
     −(p − p_low)(f − f_low) ≤ e,  −(p_high − p)(f_high − f) ≤ e,  e ≤ (p − p_low)(f_high − f)
     and  e ≤ (p_high − p)(f − f_low).

@@ -18,7 +18,7 @@ from .scaled import Point, Scaled
 
 
 def without_moments(scaled: Scaled) -> Model:
-    """P̄: everything but m = p f (§III); with m free eq. 9 says nothing."""
+    """P̄: everything but m = p f (§III); with m free E9 says nothing."""
     plan = Plan(scaled)
     forces = Forces.of_candidates(plan)
     return Model(cp.Constant(0.0), {**_on_toes(plan), **_on_forces(forces)})

@@ -76,7 +76,7 @@ class Scaled:
 
     @classmethod
     def of(cls, problem: PostureProblem | Course) -> Scaled:
-        """Scale a problem."""
+        """Scale a problem: forces (E3) and positions (E4) as non-dimensional numbers."""
         return _of_course(problem) if isinstance(problem, Course) else _of_posture(problem)
 
     @property

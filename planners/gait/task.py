@@ -11,9 +11,9 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen, gathered
 from ..robot.single_body import GaitRobot
 from ..terrain.heightfield import HeightField
-from .phases import gait_named
+from .charts import CHARTS
+from .variables.phases import gait_named
 
-ChartName = Literal["ambient", "shear", "decoupled", "warped", "warped-exact"]
 Dynamics = Literal["centred", "printed", "newton-euler"]
 Timings = Literal["fixed", "optimised"]
 STEEPEST = 1.0
@@ -24,10 +24,18 @@ STEEPEST = 1.0
 class GaitTask:
     """One walk over a terrain (paper W §V).
 
-    start_xy_m, goal_xy_m: of the torso's centre of mass, shape (2,) [m]; start_yaw_rad: heading at the start, kept by
-    the initial guess; friction: ν of eq. 5; adhesive: feet without a friction cone, one for each foot or none at all.
-    Raises InvalidInput for a place off the terrain or where the robot cannot stand, and for a gait longer than
-    the duration.
+    Arguments:
+        robot: a torso with feet (``robot.single_body``).
+        terrain: a height field.
+        start_xy_m, goal_xy_m: of the torso's centre of mass, shape (2,) [m].
+        start_yaw_rad: heading at the start, kept by the initial guess [rad].
+        duration_s: T [s], up to 120.
+        friction: ν of W5; less makes walks slower to find, and gentler.
+        adhesive: feet without a friction cone, one truth value for each foot or none at all.
+        gait: a name of ``variables.phases.GAITS``, for as many feet as the robot has.
+        timings: ``fixed``, phases of the gait's schedule; ``optimised``, switching times are variables.
+    Raises:
+        InvalidInput: for a place off the terrain or where the robot cannot stand.
     """
 
     robot: GaitRobot
@@ -121,17 +129,27 @@ class GaitTask:
 class GaitSettings:
     """How a task is written down and solved.
 
-    chart: how variables become world quantities (DESIGN of the charts: ``charts``). dynamics: ``centred``, PCDM with
-    the force balanced by y₊ − 2y + y₋; ``printed``, eq. 11 as printed; ``newton-euler``, eq. 2.
-    hessian: ``exact``, or ``lbfgs`` for the paper's comparison. tolerance: success is a largest violation below it.
-    step_s: Δt. torso_knot_s, force_knot_s: spacing of the splines' knots. reach_margin_m: kept in hand inside the reach
-    boxes. clearance_m: of swinging feet in the middle of a swing. swing_nodes: checks of a swing between its ends
-    where the chart does not flatten the terrain. smoothing_m: deviation of the Gaussian of the decoupled chart.
-    trunk_clearance_m: of the trunk's lower face over the terrain, None for no such term. switch_slack_s: how far
-    optimised switching times may move. still_end: end at rest.
+    Arguments:
+        chart: how variables become world quantities, a name of ``charts.CHARTS`` or ``FILE.py:NAME``.
+        dynamics: ``centred``, PCDM with the force balanced by y₊ − 2y + y₋; ``printed``, W11 as printed;
+            ``newton-euler``, W2.
+        hessian: ``exact``, or ``lbfgs`` for the paper's comparison.
+        max_iterations: of one solve.
+        tolerance: success is a largest violation below it [m, m·g, m·g·stand height].
+        step_s: Δt [s], a share of the task's duration; smaller means more rows, and less to find between them.
+        torso_knot_s, force_knot_s: spacing of the splines' knots [s].
+        reach_margin_m: kept in hand inside the reach boxes [m].
+        clearance_m: of swinging feet in the middle of a swing [m]; swing_height_m: the same in the initial guess.
+        trunk_clearance_m: of the trunk's lower face over the terrain [m], None for no such term.
+        swing_nodes: checks of a swing between its ends where the chart does not flatten the terrain.
+        smoothing_m: deviation of the Gaussian under which the decoupled chart has the torso's terrain [m].
+        switch_slack_s: how far optimised switching times may move [s].
+        still_end: end at rest.
+    Raises:
+        InvalidInput: for an unknown chart or word, and for numbers out of range.
     """
 
-    chart: ChartName = "decoupled"
+    chart: str = "decoupled"
     dynamics: Dynamics = "centred"
     hessian: Literal["exact", "lbfgs"] = "exact"
     max_iterations: int = 200
@@ -149,9 +167,9 @@ class GaitSettings:
     still_end: bool = True
 
     def __post_init__(self) -> None:
-        for name, kind in (("chart", ChartName), ("dynamics", Dynamics)):
-            if getattr(self, name) not in get_args(kind):
-                raise InvalidInput(f"{name}: expected one of {', '.join(get_args(kind))}, got {getattr(self, name)!r}")
+        CHARTS.get(self.chart)
+        if self.dynamics not in get_args(Dynamics):
+            raise InvalidInput(f"dynamics: expected one of {', '.join(get_args(Dynamics))}, got {self.dynamics!r}")
         if self.hessian not in ("exact", "lbfgs"):
             raise InvalidInput(f"hessian: expected exact or lbfgs, got {self.hessian!r}")
         for name in ("tolerance", "step_s", "torso_knot_s", "force_knot_s", "smoothing_m"):

@@ -35,7 +35,7 @@ class Trajectory:
 
     times_s: shape (K,) [s]; torso_m: centre of mass p_WB, shape (K, 3) [m]; rotation: R_WB, shape (K, 3, 3);
     feet_m: p_WF, shape (K, E, 3) [m]; forces_n: contact forces on the robot f_W, shape (K, E, 3) [N];
-    contact: which feet stand, shape (K, E), bool; friction: ν of paper W eq. 5; adhesive: feet without a friction cone,
+    contact: which feet stand, shape (K, E), bool; friction: ν of W5; adhesive: feet without a friction cone,
     shape (E,), bool; start_xy_m, goal_xy_m: where the torso has to begin and to end, shape (2,) [m];
     provenance: what made it, names to texts or numbers.
 
@@ -110,28 +110,18 @@ class Trajectory:
 
 def robot_to_json(robot: GaitRobot) -> dict[str, Any]:
     """A robot as JSON-ready values; ``robot_from_json`` gives it back to the last bit."""
-    return {
-        "name": robot.name,
-        "mass_kg": robot.mass_kg,
-        "inertia_kgm2": robot.inertia_kgm2.tolist(),
-        "stand_height_m": robot.stand_height_m,
-        "trunk_half_m": robot.trunk_half_m.tolist(),
-        "feet": [
-            {
-                "name": foot.name,
-                "nominal_m": foot.nominal_m.tolist(),
-                "reach_min_m": foot.reach_min_m.tolist(),
-                "reach_max_m": foot.reach_max_m.tolist(),
-                "hip_m": foot.hip_m.tolist(),
-            }
-            for foot in robot.feet
-        ],
-    }
+    feet = [{name: _plain(value) for name, value in vars(foot).items()} for foot in robot.feet]
+    return {name: _plain(value) for name, value in vars(robot).items()} | {"feet": feet}
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
 
 
 def robot_from_json(data: Any) -> GaitRobot:
     """Read what ``robot_to_json`` wrote. Raises InvalidInput."""
-    from ..robot.single_body import Foot, GaitRobot
+    from ..robot.leg_boxes import Foot
+    from ..robot.single_body import GaitRobot
 
     try:
         feet = tuple(Foot(**foot) for foot in data["feet"])

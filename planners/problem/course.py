@@ -1,4 +1,4 @@
-"""A course: what a plan of key frames is asked for (paper E eq. 11, §IV-B), with the candidate patches of every toe.
+"""A course: what a plan of key frames is asked for (E11, §IV-B), with the candidate patches of every toe.
 
 A *placement* is one toe put down, by a limb, at a key frame, on one of its candidate patches; it stays until the limb's
 next placement. A *stance* is a set of limbs that must carry the robot alone at a key frame. Between two key frames the
@@ -58,7 +58,7 @@ class Stance:
 
 @dataclass(frozen=True, kw_only=True)
 class StepLimits:
-    """Largest steps between neighbouring key frames (eq. 11), and the least progress.
+    """Largest steps between neighbouring key frames (E11), and the least progress.
 
     com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max. progress_m: the paper's least step is not
     convex; in its place the COM moves at least this far along the straight line of its nominal path, where that moves.

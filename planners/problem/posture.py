@@ -55,7 +55,7 @@ class PostureProblem:
     """Can the robot hold still with these limbs on these patches, and how?
 
     Unknown are the centre of mass c, a small body rotation Θ, a toe on every patch and a force at every toe.
-    com_nominal_m: shape (3,) [m]; force_scale_n, length_scale_m: characteristic quantities of eqs. 3 and 4.
+    com_nominal_m: shape (3,) [m]; force_scale_n, length_scale_m: characteristic quantities of E3 and E4.
     """
 
     contacts: tuple[Contact, ...]

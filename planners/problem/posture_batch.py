@@ -64,7 +64,7 @@ class PostureBatch:
 
     @cached_property
     def frames(self) -> Array:
-        """R_WC of every patch, columns n, y = z × n, z (eq. 3), shape (B, N, 3, 3)."""
+        """R_WC of every patch, columns n, y = z × n, z (E3), shape (B, N, 3, 3)."""
         frames = contact_frames(self.normals, np.broadcast_to(self.shear_references, self.normals.shape))
         frames.setflags(write=False)
         return frames

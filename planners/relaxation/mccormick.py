@@ -49,7 +49,7 @@ class Boxed(Given):
 
 
 class WithoutMoment:
-    """P̄ (paper E §III) of a posture: all constraints but the bilinear one. With m free, eq. 9 constrains nothing."""
+    """P̄ (paper E §III) of a posture: all constraints but the bilinear one. With m free, E9 constrains nothing."""
 
     def __init__(self, layout: Layout) -> None:
         self.rows = Rows[Given](keep=layout.frames == 1)
@@ -90,7 +90,7 @@ class McCormick:
         self._box_forces = self._forces.columns
         if axes == "world" or len(layout.candidate_footholds) > layout.footholds:
             self._box_forces = self._turned(first)
-        legs = rows.equal("legs", len(stance), 3)  # p of eq. 2
+        legs = rows.equal("legs", len(stance), 3)  # p of E2
         rows.put(legs, self._position, 1.0)
         rows.put(legs, self._body.com[layout.stance_frames[stance]], 1.0)
         self._toes.put(legs, foothold, -1.0)
@@ -194,7 +194,7 @@ class McCormick:
         return columns
 
     def _balance(self, first: Index | None) -> None:
-        """Σ m_jk e_j × F_k = 0 in every stance (eq. 9), F the axes of the box: (p × F)_c = p_a F_b − p_b F_a."""
+        """Σ m_jk e_j × F_k = 0 in every stance (E9), F the axes of the box: (p × F)_c = p_a F_b − p_b F_a."""
         rows, stance, moments = self.rows, self.layout.contacts[0], self._moments.reshape(-1, 3, 3)
         net, a, b = rows.equal("moment", len(self.layout.stances), 3)[stance], [1, 2, 0], [2, 0, 1]
         if first is None:
@@ -225,7 +225,7 @@ class McCormick:
 
 
 def moment_axes(scaled: Scaled) -> Array:
-    """e_j × F_k of eq. 9 in the column 9i + 3j + k, shape (3, 9B): the moment balance of a posture is axes · m = 0."""
+    """P_j × F_k (E7, E9) in the column 9i + 3j + k, shape (3, 9B): the moment balance of a posture is axes · m = 0."""
     across = np.matmul(skew(np.eye(3)), scaled.contact_frames[:, None])  # (B, j, 3, k)
     return np.asarray(across.transpose(2, 0, 1, 3).reshape(3, -1))
 

@@ -1,6 +1,6 @@
-"""What the gait optimiser needs of a robot, measured from its URDF: mass, inertia, and a box that each foot can reach.
+"""Feet and the boxes that they can reach, measured from a robot's URDF, with its mass and inertia (W4).
 
-The box R_i of paper W eq. 4 is "the largest rectangular reachable set": the leg's workspace is sampled on a grid of its
+The box R_i of W4 is "the largest rectangular reachable set": the leg's workspace is sampled on a grid of its
 joint angles and laid on voxels, and the largest box of voxels that holds the nominal foot and is reached throughout
 is searched for exhaustively.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,9 @@ import numpy as np
 from scipy.ndimage import binary_closing
 
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import Array, checked_name, frozen
 from ..files.documents import read_text
 from ..files.refusals import shown
-from .single_body import Foot, GaitRobot
 
 FULL_TURN = np.pi
 DEEPEST_XML = 30
@@ -30,41 +30,69 @@ MOST_SAMPLES, MOST_VOXELS = 2_000_000, 20_000_000
 """Of a leg's workspace."""
 
 
-def measured(
-    path: str | Path,
-    feet: Sequence[str],
-    posture: Sequence[float],
-    *,
-    ranges_rad: Sequence[tuple[float, float]] | None = None,
-    trunk_half_m: Sequence[float],
-    ceiling_m: float = 0.0,
-    inner_m: float = 0.0,
-    voxel_m: float = 0.02,
-    steps: int = 70,
-    name: str = "",
-) -> GaitRobot:
-    """Measure a robot whose legs are chains of three joints or more, on a free-flying base.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Foot:
+    """One foot: where it stands by default and the box R_i that it can reach (W4).
+
+    All in the torso's frame, whose origin is the centre of mass, shape (3,) [m]: nominal_m inside the box from
+    reach_min_m to reach_max_m; hip_m: where its leg begins.
+    """
+
+    name: str
+    nominal_m: Array
+    reach_min_m: Array
+    reach_max_m: Array
+    hip_m: Array
+
+    def __post_init__(self) -> None:
+        checked_name(self.name, "name")
+        for name in ("nominal_m", "reach_min_m", "reach_max_m", "hip_m"):
+            object.__setattr__(self, name, frozen(getattr(self, name), (3,), f"foot {self.name}: {name}"))
+        if not np.all((self.reach_min_m < self.nominal_m) & (self.nominal_m < self.reach_max_m)):
+            raise InvalidInput(
+                f"foot {self.name}: expected reach_min_m < nominal_m < reach_max_m, got {self.reach_min_m.tolist()}, "
+                f"{self.nominal_m.tolist()}, {self.reach_max_m.tolist()}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Workspace:
+    """How a leg's workspace is sampled, and what of it counts.
+
+    ranges_rad: for each joint of a leg, how far below and above the posture it may go, signed for the first foot's
+    joints and mirrored for joints that the posture mirrors; the URDF's limits hold too. ceiling_m: how high above the
+    centre of mass a foot may be; inner_m: how near to the mid-plane y = 0 [m]. voxel_m: side of a voxel [m]; steps:
+    samples a joint; both finer ones make the box larger, and take longer.
+    """
+
+    ranges_rad: Sequence[tuple[float, float]] | None = None
+    ceiling_m: float = 0.0
+    inner_m: float = 0.0
+    voxel_m: float = 0.02
+    steps: int = 70
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MeasuredLegs:
+    """What a URDF says in its standing posture: name, mass [kg], inertia about the centre of mass, shape (3, 3)
+    [kg m²], and the feet."""
+
+    name: str
+    mass_kg: float
+    inertia_kgm2: Array
+    feet: tuple[Foot, ...]
+
+
+def measure_legs(
+    path: str | Path, feet: Sequence[str], posture: Sequence[float], workspace: Workspace
+) -> MeasuredLegs:
+    """Measure a robot whose legs are chains of three joints or more, on a free-flying base (W4).
 
     feet: frame names. posture: angles of all joints in pinocchio's order in which the robot stands [rad].
-    ranges_rad: for each joint of a leg, how far below and above the posture it may go, signed for the first foot's
-    joints and mirrored for joints that the posture mirrors; the URDF's limits hold too.
-    ceiling_m: how high above the centre of mass a foot may be; inner_m: how near to the mid-plane y = 0.
-    steps: samples a joint. Raises InvalidInput for a file that is no URDF, has no inertia, or lacks a frame.
+    Raises InvalidInput for a file that is no URDF, has no inertia, or lacks a frame.
     """
     pin = _pinocchio()
-    path = Path(path)
-    if not path.exists():
-        raise InvalidInput(f"{path}: expected a URDF file, found nothing there")
-    text = read_text(path)
-    _check_xml(text, path)
-    if len(set(feet)) < len(feet):
-        raise InvalidInput(f"feet: expected different frames, got {shown(list(feet))}")
-    try:
-        with _quiet():
-            model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
-    except Exception as error:  # what pinocchio meets
-        raise InvalidInput(f"{path}: expected a URDF: {' '.join(str(error).split())[:120]}") from None
-    data = model.createData()
+    model, data = _model(pin, Path(path), feet)
     if len(posture) != model.nq - 7:
         raise InvalidInput(f"posture: expected {model.nq - 7} joint angles, got {len(posture)}")
     for foot in feet:
@@ -76,28 +104,37 @@ def measured(
     sound = bool(np.isfinite([mass, *centre, *inertia.ravel()]).all())
     if not sound or not mass > 0.0 or not np.linalg.eigvalsh(inertia)[0] > 0.0:
         raise InvalidInput(f"{path}: expected links with mass and inertia, got {mass:g} kg in all")
-    measure = _Leg(pin, model, data, q, centre, ranges_rad, steps, voxel_m, ceiling_m, inner_m)
-    built = tuple(measure.foot(foot) for foot in feet)
-    return GaitRobot(
-        name=name or model.name,
+    legs = _Legs(pin, model, data, q, workspace)
+    return MeasuredLegs(
+        name=str(model.name),
         mass_kg=mass,
         inertia_kgm2=0.5 * (inertia + inertia.T),
-        feet=built,
-        stand_height_m=-float(np.mean([foot.nominal_m[2] for foot in built])),
-        trunk_half_m=np.asarray(trunk_half_m, dtype=np.float64),
+        feet=tuple(legs.foot(foot) for foot in feet),
     )
 
 
-class _Leg:
+def _model(pin: Any, path: Path, feet: Sequence[str]) -> tuple[Any, Any]:
+    """The model of a URDF on a free-flying base, and its data."""
+    if not path.exists():
+        raise InvalidInput(f"{path}: expected a URDF file, found nothing there")
+    text = read_text(path)
+    _check_xml(text, path)
+    if len(set(feet)) < len(feet):
+        raise InvalidInput(f"feet: expected different frames, got {shown(list(feet))}")
+    try:
+        with _quiet():
+            model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+    except Exception as error:  # what pinocchio meets
+        raise InvalidInput(f"{path}: expected a URDF: {' '.join(str(error).split())[:120]}") from None
+    return model, model.createData()
+
+
+class _Legs:
     """Reach boxes of legs of one model, relative to the centre of mass in the standing posture."""
 
-    def __init__(
-        self, pin: Any, model: Any, data: Any, q: Array, centre: Array,
-        ranges_rad: Sequence[tuple[float, float]] | None, steps: int, voxel_m: float, ceiling_m: float, inner_m: float,
-    ) -> None:  # fmt: skip
-        self._pin, self._model, self._data, self._q, self._centre = pin, model, data, q, centre
-        self._ranges, self._steps, self._voxel = ranges_rad, steps, voxel_m
-        self._ceiling, self._inner = ceiling_m, inner_m
+    def __init__(self, pin: Any, model: Any, data: Any, q: Array, workspace: Workspace) -> None:
+        self._pin, self._model, self._data, self._q, self._workspace = pin, model, data, q, workspace
+        self._centre: Array = np.array(data.com[0])
         self._first: Array | None = None
 
     def foot(self, name: str) -> Foot:
@@ -105,7 +142,7 @@ class _Leg:
         joints = [j for j in self._model.supports[self._model.frames[frame].parentJoint] if j > 1]
         if len(joints) < 3 or any(self._model.joints[j].nq != 1 for j in joints):
             raise InvalidInput(f"feet: expected three or more joints of one angle before {name!r}, got {len(joints)}")
-        samples = self._steps ** len(joints)
+        samples = self._workspace.steps ** len(joints)
         if samples > MOST_SAMPLES:
             raise InvalidInput(f"steps: expected {MOST_SAMPLES} samples a leg or fewer, got {samples}")
         columns = [self._model.joints[j].idx_q for j in joints]
@@ -118,7 +155,7 @@ class _Leg:
     def _placed(self, q: Array, frame: int) -> Array:
         self._pin.forwardKinematics(self._model, self._data, q)
         self._pin.updateFramePlacement(self._model, self._data, frame)
-        return np.array(self._data.oMf[frame].translation) - self._centre
+        return np.asarray(self._data.oMf[frame].translation - self._centre)
 
     def _with(self, columns: list[int], angles: tuple[float, ...]) -> Array:
         q = self._q.copy()
@@ -129,31 +166,33 @@ class _Leg:
         stand = self._q[columns]
         if self._first is None:
             self._first = stand
-        below, above = np.array(self._ranges or [(FULL_TURN, FULL_TURN)] * len(columns), dtype=np.float64).T
+        ranges = self._workspace.ranges_rad or [(FULL_TURN, FULL_TURN)] * len(columns)
+        below, above = np.array(ranges, dtype=np.float64).T
         if len(below) != len(columns):
             raise InvalidInput(f"ranges_rad: expected {len(columns)}, one a joint of a leg, got {len(below)}")
         mirrored = np.sign(stand) * np.sign(self._first) < 0
         down, up = np.where(mirrored, above, below), np.where(mirrored, below, above)
         low = np.maximum(stand - down, self._model.lowerPositionLimit[columns])
         high = np.minimum(stand + up, self._model.upperPositionLimit[columns])
-        return product(*(np.linspace(a, b, self._steps) for a, b in zip(low, high, strict=True)))
+        return product(*(np.linspace(a, b, self._workspace.steps) for a, b in zip(low, high, strict=True)))
 
     def _box(self, points: Array, nominal: Array) -> tuple[Array, Array]:
         """The largest box of reached voxels that holds the nominal foot: its lower and upper corner, shape (3,) [m]."""
-        corner = points.min(axis=0) - self._voxel
-        cells = np.floor((points - corner) / self._voxel).astype(int)
+        voxel_m = self._workspace.voxel_m
+        corner = points.min(axis=0) - voxel_m
+        cells = np.floor((points - corner) / voxel_m).astype(int)
         if np.prod(cells.max(axis=0) + 2.0) > MOST_VOXELS:
-            raise InvalidInput(f"voxel_m: expected {MOST_VOXELS} voxels a leg or fewer, got more at {self._voxel:g} m")
+            raise InvalidInput(f"voxel_m: expected {MOST_VOXELS} voxels a leg or fewer, got more at {voxel_m:g} m")
         reached = np.zeros(tuple(cells.max(axis=0) + 2), dtype=np.bool_)
         reached[tuple(cells.T)] = True
         reached = binary_closing(reached, np.ones((2, 2, 2), dtype=np.bool_))
-        middle = [corner[k] + self._voxel * (np.arange(reached.shape[k]) + 0.5) for k in range(3)]
+        middle = [corner[k] + voxel_m * (np.arange(reached.shape[k]) + 0.5) for k in range(3)]
         side = np.sign(nominal[1])
-        reached &= (side * middle[1] - 0.5 * self._voxel >= self._inner)[None, :, None]
-        reached &= (middle[2] + 0.5 * self._voxel <= self._ceiling)[None, None, :]
-        home = np.floor((nominal - corner) / self._voxel).astype(int)
+        reached &= (side * middle[1] - 0.5 * voxel_m >= self._workspace.inner_m)[None, :, None]
+        reached &= (middle[2] + 0.5 * voxel_m <= self._workspace.ceiling_m)[None, None, :]
+        home = np.floor((nominal - corner) / voxel_m).astype(int)
         low, high = largest_box(reached, home)
-        return corner + self._voxel * low, corner + self._voxel * high
+        return corner + voxel_m * low, corner + voxel_m * high
 
 
 def largest_box(full: Any, home: Array) -> tuple[Array, Array]:

@@ -13,9 +13,9 @@ from ..files.arrays import Array, checked, checked_name, frozen
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limb:
-    """One limb: its shoulder in the body frame (paper E's v, eq. 11) and the radius of its spherical workspace.
+    """One limb: its shoulder in the body frame (paper E's v, E11) and the radius of its spherical workspace.
 
-    shoulder_m: p_BS, shape (3,) [m]; reach_m: Δ_FK of eq. 11 [m].
+    shoulder_m: p_BS, shape (3,) [m]; reach_m: Δ_FK of E11 [m].
     """
 
     name: str

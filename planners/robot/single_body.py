@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -13,34 +13,10 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, frozen, gathered
 from ..files.documents import read_yaml
 from ..files.refusals import shown
+from .leg_boxes import Foot, Workspace, measure_legs
 from .model import hexapod
 
 GRAVITY_M_S2 = 9.81
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Foot:
-    """One foot: where it stands by default and the box R_i that it can reach (paper W eq. 4).
-
-    All in the torso's frame, whose origin is the centre of mass, shape (3,) [m]: nominal_m inside the box from
-    reach_min_m to reach_max_m; hip_m: where its leg begins.
-    """
-
-    name: str
-    nominal_m: Array
-    reach_min_m: Array
-    reach_max_m: Array
-    hip_m: Array
-
-    def __post_init__(self) -> None:
-        checked_name(self.name, "name")
-        for name in ("nominal_m", "reach_min_m", "reach_max_m", "hip_m"):
-            object.__setattr__(self, name, frozen(getattr(self, name), (3,), f"foot {self.name}: {name}"))
-        if not np.all((self.reach_min_m < self.nominal_m) & (self.nominal_m < self.reach_max_m)):
-            raise InvalidInput(
-                f"foot {self.name}: expected reach_min_m < nominal_m < reach_max_m, got {self.reach_min_m.tolist()}, "
-                f"{self.nominal_m.tolist()}, {self.reach_max_m.tolist()}"
-            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +64,7 @@ class GaitRobot:
         """Read a robot's file, as ``configs/robots/anymal.yaml`` is, or one that names a URDF to measure.
 
         Such a file has the keys urdf (a path from the file's folder), feet (names of frames), posture_rad and
-        trunk_half_m, and may have the options of ``urdf.measured``. Raises InvalidInput with all that is wrong.
+        trunk_half_m, and may have a name and the options of ``Workspace``. Raises InvalidInput with all that is wrong.
         """
         data = read_yaml(path)
         try:
@@ -97,11 +73,31 @@ class GaitRobot:
             raise InvalidInput(f"{path}: {error}") from None
 
     @classmethod
-    def from_urdf(cls, path: str | Path, feet: Sequence[str], posture: Sequence[float], **options: Any) -> GaitRobot:
-        """Measure a URDF: mass, inertia and reach boxes; see ``urdf.measured`` (needs the extra ``kin``)."""
-        from .leg_boxes import measured
+    def from_urdf(
+        cls,
+        path: str | Path,
+        feet: Sequence[str],
+        posture: Sequence[float],
+        *,
+        trunk_half_m: Sequence[float],
+        name: str = "",
+        workspace: Workspace = Workspace(),
+    ) -> GaitRobot:
+        """Measure a URDF: mass, inertia and reach boxes (W4); needs the extra ``kin``.
 
-        return measured(path, feet, posture, **options)
+        feet: names of their frames; posture: angles of all joints in pinocchio's order in which the robot stands [rad];
+        trunk_half_m: half sides of the trunk's box, shape (3,) [m]; name: the URDF's own if missing; workspace: how the
+        legs are sampled. Raises InvalidInput for a file that is no URDF, has no inertia, or lacks a frame.
+        """
+        legs = measure_legs(path, feet, posture, workspace)
+        return cls(
+            name=name or legs.name,
+            mass_kg=legs.mass_kg,
+            inertia_kgm2=legs.inertia_kgm2,
+            feet=legs.feet,
+            stand_height_m=-float(np.mean([foot.nominal_m[2] for foot in legs.feet])),
+            trunk_half_m=np.asarray(trunk_half_m, dtype=np.float64),
+        )
 
 
 def anymal() -> GaitRobot:
@@ -140,7 +136,7 @@ def hexapod_walker() -> GaitRobot:
 
 
 MEASURED = ("urdf", "feet", "posture_rad", "trunk_half_m")
-OPTIONS = ("name", "ranges_rad", "ceiling_m", "inner_m", "voxel_m", "steps")
+OPTIONS = ("name", *(option.name for option in fields(Workspace)))
 KEYS = ("name", "mass_kg", "inertia_kgm2", "stand_height_m", "trunk_half_m", "feet")
 
 
@@ -183,7 +179,8 @@ def _measured(data: dict[str, Any], folder: Path) -> GaitRobot:
         options["ranges_rad"] = frozen(data["ranges_rad"], (None, 2), "ranges_rad").tolist()
     return GaitRobot.from_urdf(
         folder / data["urdf"], feet, frozen(data["posture_rad"], (None,), "posture_rad").tolist(),
-        trunk_half_m=_sides(data["trunk_half_m"], "trunk_half_m").tolist(), name=name, steps=steps, **options,
+        trunk_half_m=_sides(data["trunk_half_m"], "trunk_half_m").tolist(), name=name,
+        workspace=Workspace(steps=steps, **options),
     )  # fmt: skip
 
 

@@ -1,12 +1,11 @@
-"""Height fields h(x, y): terrain as a bicubic C² spline, with exact derivatives (paper W §III-B, after eq. 5)."""
+"""Height fields h(x, y): terrain as a bicubic C² spline, with an exact gradient (paper W §III-B, after W5)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -14,9 +13,6 @@ from scipy.ndimage import gaussian_filter1d
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen
 from .bspline import CubicBasis
-
-if TYPE_CHECKING:
-    import casadi as ca
 
 FEWEST = 4
 """Grid lines along each axis that a bicubic spline needs."""
@@ -112,13 +108,8 @@ class HeightField:
         value, *slopes = self._derivatives(xy, ((0, 0), (1, 0), (0, 1)))
         return value, np.stack(slopes, axis=-1)
 
-    def hessian(self, xy: Array) -> Array:
-        """∇²h, shape (…, 2) → (…, 2, 2) [1/m]."""
-        xx, mixed, yy = self._derivatives(xy, ((2, 0), (1, 1), (0, 2)))
-        return np.stack([np.stack([xx, mixed], axis=-1), np.stack([mixed, yy], axis=-1)], axis=-2)
-
     def normal(self, xy: Array) -> Array:
-        """Upward unit normal (−∇h, 1)/‖·‖ (paper W, after eq. 5), shape (…, 2) → (…, 3)."""
+        """Upward unit normal (−∇h, 1)/‖·‖ (paper W, after W5), shape (…, 2) → (…, 3)."""
         slope = self.gradient(xy)
         up = np.concatenate([-slope, np.ones((*slope.shape[:-1], 1))], axis=-1)
         return np.asarray(up / np.linalg.norm(up, axis=-1, keepdims=True))
@@ -129,15 +120,6 @@ class HeightField:
         first = np.stack([np.ones(slope.shape[:-1]), np.zeros(slope.shape[:-1]), slope[..., 0]], axis=-1)
         first = first / np.linalg.norm(first, axis=-1, keepdims=True)
         return np.stack([first, np.cross(normal, first), normal], axis=-1)
-
-    def symbolic(self) -> ca.Function:
-        """CasADi function h: (2) [m] → (1) [m], C², the same as ``height`` up to 100 m beyond the grid."""
-        import casadi as ca
-
-        at = ca.MX.sym("xy", 2)
-        knots = [basis.knots.tolist() for basis in self._bases]
-        surface = ca.bspline(at, ca.DM(self._coefficients.ravel(order="F")), knots, [3, 3], 1, {})
-        return ca.Function("h", [at], [surface], ["xy"], ["h"])
 
     @classmethod
     def from_function(
@@ -182,13 +164,6 @@ class HeightField:
         spacing = checked(spacing_m, "spacing_m", above=0.0)
         x_m, y_m = (spacing * (np.arange(count) - 0.5 * (count - 1)) for count in heights.shape)
         return cls(x_m, y_m, heights, name)
-
-    @classmethod
-    def from_file(cls, path: str | Path, **options: Any) -> HeightField:
-        """Read a grid or a mesh: see ``gridfile.read_heights`` for kinds of files and options. Raises InvalidInput."""
-        from .grid_file import read_heights
-
-        return read_heights(path, **options)
 
     def smoothed(self, sigma_m: float) -> HeightField:
         """The field under a Gaussian of this deviation; planes stay. Raises InvalidInput where the grid is uneven."""

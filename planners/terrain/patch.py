@@ -54,7 +54,7 @@ class Patch:
 
     @cached_property
     def frame(self) -> Array:
-        """R_WC, columns n, y = z × n, z: the axes of f_n, f_y, f_z (eq. 3), shape (3, 3)."""
+        """R_WC, columns n, y = z × n, z: the axes of f_n, f_y, f_z (E3), shape (3, 3)."""
         axes = contact_frames(self.normal, self.shear_reference)
         axes.setflags(write=False)
         return axes

@@ -6,7 +6,7 @@ Paper W gives pictures only; the formulas here are the house's, in metres with r
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,8 @@ from scipy.ndimage import gaussian_filter
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen
+from ..plugins import Registry
+from .grid_file import read_heights
 from .heightfield import HeightField
 
 HALF_WIDTH_M = 4.0
@@ -46,25 +48,8 @@ def pit(gradient: float) -> Shape:
     return lambda x, y: np.asarray(-0.5 * (1.0 - np.tanh(2.0 * gradient * (np.hypot(x, y) - 1.3))))
 
 
-REFERENCES: dict[str, tuple[Shape, float]] = {
-    "ripple": (ripple, 0.05),
-    "cone": (cone, 0.05),
-    "hill": (hill, 0.05),
-    "pit": (pit(5.0), 0.05),
-    "pit-84": (pit(10.0), 0.025),
-    "pit-87": (pit(20.0), 0.025),
-}
-"""Reference terrains by name: formula and spacing of the spline [m]; the walls of the pits: 79°, 84° and 87°."""
 REFERENCE_TOLERANCE_M = 0.025
 """What the splines of the references may miss of their formulas: the wall of 87° by 15 mm, the others by under 1 mm."""
-
-
-def reference_terrain(name: str) -> HeightField:
-    """One of paper W's four terrains, or a steeper pit. Raises InvalidInput for another name."""
-    if name not in REFERENCES:
-        raise InvalidInput(f"terrain: expected one of {', '.join(REFERENCES)}, got {name!r}")
-    shape, spacing = REFERENCES[name]
-    return HeightField.from_function(shape, HALF_WIDTH_M, spacing, name=name, tolerance_m=REFERENCE_TOLERANCE_M)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -80,26 +65,85 @@ class TerrainTask:
             object.__setattr__(self, name, frozen(getattr(self, name), (2,), name))
 
 
-def reference_tasks(name: str) -> tuple[TerrainTask, ...]:
-    """Paper W's benchmark on a reference terrain (§V): 24 directions on ripple and cone, 15 targets on hill and pits.
+def _around(radius_m: float, from_opposite: bool) -> tuple[TerrainTask, ...]:
+    """24 directions, out of the middle or from the opposite side."""
+    turns = np.deg2rad(15.0) * np.arange(24)
+    goals = radius_m * np.stack([np.sin(turns), np.cos(turns)], axis=1)
+    return tuple(TerrainTask(start_xy_m=-goal if from_opposite else np.zeros(2), goal_xy_m=goal) for goal in goals)
 
-    On hill and pits both front feet stick. Raises InvalidInput for another name.
-    """
-    if name not in REFERENCES:
-        raise InvalidInput(f"terrain: expected one of {', '.join(REFERENCES)}, got {name!r}")
-    ways = [np.array([np.sin(turn), np.cos(turn)]) for turn in np.deg2rad(15.0) * np.arange(24)]
-    if name == "ripple":
-        return tuple(TerrainTask(start_xy_m=np.zeros(2), goal_xy_m=2.0 * way) for way in ways)
-    if name == "cone":
-        return tuple(TerrainTask(start_xy_m=-2.0 * way, goal_xy_m=2.0 * way) for way in ways)
+
+def _up(start_xy_m: Sequence[float], goals_m: Array) -> tuple[TerrainTask, ...]:
+    """15 targets from one start; both front feet stick."""
     front = (True, True, False, False)
-    if name == "hill":
-        return tuple(
-            TerrainTask(start_xy_m=np.array([-2.6, 0.0]), goal_xy_m=goal, adhesive=front) for goal in _spread(15, 0.5)
-        )
+    return tuple(TerrainTask(start_xy_m=np.array(start_xy_m), goal_xy_m=goal, adhesive=front) for goal in goals_m)
+
+
+def _out_of_the_pit() -> tuple[TerrainTask, ...]:
     turns = np.deg2rad(24.0) * np.arange(15)
-    goals = 2.2 * np.stack([np.cos(turns), np.sin(turns)], axis=1)
-    return tuple(TerrainTask(start_xy_m=np.zeros(2), goal_xy_m=goal, adhesive=front) for goal in goals)
+    return _up((0.0, 0.0), 2.2 * np.stack([np.cos(turns), np.sin(turns)], axis=1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Terrain:
+    """A terrain by its formula. shape: h of x and y, arrays of one shape [m]; spacing_m: of its spline's knots; tasks:
+    walks that it is known for, none if missing."""
+
+    shape: Shape
+    spacing_m: float = 0.05
+    tasks: Callable[[], tuple[TerrainTask, ...]] = tuple
+
+
+RIPPLE = Terrain(shape=ripple, tasks=lambda: _around(2.0, from_opposite=False))
+CONE = Terrain(shape=cone, tasks=lambda: _around(2.0, from_opposite=True))
+HILL = Terrain(shape=hill, tasks=lambda: _up((-2.6, 0.0), _spread(15, 0.5)))
+PIT = Terrain(shape=pit(5.0), tasks=_out_of_the_pit)
+PIT_84 = Terrain(shape=pit(10.0), spacing_m=0.025, tasks=_out_of_the_pit)
+PIT_87 = Terrain(shape=pit(20.0), spacing_m=0.025, tasks=_out_of_the_pit)
+TERRAINS: Registry[Terrain | HeightField | Shape] = Registry(
+    "terrain",
+    "stancekit.terrains",
+    {
+        "ripple": f"{__name__}:RIPPLE",
+        "cone": f"{__name__}:CONE",
+        "hill": f"{__name__}:HILL",
+        "pit": f"{__name__}:PIT",
+        "pit-84": f"{__name__}:PIT_84",
+        "pit-87": f"{__name__}:PIT_87",
+    },
+    expected="a height field, a Terrain, or a function of x and y",
+    accepts=lambda thing: isinstance(thing, Terrain | HeightField) or callable(thing),
+)
+"""Terrains by name, those of paper W (Fig. 3) first; the walls of the pits: 79°, 84° and 87°."""
+
+
+def _formula(name: str) -> Terrain | HeightField:
+    """What stands behind a name, a plain function as a formula. Raises InvalidInput."""
+    found = TERRAINS.get(name)
+    return found if isinstance(found, Terrain | HeightField) else Terrain(shape=found)
+
+
+def reference_terrain(name: str) -> HeightField:
+    """The terrain of a name in ``TERRAINS``, or of ``FILE.py:NAME``, over [−4, 4]² m unless it is a height field.
+
+    Behind a name stands a ``HeightField``, a ``Terrain``, or a function h(x, y) of arrays that gives heights [m].
+    Raises InvalidInput for another name, and for a formula that is finer than its spline can hold.
+
+    >>> reference_terrain("ripple").height(np.zeros(2))
+    array(0.)
+    """
+    found = _formula(name)
+    if isinstance(found, HeightField):
+        return found
+    return HeightField.from_function(
+        found.shape, HALF_WIDTH_M, found.spacing_m, name=name, tolerance_m=REFERENCE_TOLERANCE_M
+    )
+
+
+def reference_tasks(name: str) -> tuple[TerrainTask, ...]:
+    """The walks of a terrain: paper W's benchmark (§V) on its own, 24 directions on ripple and cone, 15 targets on hill
+    and pits, where both front feet stick; none on others. Raises InvalidInput for another name."""
+    found = _formula(name)
+    return () if isinstance(found, HeightField) else found.tasks()
 
 
 def _spread(count: int, radius_m: float) -> Array:
@@ -201,11 +245,12 @@ def _noise(deviation_m: float, length_m: float, rng: np.random.Generator) -> Sha
 
 
 def named_terrain(name: str, **options: Any) -> HeightField:
-    """The terrain of a name: a reference, a draw ``family:difficulty:seed`` as in ``rough:0.5:7``, or a file.
+    """The terrain of a name: one of ``TERRAINS``, ``FILE.py:NAME``, a draw ``family:difficulty:seed`` as in
+    ``rough:0.5:7``, or a file of heights.
 
-    ``options`` are those of ``gridfile.read_heights``, for files. Raises InvalidInput.
+    options: those of ``grid_file.read_heights``, for files. Raises InvalidInput.
     """
-    if name in REFERENCES:
+    if name in TERRAINS.names() or ".py:" in name or name.endswith(".py"):
         return reference_terrain(name)
     family, *numbers = name.split(":")
     if family in FAMILIES and not Path(name).exists():
@@ -221,7 +266,7 @@ def named_terrain(name: str, **options: Any) -> HeightField:
         return HeightField(field.x_m, field.y_m, field.heights_m, name)
     if not Path(name).exists():
         raise InvalidInput(
-            f"terrain: expected a file, one of {', '.join(REFERENCES)}, "
+            f"terrain: expected a file, one of {', '.join(TERRAINS.names())}, FILE.py:NAME, "
             f"or FAMILY:DIFFICULTY:SEED with {', '.join(FAMILIES)}, got {name!r}"
         )
-    return HeightField.from_file(name, **options)
+    return read_heights(name, **options)

@@ -65,7 +65,7 @@ def explain(
     """Say how far each single parameter must change before the certificate stops refuting its subject.
 
     Parameters of a posture problem: friction, reach and largest normal force of each contact, COM radius, tilt limit,
-    the cheapest growth first. Of a course, for its weakest leaf: the limits of eq. 11, reach, COM radius and friction
+    the cheapest growth first. Of a course, for its weakest leaf: the limits of E11, reach, COM radius and friction
     where the proof pulls most, the one that changes least relative to what it is first. A certificate that is not
     accepted explains nothing: no relaxations and a message that says why. tolerance: as for ``check_certificate``.
     """

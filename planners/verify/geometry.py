@@ -33,7 +33,7 @@ def length(vectors: Array) -> Array:
 
 
 def contact_frames(normals: Array, references: Array) -> Array:
-    """R_WC of every contact, columns n, y = z × n, z with z the shear reference in the patch (eq. 3).
+    """R_WC of every contact, columns n, y = z × n, z with z the shear reference in the patch (E3).
 
     normals, references: unit normals and shear references, shape (..., 3). Returns shape (..., 3, 3).
     """
@@ -46,7 +46,7 @@ def contact_frames(normals: Array, references: Array) -> Array:
 
 
 def patch_distances(polygons: list[Array], toes: Array) -> Array:
-    """Distance of every toe from the convex hull of its patch's vertices (eq. 1).
+    """Distance of every toe from the convex hull of its patch's vertices (E1).
 
     polygons: one a toe, shape (U, 3) [m] each; toes: shape (K, 3) [m]. Returns shape (K,) [m].
     A flat convex polygon is the fan of its triangles. The corners of a rounded file span a thin body, and where a toe

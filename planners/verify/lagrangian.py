@@ -2,10 +2,10 @@
 
 All numbers here are non-dimensional: lengths over the length scale, forces over the force scale. At key frame k the
 body has its COM at c and rotation Θ; limb i with shoulder s and reach ρ stands on a toe q, which a placement put on one
-of its candidate patches (a *slot*; v_u the vertices of the piece of it that is left in this leaf, C its frame, eq. 3, μ
+of its candidate patches (a *slot*; v_u the vertices of the piece of it that is left in this leaf, C its frame, E3, μ
 its friction); in a stance some limbs carry the weight w with forces f in the box B. A posture is one frame with one
-stance. With multipliers ν_F, ν_M of the balances of every stance (eqs. 5, 6), r of every limb's reach at every frame,
-a, t, g of every step of the body and b of every step of a toe (eq. 11), every plan that meets all constraints but the
+stance. With multipliers ν_F, ν_M of the balances of every stance (E5, E6), r of every limb's reach at every frame,
+a, t, g of every step of the body and b of every step of a toe (E11), every plan that meets all constraints but the
 balances of moments, whose largest component is off by ε, has
 
     Σ_stances ν_F·(Σ C f − w e_z) + ν_M·(Σ q × C f − c × w e_z) + Σ_limbs [r·(q − c − s − Θ × s) − ρ‖r‖]

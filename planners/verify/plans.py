@@ -2,7 +2,7 @@
 
 Contact frames, rotation, balances, cones and reach are recomputed from the course's own numbers, for all stances and
 points between them in one sweep, which is that of postures. What couples
-the frames is judged here: who stands where, who carries, steps and progress (eq. 11), reach of limbs that do not carry,
+the frames is judged here: who stands where, who carries, steps and progress (E11), reach of limbs that do not carry,
 and the way between frames.
 
 *Why two stances prove the way between them.* The limbs that do not move between two frames keep their toes p. The
@@ -204,7 +204,7 @@ class _Sweep:
         self._note("reach", length(to_toe) - self._reach[limb], frame, limb)
 
     def _steps(self) -> None:
-        """Steps and progress between neighbouring frames (eq. 11)."""
+        """Steps and progress between neighbouring frames (E11)."""
         course, plan, holds = self._course, self._plan, self._who.holds
         step, limits, later = np.diff(plan.com_m, axis=0), course.steps, np.arange(1, course.frames)
         if not len(later):

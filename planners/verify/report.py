@@ -84,7 +84,7 @@ class Report:
     to frame on which limbs carry all the way; on the others every limb moves at once, and the course asks for the
     frames only. linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does [m]; exact_reach_m:
     how far a toe is out of reach with the exact rotation [m]. Both are reported and decide nothing: reach is what
-    eq. 11 says. goal_m: distance of the last COM from the goal [m].
+    E11 says. goal_m: distance of the last COM from the goal [m].
     joints: what inverse kinematics says, see ``check_joints``; no part of ``accepted``.
     """
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..gait.trajectory import STEP_S, Trajectory
-from .trajectory_measurements import Motion, Series, defect_of
+from .trajectory_measurements import Series, TrajectoryMeasurements, defect_of
 
 __all__ = ["GROUPS", "GaitReport", "GroupViolation", "Limits", "check_trajectory"]
 
@@ -170,8 +170,8 @@ def check_trajectory(trajectory: Trajectory, limits: Limits = Limits()) -> GaitR
         defect = defect_of(trajectory, limits.step_s)
         if defect:
             return _refused(trajectory, limits, defect)
-        motion = Motion(trajectory)
-        groups = _measured(motion, limits)
+        measured = TrajectoryMeasurements(trajectory)
+        groups = _measured(measured, limits)
         if not all(math.isfinite(group.value) for group in groups):
             return _refused(trajectory, limits, "the numbers overflow")
         return GaitReport(
@@ -179,35 +179,35 @@ def check_trajectory(trajectory: Trajectory, limits: Limits = Limits()) -> GaitR
             groups=groups,
             limits=limits,
             trajectory=trajectory,
-            figures=motion.figures(limits.cone),
+            figures=measured.figures(limits.cone),
         )
 
 
-def _measured(motion: Motion, limits: Limits) -> tuple[GroupViolation, ...]:
+def _measured(measured: TrajectoryMeasurements, limits: Limits) -> tuple[GroupViolation, ...]:
     """The worst of every group, in the order of ``GROUPS``."""
-    weight, moment = motion.weight_n, motion.moment_scale_nm
-    force_residual, moment_residual = motion.force_residual(), motion.moment_residual()
-    trajectory = motion.trajectory
+    weight, moment = measured.weight_n, measured.moment_scale_nm
+    force_residual, moment_residual = measured.force_residual(), measured.moment_residual()
+    trajectory = measured.trajectory
     rows: tuple[tuple[Series, float, float | None], ...] = (
-        (motion.off_rotation(), limits.rotation, None),
-        (motion.miss(0, trajectory.start_xy_m), limits.start_m, None),
-        (motion.miss(-1, trajectory.goal_xy_m), limits.goal_m, None),
-        (motion.domain(), limits.domain_m, None),
-        (motion.jumps(), limits.continuity_m, None),
-        (motion.foot_speed(), limits.foot_speed_m_s, None),
-        (motion.torso_speed(), limits.torso_speed_m_s, None),
-        (motion.turn_rate(), limits.turn_rate_rad_s, None),
+        (measured.off_rotation(), limits.rotation, None),
+        (measured.miss(0, trajectory.start_xy_m), limits.start_m, None),
+        (measured.miss(-1, trajectory.goal_xy_m), limits.goal_m, None),
+        (measured.domain(), limits.domain_m, None),
+        (measured.jumps(), limits.continuity_m, None),
+        (measured.foot_speed(), limits.foot_speed_m_s, None),
+        (measured.torso_speed(), limits.torso_speed_m_s, None),
+        (measured.turn_rate(), limits.turn_rate_rad_s, None),
         (force_residual.size(), limits.force_balance * weight, force_residual.rms()),
         (force_residual.size(), limits.force_peak * weight, None),
         (moment_residual.size(), limits.moment_balance * moment, moment_residual.rms()),
         (moment_residual.size(), limits.moment_peak * moment, None),
-        (motion.cone(), limits.cone * weight, None),
-        (motion.swing_force(), limits.swing_force * weight, None),
-        (motion.contact_gap(), limits.contact_gap_m, None),
-        (motion.slip(), limits.slip_m, None),
-        (motion.penetration(), limits.penetration_m, None),
-        (motion.reach(), limits.reach_m, None),
-        (motion.trunk(), limits.trunk_m, None),
+        (measured.cone(), limits.cone * weight, None),
+        (measured.swing_force(), limits.swing_force * weight, None),
+        (measured.contact_gap(), limits.contact_gap_m, None),
+        (measured.slip(), limits.slip_m, None),
+        (measured.penetration(), limits.penetration_m, None),
+        (measured.reach(), limits.reach_m, None),
+        (measured.trunk(), limits.trunk_m, None),
     )
     found = []
     for (group, unit), (series, limit, value) in zip(GROUPS.items(), rows, strict=True):

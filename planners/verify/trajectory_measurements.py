@@ -48,7 +48,7 @@ class Series:
         return float(np.sqrt(np.mean(np.sum(self.values**2, axis=1)))) if self.values.size else 0.0
 
 
-class Motion:
+class TrajectoryMeasurements:
     """The measurements of one trajectory that has no defect (``defect_of``)."""
 
     def __init__(self, trajectory: Trajectory) -> None:
@@ -80,13 +80,13 @@ class Motion:
         return np.asarray(angle[:, None] * along / self.step_s)
 
     def force_residual(self) -> Series:
-        """m (a − g) − Σ f_i at the inner samples (Newton; paper W eq. 2), columns x, y, z [N]."""
+        """m (a − g) − Σ f_i at the inner samples (Newton; W2), columns x, y, z [N]."""
         felt = self.acceleration + np.array([0.0, 0.0, GRAVITY_M_S2])
         residual = self.robot.mass_kg * felt - self.trajectory.forces_n[1:-1].sum(axis=1)
         return Series(residual, ("x", "y", "z"), self.times_s[1:-1])
 
     def moment_residual(self) -> Series:
-        """dL/dt − Σ (p_i − p) × f_i at the inner samples (Euler; paper W eq. 2), world axes [Nm].
+        """dL/dt − Σ (p_i − p) × f_i at the inner samples (Euler; W2), world axes [Nm].
 
         L is the angular momentum about the centre of mass half-way between samples: it changes by what the feet do,
         and by nothing else, however fast the torso turns.
@@ -121,7 +121,7 @@ class Motion:
         return normal, np.linalg.norm(forces - normal[..., None] * normals, axis=-1)
 
     def cone(self) -> Series:
-        """‖(I − n nᵀ) f‖ − ν nᵀ f of standing feet that are not adhesive (paper W eq. 5) [N]."""
+        """‖(I − n nᵀ) f‖ − ν nᵀ f of standing feet that are not adhesive (W5) [N]."""
         normal, tangential = self._shares
         return self._where(tangential - self.trajectory.friction * normal, self._gripping)
 
@@ -147,7 +147,7 @@ class Motion:
         return self._where(np.linalg.norm(feet - home, axis=-1), contact)
 
     def reach(self) -> Series:
-        """How far feet are outside their boxes in the torso's frame (paper W eq. 4) [m]."""
+        """How far feet are outside their boxes in the torso's frame (W4) [m]."""
         arms = self.trajectory.feet_m - self.trajectory.torso_m[:, None]
         local = np.einsum("kji,kej->kei", self.trajectory.rotation, arms)
         low = np.array([foot.reach_min_m for foot in self.robot.feet])

@@ -59,7 +59,20 @@ class MapFit:
 
 
 def flatten(field: HeightField, cells: tuple[int, int, int] = CELLS, height_m: float = HEIGHT_M) -> SplineMap:
-    """The product's map of a terrain: locally injective, exact at the ground. See ``fit_map``."""
+    """The product's map φ of a terrain: locally injective, exact at the ground (W6 with the house's weights).
+
+    Arguments:
+        field: the terrain.
+        cells: of the tri-cubic grid along x̄, ȳ and z̄; more let the map bend more sharply, and cost time in proportion.
+        height_m: thickness of the band above the terrain [m], about five times the robot's rest height.
+    Returns:
+        The map from the band [m] to the world [m]; it fits this terrain alone (``SplineMap.check_fits``).
+    Raises:
+        InvalidInput: for a bad grid.
+        PlanningFailed: where every map folds, or the terrain is finer than the map's snap can hold.
+    Source:
+        Paper W §IV-A and §IV-B; see ``fit_map`` for its own methods, and for a report.
+    """
     return fit_map(field, cells=cells, height_m=height_m).map
 
 
@@ -71,10 +84,10 @@ def fit_map(
     method: Method = "fast",
     iterations: int = 100,
 ) -> MapFit:
-    """Make a map of a terrain: x̄ and ȳ span its domain, z̄ spans 0 to ``height_m``.
+    """Make a map of a terrain (W6): x̄ and ȳ span its domain, z̄ spans 0 to ``height_m`` [m].
 
-    method: fast, checked to have det J > 0 and a match of 1 mm; or paper W's local-global (Algorithm 1) or
-    gauss-newton (with barrier and line search), as published and without a snap, or Algorithm 1 accelerated. Whatever
+    method: fast, checked to have det J > 0 and a match of 1 mm; or paper W's local-global (Algorithm W1) or
+    gauss-newton (with barrier and line search), as published and without a snap, or Algorithm W1 accelerated. Whatever
     comes of these three is returned: the report says min det J and the match. More cells let the map bend more sharply
     and cost time in proportion.
     Raises InvalidInput for a bad grid, and PlanningFailed for a terrain that is finer than the snap can hold.

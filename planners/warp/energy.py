@@ -1,4 +1,4 @@
-"""The energy of a map (paper W eq. 6): ∫ρ over the band plus the match of its ground with the terrain.
+"""The energy of a map (W6): ∫ρ over the band plus the match of its ground with the terrain.
 
 With x̄ in metres E_map is in m³ and E_match in m⁴. In the paper's cell units, for cells of side a, they are E_map/a and
 E_match/a² (φ stays in metres), so that its weight of 1 on E_match is 1/a here.
@@ -43,7 +43,7 @@ class Evaluation:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MapEnergy:
-    """E_map + weight·E_match over a grid. barrier: μ, 0 for none; scale: which similarity ρ measures against."""
+    """E_map + weight·E_match over a grid (W6). barrier: μ, 0 for none; scale: which similarity ρ measures against."""
 
     grid: Grid
     field: HeightField
@@ -53,7 +53,7 @@ class MapEnergy:
 
     @classmethod
     def published(cls, grid: Grid, field: HeightField, barrier: float = 0.0) -> MapEnergy:
-        """Eq. 6 as printed, in metres."""
+        """W6 as printed, in metres."""
         side = float(np.cbrt(np.prod([axis.cell_m for axis in grid.axes])))
         return cls(grid=grid, field=field, match_weight=1.0 / side, barrier=barrier, scale="published")
 

@@ -1,4 +1,4 @@
-"""Our descent: L-BFGS on the exact gradient, preconditioned by the global step of Algorithm 1, inside the barrier.
+"""Our descent: L-BFGS on the exact gradient, preconditioned by the global step of Algorithm W1, inside the barrier.
 
 The Hessian of ∫‖J − J*‖² + E_match with the targets held is constant and separable; its inverse is the first guess of
 L-BFGS, which learns the rest. One iteration costs one local and one global step, the energy falls monotonically, and

@@ -1,7 +1,7 @@
-"""Algorithm 1 of paper W: local-global optimisation of ψ, as published, and the same with a faster global step.
+"""Algorithm W1: local-global optimisation of ψ, as published, and the same with a faster global step.
 
 Local: at each quadrature point the target J* and at each ground point h*; global: least squares with both held. Its
-left side never changes: it is factorised once (published), or never (``SeparableSolver``). As printed, eq. 6 is
+left side never changes: it is factorised once (published), or never (``SeparableSolver``). As printed, W6 is
 ill-posed, for a map to one point of the terrain has no energy at all; both forms pin the wall-normal component of the
 side walls.
 """
@@ -38,7 +38,7 @@ class Descent:
 
 
 def published(energy: MapEnergy, psi: Array, iterations: int, tolerance: float = 1e-4) -> Descent:
-    """Algorithm 1 as printed: SVD, |Σ|^(1/3), a sparse factorisation made once, h* lagged by a step.
+    """Algorithm W1 as printed: SVD, |Σ|^(1/3), a sparse factorisation made once, h* lagged by a step.
 
     Stops after a change of ψ below ``tolerance`` of a cell. The energy need not fall: h* is one step late.
     """
@@ -48,7 +48,7 @@ def published(energy: MapEnergy, psi: Array, iterations: int, tolerance: float =
 
 
 def accelerated(energy: MapEnergy, psi: Array, iterations: int, tolerance: float = 1e-4, memory: int = 6) -> Descent:
-    """Algorithm 1 with tr(Σ)/3, polar factors by Newton, fast diagonalisation, and Anderson acceleration.
+    """Algorithm W1 with tr(Σ)/3, polar factors by Newton, fast diagonalisation, and Anderson acceleration.
 
     memory: steps that the acceleration mixes, 0 for none. A mixed step that does not lower the energy is dropped.
     """

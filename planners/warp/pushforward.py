@@ -1,9 +1,8 @@
-"""Pushing frames forward: 𝒫(J), the rotation nearest to J, and its derivative (paper W eq. 12, Corollary IV.1).
+"""Pushing frames forward: 𝒫(J), the rotation nearest to J, and its derivative (W12, Corollary IV.1).
 
-The corollary as printed, 𝒫 = UVᵀ|UVᵀ| with ω = U(tr(Σ)I − Σ)⁻¹Vᵀ[𝒫ᵀ∂J − ∂Jᵀ𝒫]×⁻¹, solves eq. 12 where det J > 0. Where
-det J < 0 its 𝒫 = −UVᵀ is a rotation, and ω is its derivative, but the nearest rotation is U diag(1, 1, −1) Vᵀ.
-``printed_rotation`` and ``printed_rate`` are the corollary as it stands; ``nearest_rotation`` and ``rotation_rate``
-solve eq. 12 on both sides, with the smallest singular value negative where det J < 0.
+The corollary as printed, 𝒫 = UVᵀ|UVᵀ| with ω = U(tr(Σ)I − Σ)⁻¹Vᵀ[𝒫ᵀ∂J − ∂Jᵀ𝒫]×⁻¹, solves W12 where det J > 0. Where
+det J < 0 its 𝒫 = −UVᵀ is a rotation, and ω is its derivative, but the nearest rotation is U diag(1, 1, −1) Vᵀ, the
+smallest singular value being negative there: ``nearest_rotation`` solves W12 on both sides. Derivatives are CasADi's.
 """
 
 from __future__ import annotations
@@ -22,48 +21,13 @@ NEWTON_STEPS = 8
 
 
 def nearest_rotation(jacobian: Array) -> Array:
-    """𝒫(J) = argmin over SO(3) of ‖R − J‖_F, shape (…, 3, 3) → (…, 3, 3)."""
+    """𝒫(J) = argmin over SO(3) of ‖R − J‖_F (W12), shape (…, 3, 3) → (…, 3, 3)."""
     u, _, vt = _signed_svd(np.asarray(jacobian, dtype=np.float64))
     return np.asarray(u @ vt)
 
 
-def printed_rotation(jacobian: Array) -> Array:
-    """UVᵀ|UVᵀ|, Corollary IV.1 as printed, shape (…, 3, 3): ``nearest_rotation`` only where det J > 0."""
-    u, _, vt = np.linalg.svd(np.asarray(jacobian, dtype=np.float64))
-    turned = u @ vt
-    return np.asarray(turned * np.linalg.det(turned)[..., None, None])
-
-
-def rotation_rate(jacobian: Array, rate: Array) -> Array:
-    """∂𝒫 = [ω]× 𝒫 for ∂J = ``rate`` (Corollary IV.1), shapes (…, 3, 3) → (…, 3, 3).
-
-    Not defined where σ₂ + σ₃ = 0, with σ₃ < 0 for det J < 0: there the nearest rotation is not unique.
-    """
-    u, sigma, vt = _signed_svd(np.asarray(jacobian, dtype=np.float64))
-    return _rate(u, sigma, vt, u @ vt, rate)
-
-
-def printed_rate(jacobian: Array, rate: Array) -> Array:
-    """∂𝒫 of ``printed_rotation``, Corollary IV.1 as printed, shapes (…, 3, 3) → (…, 3, 3)."""
-    u, sigma, vt = np.linalg.svd(np.asarray(jacobian, dtype=np.float64))
-    return _rate(u, sigma, vt, printed_rotation(jacobian), rate)
-
-
-def axial(matrix: Array) -> Array:
-    """[·]×⁻¹: the v with [v]× = A for a skew A, shape (…, 3, 3) → (…, 3)."""
-    return np.stack([matrix[..., 2, 1], matrix[..., 0, 2], matrix[..., 1, 0]], axis=-1)
-
-
-def skew(vector: Array) -> Array:
-    """[v]×, shape (…, 3) → (…, 3, 3)."""
-    x, y, z = np.moveaxis(vector, -1, 0)
-    none = np.zeros_like(x)
-    rows = [np.stack(row, axis=-1) for row in ((none, -z, y), (z, none, -x), (-y, x, none))]
-    return np.stack(rows, axis=-2)
-
-
 def polar_function(steps: int = NEWTON_STEPS) -> ca.Function:
-    """CasADi function (J: 3 × 3) → (R: 3 × 3): 𝒫(J) for det J > 0 by Newton's R ← ½(γR + R⁻ᵀ/γ), γ = det(R)^(−1/3).
+    """CasADi function (J: 3 × 3) → (R: 3 × 3): 𝒫(J) (W12) for det J > 0 by Newton's R ← ½(γR + R⁻ᵀ/γ), γ = det(R)^(−⅓).
 
     Smooth wherever det J > 0, so that solvers take exact first and second derivatives of it.
     """
@@ -78,15 +42,6 @@ def polar_function(steps: int = NEWTON_STEPS) -> ca.Function:
         size = ca.exp(ca.log(determinant) / 3.0)
         turned = 0.5 * (turned / size + cofactor * (size / determinant))
     return ca.Function("polar", [jacobian], [turned], ["J"], ["R"])
-
-
-def _rate(u: Array, sigma: Array, vt: Array, turned: Array, rate: Array) -> Array:
-    """[ω]× 𝒫 with ω = U (tr(Σ)I − Σ)⁻¹ Vᵀ [𝒫ᵀ∂J − ∂Jᵀ𝒫]×⁻¹."""
-    skewed = np.swapaxes(turned, -1, -2) @ rate
-    skewed = skewed - np.swapaxes(skewed, -1, -2)
-    inner = (vt @ axial(skewed)[..., None])[..., 0]
-    omega = (u @ (inner / (sigma.sum(axis=-1, keepdims=True) - sigma))[..., None])[..., 0]
-    return np.asarray(skew(omega) @ turned)
 
 
 def _signed_svd(jacobian: Array) -> tuple[Array, Array, Array]:

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,9 +26,6 @@ from ..terrain.bspline import CubicBasis
 from ..terrain.heightfield import HeightField
 from .inversion import inverted, surface
 from .quadrature import Axis
-
-if TYPE_CHECKING:
-    import casadi as ca
 
 FORMAT = "stancekit/warp/1"
 REACH_M = 20.0
@@ -161,19 +158,6 @@ class SplineMap:
             rows = self._bases[axis].matrix(lines[axis], orders[axis]).toarray()
             found = np.moveaxis(np.tensordot(rows, found, axes=(1, axis + 1)), 0, axis + 1)
         return np.array(found)
-
-    def symbolic(self) -> ca.Function:
-        """CasADi function (x̄: 3) → (phi: 3, J: 3 × 3), twice differentiable, the same as ``points_and_jacobians``."""
-        import casadi as ca
-
-        at = ca.MX.sym("x_bar", 3)
-        knots = [basis.knots.tolist() for basis in self._bases]
-        phi = ca.bspline(at, ca.DM(self._padded.ravel(order="F")), knots, [3, 3, 3], 3, {})
-        if self.snap is not None:
-            u = ca.fmin(ca.fmax(at[2] / self.fade_m, 0.0), 1.0)
-            fade = 1.0 - u**3 * (10.0 + u * (6.0 * u - 15.0))
-            phi = phi + ca.vertcat(0.0, 0.0, fade * self.snap.symbolic()(phi[:2]))
-        return ca.Function("phi", [at], [phi, ca.jacobian(phi, at)], ["x_bar"], ["phi", "J"])
 
     def inverse(self, points: Array) -> Array:
         """x̄ with φ(x̄) = x, shape (…, 3) [m] → (…, 3) [m]. Raises PlanningFailed for a point that φ does not reach."""

@@ -13,7 +13,7 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.attempt import Attempted
+from stancekit.planners.gait.method.attempt import Attempted
 from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted, proven

@@ -12,7 +12,7 @@ pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.gait.attempt import Attempted
+from stancekit.planners.gait.method.attempt import Attempted
 from stancekit.planners.gait.trajectory_file import write_trajectory
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo

@@ -1,4 +1,4 @@
-"""The friction cone of standing feet (paper W eqs. 5 and 9): ν f_n ≥ ‖f_t‖, in units of m·g.
+"""The friction cone of standing feet (W5 and W9): ν f_n ≥ ‖f_t‖, in units of m·g.
 
 It is asked of the coefficients of each stance's spline. The cone is convex and the spline's values are means of its
 coefficients, so the force is in the cone at all times, not at the nodes only. The tip is rounded off so that the
@@ -11,18 +11,18 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-from ..blocks import Block, Constraint, Kernel
-from ..charts import Chart
-from ..layout import NOTHING
-from ..structure import Structure
-from ..taylor import Site
+from ..charts.chart import Chart
+from ..transcription.blocks import Block, Constraint, Kernel
+from ..transcription.taylor import ExpansionPoint
+from ..variables.layout import NOTHING
+from ..variables.structure import Structure
 
 TIP = 1e-3
 """ε, in units of m·g: a standing foot presses with ε/ν at least, but for the ends of its stance."""
 
 
 def cone(structure: Structure) -> Constraint | None:
-    """One row for each coefficient of a force that is free and of a foot without suction."""
+    """ν f_n − ‖f_t‖ ≥ 0 [m·g], a row for each free coefficient of a force of a foot without suction (W5, W9)."""
     feet = [foot for number, foot in enumerate(structure.layout.feet) if not structure.task.adhesive[number]]
     entries = [
         np.concatenate([np.broadcast_to(foot.stances[index], forces.shape), forces], axis=1)
@@ -33,19 +33,19 @@ def cone(structure: Structure) -> Constraint | None:
         return None
     every = np.concatenate(entries)
     every = every[every[:, 3] != NOTHING]
-    family = structure.entries("force coefficients", every, True)
-    rows = np.arange(family.count)
-    block = Block(pressing(structure.chart, structure.task.friction), ((family, rows),), rows[:, None])
-    inside = np.full(family.count, structure.settings.tolerance)
-    return Constraint("cone", inside, np.full(family.count, np.inf), (block,))
+    variables = structure.entries("force coefficients", every, True)
+    rows = np.arange(variables.count)
+    block = Block(pressing(structure.chart, structure.task.friction), ((variables, rows),), rows[:, None])
+    inside = np.full(variables.count, structure.settings.tolerance)
+    return Constraint("cone", inside, np.full(variables.count, np.inf), (block,))
 
 
 def pressing(chart: Chart, friction: float) -> Kernel:
     """ν f_n − √(‖f_t‖² + ε²)."""
 
-    def kernel(signals: list[cs.SX], sites: list[Site | None]) -> cs.SX:
-        (foot,), (site,) = signals, sites
-        normal, tangential = chart.cone(foot[3:], foot[:3], site)
+    def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
+        (foot,), (expansion,) = features, expansions
+        normal, tangential = chart.cone(foot[3:], foot[:3], expansion)
         return friction * normal - cs.sqrt(cs.sumsqr(tangential) + TIP**2)
 
     return kernel

@@ -1,4 +1,4 @@
-"""Standing feet on the terrain (paper W eqs. 3 and 8): z = h(x, y), in metres.
+"""Standing feet on the terrain (W3 and W8): z = h(x, y), in metres.
 
 Where the chart flattens the terrain this is z̄ = 0, which the decision vector has built in.
 """
@@ -8,23 +8,23 @@ from __future__ import annotations
 import casadi as cs
 import numpy as np
 
-from ..blocks import Block, Constraint
-from ..structure import Structure
-from ..taylor import Site
+from ..transcription.blocks import Block, Constraint
+from ..transcription.taylor import ExpansionPoint
+from ..variables.structure import Structure
 
 
 def contact(structure: Structure) -> Constraint | None:
-    """One row for each place where a foot stands; none in a flat chart."""
+    """z_i − h(x_i, y_i) = 0 [m], one row for each place where a foot stands (W3); none in a flat chart (W8)."""
     if structure.chart.flat:
         return None
-    family = structure.entries("footholds", np.concatenate([foot.stances for foot in structure.layout.feet]), True)
-    rows = np.arange(family.count)
-    zeros = np.zeros(family.count)
-    return Constraint("contact", zeros, zeros, (Block(above, ((family, rows),), rows[:, None]),))
+    variables = structure.entries("footholds", np.concatenate([foot.stances for foot in structure.layout.feet]), True)
+    rows = np.arange(variables.count)
+    zeros = np.zeros(variables.count)
+    return Constraint("contact", zeros, zeros, (Block(above, ((variables, rows),), rows[:, None]),))
 
 
-def above(signals: list[cs.SX], sites: list[Site | None]) -> cs.SX:
+def above(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
     """z − h(x, y)."""
-    (foot,), (site,) = signals, sites
-    assert site is not None
-    return foot[2] - site.here[0]
+    (foot,), (expansion,) = features, expansions
+    assert expansion is not None
+    return foot[2] - expansion.here[0]

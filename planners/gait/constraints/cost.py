@@ -1,4 +1,4 @@
-"""What a second phase lowers: acceleration and force rate, and the distance from a reference (E(c) of paper W eq. 1).
+"""What a second phase lowers: acceleration and force rate, and the distance from a reference (E(c) of W1).
 
 Non-dimensional: accelerations in g, moments in m·g·(stand height), force rates in m·g a second, integrated over time.
 """
@@ -9,23 +9,23 @@ import casadi as cs
 import numpy as np
 from scipy.sparse import csr_array, vstack
 
-from ..blocks import Block
-from ..structure import Structure
-from ..taylor import Site
+from ..transcription.blocks import Block
+from ..transcription.taylor import ExpansionPoint
+from ..variables.structure import Structure
 from .dynamics import UP, inertia_block
 
 
 def acceleration(structure: Structure) -> Block:
-    """∫ ‖p̈/g‖² + ‖d/dt (R I ω)‖² dt as a sum over the nodes; one row."""
+    """A part of E(c) (W1): ∫ ‖p̈/g‖² + ‖d/dt (R I ω)‖² dt as a sum over the nodes; one row."""
     nodes = np.arange(structure.nodes)
     inner = inertia_block(structure, nodes, np.zeros((len(nodes), 1), dtype=np.intp))
     step_s = structure.settings.step_s
 
-    def kernel(signals: list[cs.SX], sites: list[Site | None]) -> cs.SX:
-        felt = -inner.kernel(signals, sites) - cs.DM([*UP, 0.0, 0.0, 0.0])
+    def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
+        felt = -inner.kernel(features, expansions) - cs.DM([*UP, 0.0, 0.0, 0.0])
         return step_s * cs.sumsqr(felt)
 
-    return Block(kernel, inner.ports, inner.scatter, inner.order)
+    return Block(kernel, inner.selections, inner.scatter, inner.order)
 
 
 def force_rate(structure: Structure) -> csr_array:

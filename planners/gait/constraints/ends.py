@@ -8,11 +8,11 @@ import numpy as np
 from scipy.sparse import csr_array, vstack
 
 from ...files.arrays import Array
-from ..blocks import Block, Constraint, Kernel
-from ..charts import Chart
-from ..layout import Index
-from ..structure import Structure
-from ..taylor import Site
+from ..charts.chart import Chart
+from ..transcription.blocks import Block, Constraint, Kernel
+from ..transcription.taylor import ExpansionPoint
+from ..variables.layout import Index
+from ..variables.structure import Structure
 
 
 def still_start(structure: Structure) -> Constraint:
@@ -33,7 +33,7 @@ def start(structure: Structure) -> tuple[Constraint, Constraint]:
 
 
 def goal(structure: Structure) -> Constraint:
-    """p_xy = goal at t = T, in metres."""
+    """p_xy = goal at t = T, in metres: a hard constraint (paper W §V)."""
     return over(structure, "goal", structure.nodes - 1, structure.task.goal_xy_m)
 
 
@@ -46,8 +46,8 @@ def over(structure: Structure, name: str, node: int, xy_m: Array) -> Constraint:
 def horizontal(chart: Chart) -> Kernel:
     """p_xy of the torso."""
 
-    def kernel(signals: list[cs.SX], sites: list[Site | None]) -> cs.SX:
-        return chart.torso(signals[0], sites[0])[0][:2]
+    def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
+        return chart.torso(features[0], expansions[0])[0][:2]
 
     return kernel
 

@@ -13,10 +13,10 @@ import casadi as cs
 import numpy as np
 
 from ...files.arrays import Array
-from ..blocks import Block, Constraint, Family, Rows
-from ..guess import Walk
-from ..structure import Structure
-from ..taylor import JetMap, Site
+from ..method.guess import Walk
+from ..transcription.blocks import Block, Constraint, Rows, VariableGroup
+from ..transcription.taylor import ExpansionPoint, TaylorMap
+from ..variables.structure import Structure
 
 SPACING_M = 0.09
 """Points of the lower face are at most this far apart along the trunk, and twice as far across."""
@@ -40,24 +40,24 @@ def trunk(structure: Structure) -> Constraint | None:
         return None
     chart = structure.chart
 
-    def place(signal: cs.SX, site: Site | None) -> cs.SX:
-        p, r = chart.torso(signal[:6], site)
-        return p + r @ signal[6:9]
+    def place(feature: cs.SX, expansion: ExpansionPoint | None) -> cs.SX:
+        p, r = chart.torso(feature[:6], expansion)
+        return p + r @ feature[6:9]
 
-    def signal(v: cs.SX, constants: cs.SX) -> cs.SX:
+    def features(v: cs.SX, constants: cs.SX) -> cs.SX:
         return cs.vertcat(v, constants)
 
-    def kernel(signals: list[cs.SX], sites: list[Site | None]) -> cs.SX:
-        corner, below = place(signals[0], sites[0] if len(sites) > 1 else None), sites[-1]
+    def kernel(features: list[cs.SX], expansions: list[ExpansionPoint | None]) -> cs.SX:
+        corner, below = place(features[0], expansions[0] if len(expansions) > 1 else None), expansions[-1]
         assert below is not None
         return corner[2] - below.here[0]
 
     rows = structure.layout.torso_rows(structure.times_s[node])
-    ground = JetMap.of_heights(structure.task.terrain)
-    family = Family("trunk", rows, 6, ground, signal, points[point], chart.torso_map, place)
-    every = np.arange(family.count)
-    block = Block(kernel, ((family, every),), every[:, None])
-    return Constraint("trunk", np.full(family.count, margin), np.full(family.count, np.inf), (block,))
+    ground = TaylorMap.of_heights(structure.task.terrain)
+    variables = VariableGroup("trunk", rows, 6, ground, features, points[point], chart.torso_map, place)
+    every = np.arange(variables.count)
+    block = Block(kernel, ((variables, every),), every[:, None])
+    return Constraint("trunk", np.full(variables.count, margin), np.full(variables.count, np.inf), (block,))
 
 
 def lower_face(half_m: Array) -> Array:

@@ -5,7 +5,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from stancekit.planners.gait.formulation import GaitProgram, formulate
+from stancekit.planners.gait.formulation import formulate
+from stancekit.planners.gait.gait_program import GaitProgram
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from stancekit.planners.gait.formulation import formulate
-from stancekit.planners.gait.phases import GAITS
-from stancekit.planners.gait.smoothing import smoothed
+from stancekit.planners.gait.method.smoothing import smoothed
 from stancekit.planners.gait.task import GaitTask
+from stancekit.planners.gait.variables.phases import GAITS
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.verify.trajectories import check_trajectory

@@ -332,7 +332,7 @@ def test_the_gap_is_the_largest_miss_of_a_product(programs, drawn, box, seed):
         for k in range(3)
     ]
     assert answer.gap == max(misses)
-    np.testing.assert_allclose(answer.at[:, :3], answer.point.toes - answer.point.com, atol=1e-7)  # eq. 2
+    np.testing.assert_allclose(answer.at[:, :3], answer.point.toes - answer.point.com, atol=1e-7)  # E2
     world = np.einsum("njk,nak->nja", m, scaled.frames)  # Σ_k m_jk F_k
     moment = np.cross(np.eye(3)[None], world).sum(axis=(0, 1))
-    np.testing.assert_allclose(moment, 0.0, atol=1e-7)  # eq. 9 holds for m, though not for p f
+    np.testing.assert_allclose(moment, 0.0, atol=1e-7)  # E9 holds for m, though not for p f

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.robot.leg_boxes import largest_box
+from stancekit.planners.robot.leg_boxes import Workspace, largest_box
 from stancekit.planners.robot.single_body import GaitRobot, anymal
 
 LINK = '<link name="{}">{}</link>'
@@ -54,7 +54,7 @@ def test_a_robot_is_measured_from_its_urdf(tmp_path: Path) -> None:
     pytest.importorskip("pinocchio")
     robot = GaitRobot.from_urdf(
         urdf(tmp_path / "robot.urdf", MASS), ["F0", "F1", "F2"], [0.0, 0.5, -0.9] * 3, trunk_half_m=[0.2, 0.1, 0.05],
-        steps=20, voxel_m=0.04,
+        workspace=Workspace(steps=20, voxel_m=0.04),
     )  # fmt: skip
     assert robot.mass_kg == pytest.approx(20.0)
     for foot in robot.feet:
@@ -91,7 +91,7 @@ def test_a_robots_file_may_name_its_urdf(tmp_path: Path) -> None:
     assert robot.mass_kg == pytest.approx(20.0)
     direct = GaitRobot.from_urdf(
         tmp_path / "robot.urdf", ["F0", "F1", "F2"], [0.0, 0.5, -0.9] * 3, trunk_half_m=[0.2, 0.1, 0.05],
-        ranges_rad=[(0.3, 0.3), (0.6, 0.6), (0.6, 0.6)], steps=12, voxel_m=0.04,
+        workspace=Workspace(ranges_rad=[(0.3, 0.3), (0.6, 0.6), (0.6, 0.6)], steps=12, voxel_m=0.04),
     )  # fmt: skip
     for ours, theirs in zip(robot.feet, direct.feet, strict=True):
         assert ours.reach_min_m.tolist() == theirs.reach_min_m.tolist()

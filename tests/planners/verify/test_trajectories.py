@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,10 +16,12 @@ from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.gait.trajectory import Trajectory
-from stancekit.planners.robot.single_body import Foot, GaitRobot
+from stancekit.planners.robot.leg_boxes import Foot
+from stancekit.planners.robot.single_body import GaitRobot
 from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.verify import trajectories
 from stancekit.planners.verify.trajectories import GROUPS, Limits, check_trajectory
-from stancekit.planners.verify.trajectory_measurements import Motion
+from stancekit.planners.verify.trajectory_measurements import TrajectoryMeasurements
 
 G = 9.81
 STEP_S = 0.005
@@ -231,7 +235,7 @@ def test_the_residuals_are_what_is_missing_in_newtons_and_newton_metres():
     sway = swaying()
     push = np.array(sway.forces_n)
     push[40, 0] += [20.0, 0.0, 0.0]
-    motion, pushed = Motion(sway), Motion(replace(sway, forces_n=push))
+    motion, pushed = TrajectoryMeasurements(sway), TrajectoryMeasurements(replace(sway, forces_n=push))
     arm = sway.feet_m[40, 0] - sway.torso_m[40]
     force = pushed.force_residual().values - motion.force_residual().values
     moment = pushed.moment_residual().values - motion.moment_residual().values
@@ -259,7 +263,7 @@ def test_curved_ground_is_met_at_its_true_normal():
     feet = above[:, None] * normals - [0.0, 0.0, radius]
     lean = 100.0 * (normals + 0.3 * np.cross(normals, [0.0, 1.0, 0.0]) / np.linalg.norm(
         np.cross(normals, [0.0, 1.0, 0.0]), axis=1, keepdims=True))  # fmt: skip
-    motion = Motion(
+    motion = TrajectoryMeasurements(
         replace(still, terrain=dome, feet_m=np.tile(feet, (101, 1, 1)), forces_n=np.tile(lean, (101, 1, 1)))
     )
     assert np.allclose(motion.contact_gap().values[0], [0.0, 5e-4, 5e-4, 0.0], atol=1e-6)
@@ -487,3 +491,29 @@ def test_scales_follow_the_robot():
     for factor in (1.04, 1.06):
         verdicts = [check_trajectory(replace(t, forces_n=factor * t.forces_n)).accepted for t in (light, heavy)]
         assert verdicts == [factor < 1.05] * 2
+
+
+def test_the_verifier_shares_no_code_with_planners_but_data_types() -> None:
+    """What its two files import, and what that imports: arrays, errors, the robot, the terrain and the samples."""
+    planners = Path(trajectories.__file__).parents[1]
+    allowed = {
+        "errors.py", "files/arrays.py", "files/archive.py", "files/documents.py", "files/refusals.py",
+        "gait/trajectory.py", "robot/leg_boxes.py", "robot/model.py", "robot/single_body.py", "terrain/bspline.py",
+        "terrain/heightfield.py", "verify/trajectories.py", "verify/trajectory_measurements.py",
+    }  # fmt: skip
+    todo, seen = ["verify/trajectories.py"], set()
+    while todo:
+        name = todo.pop()
+        if name in seen:
+            continue
+        seen.add(name)
+        for node in ast.walk(ast.parse((planners / name).read_text(encoding="utf-8"))):
+            assert not isinstance(node, ast.Import) or all(one.name != "casadi" for one in node.names), name
+            if isinstance(node, ast.ImportFrom) and node.level:
+                folder = (planners / name).parents[node.level - 1].joinpath(*(node.module or "").split("."))
+                if folder.with_suffix(".py").exists():
+                    todo.append(folder.with_suffix(".py").relative_to(planners).as_posix())
+                else:
+                    todo += [f"{folder.relative_to(planners).as_posix()}/{one.name}.py" for one in node.names]
+    assert seen <= allowed, sorted(seen - allowed)
+    assert {"gait/trajectory.py", "terrain/heightfield.py"} <= seen

@@ -73,7 +73,7 @@ def test_the_shear_has_determinant_one_and_follows_the_terrain():
 
 
 def test_a_map_to_one_point_of_the_terrain_has_no_energy_at_all():
-    """Eq. 6 as printed is ill-posed: hence the pins of the walls."""
+    """W6 as printed is ill-posed: hence the pins of the walls."""
     psi = np.zeros_like(GRID.identity)
     psi[2] = float(HILL.height(np.zeros(2)))
     for energy in (MapEnergy.published(GRID, HILL), MapEnergy(grid=GRID, field=HILL, match_weight=1.0)):

@@ -2,7 +2,6 @@
 
 import time
 
-import casadi as ca
 import numpy as np
 import pytest
 
@@ -42,22 +41,6 @@ def test_jacobians_are_finite_differences_inside_and_outside(snap):
         shift = step * np.eye(3)[axis]
         slope = (warp.points(at + shift) - warp.points(at - shift)) / (2 * step)
         np.testing.assert_allclose(jacobian[..., axis], slope, atol=1e-7)
-
-
-def test_the_symbolic_map_is_the_numeric_one_and_its_second_derivatives_are_finite_differences():
-    warp, at, step = bent(), around(), 1e-5
-    phi = warp.symbolic()
-    point, jacobian = phi.map(len(at))(at.T)
-    np.testing.assert_allclose(np.array(point).T, warp.points(at), atol=1e-12)
-    np.testing.assert_allclose(np.array(jacobian).reshape(3, -1, 3).swapaxes(0, 1), warp.jacobians(at), atol=1e-11)
-    x = ca.MX.sym("x", 3)
-    second = ca.Function("second", [x], [ca.jacobian(ca.vec(phi(x)[1]), x)])
-    for place in at[:30]:
-        found = np.array(second(place)).reshape(3, 3, 3, order="F")
-        for axis in range(3):
-            shift = step * np.eye(3)[axis]
-            slope = (warp.jacobians(place + shift) - warp.jacobians(place - shift)) / (2 * step)
-            np.testing.assert_allclose(found[:, :, axis], slope, atol=2e-5)
 
 
 def test_jacobians_do_not_jump_where_the_band_ends():

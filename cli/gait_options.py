@@ -1,0 +1,59 @@
+"""What ``stancekit gait`` reads from its options: places, headings and robots; and its messages in their names."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.refusals import shown
+
+if TYPE_CHECKING:
+    from stancekit.planners.files.arrays import Array
+    from stancekit.planners.robot.single_body import GaitRobot
+
+ROBOTS = ("anymal", "hexapod")
+
+
+def place(text: str, option: str) -> Array:
+    """A place X,Y, shape (2,) [m]."""
+    import numpy as np
+
+    try:
+        x, y = (float(part) for part in text.split(","))
+    except ValueError:
+        raise InvalidInput(f"{option}: expected a place X,Y in metres, got {shown(text)}") from None
+    return np.array([x, y])
+
+
+def heading(text: str, way: Array) -> float:
+    """An angle, or that of the way to the goal [rad]."""
+    if text == "goal":
+        return math.atan2(way[1], way[0])
+    try:
+        return float(text)
+    except ValueError:
+        raise InvalidInput(f"--heading: expected an angle in rad, or goal, got {shown(text)}") from None
+
+
+def robot(name: str) -> GaitRobot:
+    """A robot by its name or its file. Raises InvalidInput."""
+    from stancekit.planners.robot.single_body import GaitRobot, anymal, hexapod_walker
+
+    if name in ROBOTS:
+        return anymal() if name == "anymal" else hexapod_walker()
+    if not Path(name).exists():
+        raise InvalidInput(f"--robot: expected {', '.join(ROBOTS)} or a robot's file, got {name!r}")
+    return GaitRobot.from_yaml(name)
+
+
+def in_options(message: str) -> str:
+    """A task's message with the names of its fields as the options that gave them."""
+    names = {"start_xy_m": "start", "goal_xy_m": "goal", "start_yaw_rad": "heading"}
+    parts = []
+    for part in message.split("; "):
+        name, colon, rest = part.partition(":")
+        known = names.get(name, name if name in ("duration_s", "friction", "gait", "timings", "adhesive") else "")
+        parts.append(f"--{known.replace('_', '-')}{colon}{rest}" if known else part)
+    return "; ".join(parts)

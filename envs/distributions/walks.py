@@ -1,0 +1,91 @@
+"""Walks drawn at random, or from those that a terrain is known for: what ``stancekit/WarpedGait-v0`` begins with."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.gait.task import GaitTask
+from stancekit.planners.robot.single_body import GaitRobot, anymal
+from stancekit.planners.terrain.reference import (
+    FAMILIES,
+    TERRAINS,
+    TerrainTask,
+    random_terrain,
+    reference_tasks,
+    reference_terrain,
+)
+
+DRAWS = 100
+Tasks = Callable[[np.random.Generator], GaitTask]
+"""Draws a walk."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SampledTasks:
+    """Walks over drawn terrains, or the paper's tasks on one of its own.
+
+    terrain: a family, ``mixed`` for all of them in turn at random, or a terrain of ``TERRAINS`` or ``FILE.py:NAME``,
+    with the walks that it is known for, else drawn ones. difficulty: of families,
+    uniform between the two. distance_m: from start to goal, uniform; robot: ANYmal where there is none.
+    """
+
+    terrain: str = "mixed"
+    difficulty: tuple[float, float] = (0.2, 0.8)
+    distance_m: tuple[float, float] = (0.3, 0.8)
+    duration_s: float = 3.0
+    robot: GaitRobot = field(default_factory=anymal)
+
+    def __post_init__(self) -> None:
+        known = ("mixed", *FAMILIES, *TERRAINS.names())
+        if self.terrain not in known and ".py:" not in self.terrain:
+            raise InvalidInput(f"terrain: expected one of {', '.join(known)}, or FILE.py:NAME, got {self.terrain!r}")
+        if not self._drawn_anew:
+            TERRAINS.get(self.terrain)
+        for name, most in (("difficulty", 1.0), ("distance_m", 3.0)):
+            low, high = getattr(self, name)
+            if not 0.0 <= low <= high <= most:
+                raise InvalidInput(f"{name}: expected 0 ≤ low ≤ high ≤ {most:g}, got {low:g} and {high:g}")
+
+    @property
+    def _drawn_anew(self) -> bool:
+        """Whether every walk has a terrain of its own."""
+        return self.terrain == "mixed" or self.terrain in FAMILIES
+
+    def __call__(self, rng: np.random.Generator) -> GaitTask:
+        """Draw a walk; a goal where the robot cannot stand is drawn again. Raises PlanningFailed if none is found."""
+        tasks = () if self._drawn_anew else reference_tasks(self.terrain)
+        for _ in range(DRAWS):
+            try:
+                return self._task_of(tasks, rng) if tasks else self._drawn(rng)
+            except InvalidInput as error:
+                refused = error
+        raise PlanningFailed(f"no walk was found on {self.terrain} in {DRAWS} draws; the last: {refused}")
+
+    def _drawn(self, rng: np.random.Generator) -> GaitTask:
+        if self._drawn_anew:
+            family = str(rng.choice(list(FAMILIES))) if self.terrain == "mixed" else self.terrain
+            field_ = random_terrain(family, float(rng.uniform(*self.difficulty)), rng)
+        else:
+            field_ = reference_terrain(self.terrain)
+        turn = float(rng.uniform(-np.pi, np.pi))
+        start = rng.uniform(-1.5, 1.5, 2)
+        goal = start + rng.uniform(*self.distance_m) * np.array([np.cos(turn), np.sin(turn)])
+        return GaitTask(
+            robot=self.robot, terrain=field_, start_xy_m=start, goal_xy_m=goal, start_yaw_rad=turn,
+            duration_s=self.duration_s, gait=_gait(self.robot),
+        )  # fmt: skip
+
+    def _task_of(self, tasks: Sequence[TerrainTask], rng: np.random.Generator) -> GaitTask:
+        walk = tasks[int(rng.integers(len(tasks)))]
+        return GaitTask(
+            robot=self.robot, terrain=reference_terrain(self.terrain), start_xy_m=walk.start_xy_m,
+            goal_xy_m=walk.goal_xy_m, adhesive=walk.adhesive, duration_s=self.duration_s, gait=_gait(self.robot),
+        )  # fmt: skip
+
+
+def _gait(robot: GaitRobot) -> str:
+    return "trot" if len(robot.feet) == 4 else "tripod"

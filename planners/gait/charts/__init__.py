@@ -1,0 +1,32 @@
+"""Charts: coordinates in which a walk is optimised (paper W §IV-C). A chart is a file, and a line in the table here."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from ...plugins import Registry
+
+if TYPE_CHECKING:
+    from .chart import Chart
+
+
+def _is_chart(thing: Any) -> bool:
+    from .chart import Chart
+
+    return isinstance(thing, type) and issubclass(thing, Chart)
+
+
+CHARTS: Registry[type[Chart]] = Registry(
+    "chart",
+    "stancekit.charts",
+    {
+        "ambient": "stancekit.planners.gait.charts.ambient:Ambient",
+        "shear": "stancekit.planners.gait.charts.shear:Shear",
+        "decoupled": "stancekit.planners.gait.charts.decoupled:Decoupled",
+        "warped": "stancekit.planners.gait.charts.warped:Warped",
+        "warped-exact": "stancekit.planners.gait.charts.warped:WarpedExact",
+    },
+    expected="a class of charts, as those in planners/gait/charts are",
+    accepts=_is_chart,
+)
+"""Charts by name: command line, settings, environment and benchmarks know them from here."""

@@ -1,0 +1,207 @@
+"""A task written down as a program, to be solved from many guesses, and what a solve of it found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, TypedDict
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked, frozen
+from .constraints.cost import acceleration, force_rate
+from .method.guess import perturbed, terrain_following
+from .task import GaitSettings, GaitTask
+from .trajectory import STEP_S, Trajectory
+from .transcription.blocks import Constraint
+from .transcription.ipopt import Callback, Ipopt
+from .transcription.program import Program
+from .variables.samples import Samples, sampled
+from .variables.structure import Structure
+
+
+@dataclass(frozen=True, kw_only=True)
+class Costs:
+    """Weights of the objective ½ proximal ‖x − x₁‖² + ½ acceleration ∫… + ½ force_rate ∫… (``constraints.cost``)."""
+
+    proximal: float = 0.3
+    acceleration: float = 0.0
+    force_rate: float = 0.0
+
+    @property
+    def smooth(self) -> bool:
+        """Whether more than the distance from the reference counts."""
+        return self.acceleration > 0.0 or self.force_rate > 0.0
+
+
+class SolveOptions(TypedDict, total=False):
+    """What a solve may be asked for besides its guess, see ``GaitProgram.solve``."""
+
+    costs: Costs | None
+    reference: Array | None
+    height_factor: float
+    max_iterations: int | None
+    stop_when_feasible: bool
+
+
+class GaitProgram:
+    """A task written down once, to be solved from many guesses (W1, W7).
+
+    structure: chart, variables and features; nlp: values and derivatives of its terms; guess: the terrain-following
+    initial guess, shape (size,). ``formulation.formulate`` makes one.
+    """
+
+    def __init__(
+        self, task: GaitTask, settings: GaitSettings, structure: Structure, terms: Sequence[Constraint]
+    ) -> None:
+        self.task, self.settings, self.structure = task, settings, structure
+        self.nlp = Program(structure.layout.size, terms, [acceleration(structure)], force_rate(structure))
+        self._ipopt = Ipopt(self.nlp, exact=settings.hessian == "exact", tolerance=settings.tolerance)
+
+    @property
+    def size(self) -> int:
+        """Number of variables."""
+        return self.structure.layout.size
+
+    @cached_property
+    def guess(self) -> Array:
+        """The terrain-following initial guess, shape (size,)."""
+        return frozen(terrain_following(self.structure), (self.size,), "guess")
+
+    def perturbed(self, rng: np.random.Generator, size: float = 0.02) -> Array:
+        """The guess with normal noise of this deviation on every variable, shape (size,) [m, rad, m·g]."""
+        return perturbed(self.guess, rng, self.structure, size)
+
+    def violations(self, x: Array) -> Mapping[str, float]:
+        """The largest violation of each term at a decision vector, shape (size,)."""
+        return self._violations(x, np.concatenate([x, np.zeros(3), [1.0]]))
+
+    def _violations(self, x: Array, parameters: Array) -> Mapping[str, float]:
+        return self.nlp.violations(np.asarray(self.nlp.constraint(x, parameters), dtype=np.float64).ravel())
+
+    def solve(
+        self,
+        guess: Array | None = None,
+        callback: Callback | None = None,
+        *,
+        costs: Costs | None = None,
+        reference: Array | None = None,
+        height_factor: float = 1.0,
+        max_iterations: int | None = None,
+        stop_when_feasible: bool = True,
+        **options: Any,
+    ) -> GaitSolution:
+        """Solve from a guess until the first feasible iterate.
+
+        guess: shape (size,), the program's own if missing. callback(iteration, violation, cost): may return True to
+        stop. costs: weights of the objective; without any, the distance from the reference alone keeps the answer near.
+        reference: x₁, shape (size,), the guess if missing. height_factor: on the terrain's heights (homotopy), for
+        charts that have no map of their own. stop_when_feasible: else IPOPT goes on to its own end or to
+        max_iterations, of the settings if missing. options: further options of IPOPT. Returns the first feasible point
+        or, with ``success`` False, the last. Raises InvalidInput for arrays of another shape and for a height_factor
+        other than 1 in a chart with a map.
+        """
+        costs = costs or Costs()
+        checked(height_factor, "height_factor", least=0.0)
+        if height_factor != 1.0 and not self.structure.chart.scales:
+            raise InvalidInput(
+                f"height_factor: expected 1 in the chart {self.settings.chart}, whose map is for one terrain, "
+                f"got {height_factor:g}"
+            )
+        start = self.guess if guess is None else frozen(guess, (self.size,), "guess")
+        parameters = np.concatenate(
+            [start if reference is None else frozen(reference, (self.size,), "reference"),
+             [costs.proximal, costs.acceleration, costs.force_rate, height_factor]]
+        )  # fmt: skip
+        found = self._ipopt.solve(
+            start, parameters, costs=costs.smooth, callback=callback, stop_when_feasible=stop_when_feasible,
+            max_iterations=self.settings.max_iterations if max_iterations is None else max_iterations, options=options,
+        )  # fmt: skip
+        return GaitSolution(
+            program=self,
+            success=found.success,
+            iterations=found.iterations,
+            history=found.history,
+            x=frozen(found.x, (self.size,), "x"),
+            violations=self._violations(found.x, parameters),
+            status=found.status,
+            seconds=found.seconds,
+            seconds_evaluating=found.seconds_evaluating,
+            seconds_linear=max(found.seconds - found.seconds_evaluating, 0.0),
+            height_factor=height_factor,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GaitSolution:
+    """What one solve found.
+
+    success: a point of largest violation below the tolerance; x: that point, else the last one, shape (size,).
+    iterations: of IPOPT until then. history: (violation, cost) at every iteration from the guess on. violations: by
+    term, at x. seconds: CPU time of the solve, in all, in functions and derivatives, and in IPOPT with its linear
+    solver. status: what IPOPT said.
+    """
+
+    program: GaitProgram
+    success: bool
+    iterations: int
+    history: tuple[tuple[float, float], ...]
+    x: Array
+    violations: Mapping[str, float]
+    status: str
+    seconds: float
+    seconds_evaluating: float
+    seconds_linear: float
+    height_factor: float = 1.0
+    provenance: Mapping[str, str | float] = field(default_factory=dict)
+
+    @property
+    def violation(self) -> float:
+        """The largest violation of any constraint at x."""
+        return max(self.violations.values(), default=0.0)
+
+    def on(self, program: GaitProgram) -> GaitSolution:
+        """The point of a gentler terrain as one of the task's own program: a success only if it is one there, too.
+
+        Nothing that a gentler terrain accepts is an answer to the task.
+        """
+        violations = program.violations(self.x)
+        success = max(violations.values(), default=0.0) < program.settings.tolerance
+        status = self.status if success else f"{self.status}, on a gentler terrain"
+        return replace(self, program=program, success=success, violations=violations, status=status, height_factor=1.0)
+
+    def samples(self, times_s: Array) -> Samples:
+        """The motion at times in [0, T], shape (K,) [s]."""
+        return sampled(self.program.structure, self.x, np.asarray(times_s, dtype=np.float64), self.height_factor)
+
+    def trajectory(self, dt_s: float = STEP_S) -> Trajectory:
+        """The motion in the world frame on a grid of about dt_s, of three samples or more, whatever the chart was.
+
+        Equal solves give equal trajectories: no clock is in the provenance. Raises InvalidInput for a dt_s that is not
+        above 0 or goes beyond the duration.
+        """
+        task, settings = self.program.task, self.program.settings
+        checked(dt_s, "dt_s", above=0.0, most=task.duration_s)
+        steps = max(2, round(task.duration_s / dt_s))
+        at = self.samples(np.linspace(0.0, task.duration_s, steps + 1))
+        return Trajectory(
+            times_s=at.times_s,
+            torso_m=at.torso_m,
+            rotation=at.rotation,
+            feet_m=at.feet_m,
+            forces_n=at.forces_n,
+            contact=at.contact,
+            robot=task.robot,
+            terrain=task.terrain if self.height_factor == 1.0 else task.terrain.scaled(self.height_factor),
+            friction=task.friction,
+            adhesive=np.array(task.adhesive),
+            start_xy_m=task.start_xy_m,
+            goal_xy_m=task.goal_xy_m,
+            provenance={
+                "chart": settings.chart, "dynamics": settings.dynamics, "hessian": settings.hessian,
+                "gait": task.gait, "timings": task.timings, "iterations": float(self.iterations),
+                "violation": self.violation, **self.provenance,
+            },
+        )  # fmt: skip

@@ -1,0 +1,157 @@
+"""One attempt at a gait task: a chart, a homotopy in the terrain's height, an initial guess; and the verifier's word.
+
+What a portfolio is made of, and what ``stancekit/WarpedGait-v0`` chooses among.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from ...files.arrays import Array
+from ...verify.trajectories import GaitReport, check_trajectory
+from ...warp.conformal import flatten
+from ...warp.spline_map import SplineMap
+from ..charts import CHARTS
+from ..formulation import formulate
+from ..gait_program import GaitProgram, GaitSolution
+from ..task import GaitSettings, GaitTask
+from ..trajectory import STEP_S, Trajectory
+
+Progress = Callable[["Attempt", int, float, float, str], "bool | None"]
+"""Called at every iteration with the attempt, the iteration over all its solves, the largest violation, the cost and
+the phase, ``feasible``, ``smooth`` or ``densify``; may return True to stop."""
+Homotopy = Literal["height", "smoothing"]
+"""What makes a terrain gentler: lower heights, or a Gaussian."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attempt:
+    """How to solve a task. chart: a name of ``charts.CHARTS`` or ``FILE.py:NAME``.
+
+    heights: factors on the terrain's gradients, solved one after another, the last is 1.
+    by: whether factors below 1 scale the heights, or are what a Gaussian leaves of the steepest gradient.
+    noise: deviation of what is added to every variable of the terrain-following guess [m, rad, m·g].
+    """
+
+    chart: str = "decoupled"
+    heights: tuple[float, ...] = (1.0,)
+    by: Homotopy = "height"
+    noise: float = 0.0
+    seed: int = 0
+
+    def perturbed(self, seed: int, noise: float = 0.02) -> Attempt:
+        """The same from a perturbed guess."""
+        return replace(self, seed=seed, noise=noise)
+
+    def guess(self, program: GaitProgram) -> Array:
+        """Its guess for a program, shape (size,): the terrain-following one, with noise where there is any."""
+        if not self.noise:
+            return program.guess
+        return program.perturbed(np.random.default_rng(self.seed), self.noise)
+
+    @property
+    def name(self) -> str:
+        """What it is called in tables and files."""
+        words = [self.chart]
+        if len(self.heights) > 1:
+            words.append(f"{len(self.heights)} {'heights' if self.by == 'height' else 'smoothings'}")
+        if self.noise:
+            words.append(f"seed {self.seed}")
+        return ", ".join(words)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Attempted:
+    """What an attempt came to. solution: of its last stage; iterations, seconds: of all stages, CPU time.
+
+    history: the largest violation at every iterate. trajectory, report: of the point it ended at, feasible or not;
+    stage: the last height that was solved; stopped: it was ended before its own end, by the caller or at a cap.
+    """
+
+    attempt: Attempt
+    solution: GaitSolution
+    trajectory: Trajectory
+    report: GaitReport
+    iterations: int
+    seconds: float
+    history: Array
+    stage: int = 0
+    stopped: bool = False
+
+    @property
+    def verified(self) -> bool:
+        """Whether the solve succeeded and the verifier accepted."""
+        return self.solution.success and self.report.accepted
+
+
+class Workbench:
+    """A task with what has been written down for it: a program a chart, and the map of the terrain."""
+
+    def __init__(self, task: GaitTask, settings: GaitSettings | None = None, warp: SplineMap | None = None) -> None:
+        self.task, self.settings, self.warp = task, settings or GaitSettings(), warp
+        self._programs: dict[str, GaitProgram] = {}
+
+    def program(self, chart: str) -> GaitProgram:
+        """The task in this chart, written down once. Raises InvalidInput, and PlanningFailed for a map that folds."""
+        if chart not in self._programs:
+            self._programs[chart] = formulate(self.task, replace(self.settings, chart=chart), self._flattened)
+        return self._programs[chart]
+
+    def _flattened(self) -> SplineMap:
+        """The terrain's map, made once for all charts that need it."""
+        if self.warp is None:
+            self.warp = flatten(self.task.terrain)
+        return self.warp
+
+    def run(
+        self, attempt: Attempt, progress: Progress | None = None, *, guess: Array | None = None, stage: int = 0
+    ) -> Attempted:
+        """Solve stage by stage, each from the last one's point, and verify what comes out.
+
+        guess, stage: where to begin instead of the attempt's own guess, shape (size,), and at which of its heights,
+        e.g. where a run was stopped. A chart with a map has no heights but 1, and no Gaussian is used here.
+        """
+        program = self.program(attempt.chart)
+        heights = attempt.heights if CHARTS.get(attempt.chart).scales and attempt.by == "height" else (1.0,)
+        x = attempt.guess(program) if guess is None else guess
+        history: list[float] = []
+        seconds, stages, stopped = 0.0, 0, False
+
+        def on_iterate(_iteration: int, violation: float, cost: float) -> bool:
+            nonlocal stopped
+            history.append(violation)
+            stopped = bool(progress and progress(attempt, len(history) - 1, violation, cost, "feasible"))
+            return stopped
+
+        for factor in heights[stage:]:
+            solution = program.solve(x, on_iterate, height_factor=factor)
+            x, seconds, stages = solution.x, seconds + solution.seconds, stages + 1
+            if stopped:
+                break
+        solution = solution if solution.height_factor == 1.0 else solution.on(program)
+        provenance = self.provenance(attempt, solution, iterations=solution.iterations)
+        trajectory = replace(solution.trajectory(STEP_S), provenance=provenance)
+        return Attempted(
+            attempt=attempt, solution=solution, trajectory=trajectory, report=check_trajectory(trajectory),
+            iterations=max(len(history) - stages, 0), seconds=seconds, history=np.array(history),
+            stage=stage + stages - 1, stopped=stopped,
+        )  # fmt: skip
+
+    def provenance(self, attempt: Attempt, solution: GaitSolution, iterations: int) -> dict[str, Any]:
+        """What a trajectory says of how it was made; no clock is in it."""
+        return {
+            "chart": attempt.chart,
+            "heights": " ".join(f"{factor:g}" for factor in attempt.heights),
+            "noise": attempt.noise,
+            "seed": float(attempt.seed),
+            "gait": self.task.gait,
+            "timings": self.task.timings,
+            "dynamics": self.settings.dynamics,
+            "hessian": self.settings.hessian,
+            "largest_violation": solution.violation,
+            "iterations": float(iterations),
+        }

@@ -1,0 +1,134 @@
+"""What a plan has spent: every solve goes through one budget, which records it, holds it to its caps and shows it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Unpack
+
+from ...errors import PlanningFailed
+from ...files.arrays import Array
+from ..gait_program import GaitProgram, GaitSolution, SolveOptions
+from .attempt import Attempt, Progress
+from .subprocess import solve_in_subprocess
+
+PATIENCE = 10.0
+"""A child process may take this many times the CPU time of a solve by the clock."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolveRecord:
+    """One solve. phase: ``feasible``, ``smooth`` or ``densify``; factor: on the terrain's heights.
+
+    iterations, success, status: of the solver; violations: the largest at every iterate; seconds: CPU time in all, in
+    functions and derivatives, in the solver with its linear algebra.
+    """
+
+    attempt: str
+    chart: str
+    phase: str
+    factor: float
+    iterations: int
+    success: bool
+    status: str
+    violations: tuple[float, ...]
+    seconds: float
+    seconds_evaluating: float
+    seconds_linear: float
+
+
+class SolveBudget:
+    """Solves programs on one budget of CPU time; called like ``GaitProgram.solve``.
+
+    solves: every one in its order; stopped: the caller's progress said so; phase: the name of the next solves.
+    """
+
+    def __init__(
+        self,
+        *,
+        solve_s: float = 60.0,
+        total_s: float = 240.0,
+        in_subprocess: bool = False,
+        progress: Progress | None = None,
+    ) -> None:
+        self._solve_s, self._total_s, self._in_subprocess, self._progress = solve_s, total_s, in_subprocess, progress
+        self._attempt, self._iterations = Attempt(), 0
+        self.solves: list[SolveRecord] = []
+        self.stopped, self.phase = False, "feasible"
+
+    def begin(self, attempt: Attempt) -> None:
+        """The next solves are this attempt's."""
+        self._attempt, self._iterations, self.phase = attempt, 0, "feasible"
+
+    @property
+    def seconds(self) -> float:
+        """CPU time of all solves [s]."""
+        return sum(one.seconds for one in self.solves)
+
+    @property
+    def exhausted(self) -> bool:
+        """Whether there is nothing left to spend, or the caller asked to stop."""
+        return self.stopped or self.seconds >= self._total_s
+
+    def __call__(self, program: GaitProgram, guess: Array, /, **options: Unpack[SolveOptions]) -> GaitSolution:
+        """Solve within what is left; a solver that hangs or dies has found nothing."""
+        limit_s = min(self._solve_s, max(self._total_s - self.seconds, 1.0))
+        if self._in_subprocess:
+            solution = self._in_child(program, guess, limit_s, options)
+        else:
+            solution = program.solve(guess, _TimeLimit(limit_s, self._on_iterate), **options)
+        self.solves.append(self._record(program, solution))
+        return solution
+
+    def _in_child(self, program: GaitProgram, guess: Array, limit_s: float, options: SolveOptions) -> GaitSolution:
+        try:
+            return solve_in_subprocess(
+                program, guess, time_limit_s=PATIENCE * limit_s, callback=_TimeLimit(limit_s),
+                on_iterate=self._on_iterate, **options,
+            )  # fmt: skip
+        except PlanningFailed as error:
+            return _nothing(program, guess, limit_s, str(error))
+
+    def _on_iterate(self, _iteration: int, violation: float, cost: float) -> bool:
+        self._iterations += 1
+        if self._progress is not None and self._progress(
+            self._attempt, self._iterations - 1, violation, cost, self.phase
+        ):
+            self.stopped = True
+        return self.stopped
+
+    def _record(self, program: GaitProgram, solution: GaitSolution) -> SolveRecord:
+        return SolveRecord(
+            attempt=self._attempt.name,
+            chart=program.settings.chart,
+            phase=self.phase,
+            factor=solution.height_factor,
+            iterations=solution.iterations,
+            success=solution.success,
+            status=solution.status,
+            violations=tuple(violation for violation, _ in solution.history),
+            seconds=solution.seconds,
+            seconds_evaluating=solution.seconds_evaluating,
+            seconds_linear=solution.seconds_linear,
+        )
+
+
+class _TimeLimit:
+    """Ends a solve at its CPU time, or when on_iterate says so; the time counts from the first iterate on."""
+
+    def __init__(self, limit_s: float, on_iterate: Callable[[int, float, float], bool] | None = None) -> None:
+        self._limit_s, self._on_iterate, self._began = limit_s, on_iterate, -1.0
+
+    def __call__(self, iteration: int, violation: float, cost: float) -> bool:
+        now = time.process_time()
+        self._began = now if self._began < 0.0 else self._began
+        stop = self._on_iterate is not None and self._on_iterate(iteration, violation, cost)
+        return stop or now - self._began > self._limit_s
+
+
+def _nothing(program: GaitProgram, guess: Array, seconds: float, status: str) -> GaitSolution:
+    return GaitSolution(
+        program=program, success=False, iterations=0, history=(), x=guess, violations=program.violations(guess),
+        status=status, seconds=seconds, seconds_evaluating=0.0, seconds_linear=0.0,
+    )  # fmt: skip

@@ -1,0 +1,142 @@
+"""Densification: where the verifier finds fault between the nodes, the program gets rows there, and is solved again.
+
+Balances and reach are asked for half-way between the nodes, only where they were broken; the trunk's clearance, the
+checks of a swing and the reach in hand grow by what was missed.
+"""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...files.arrays import Array
+from ...verify.trajectories import GaitReport
+from ...verify.trajectory_measurements import TrajectoryMeasurements
+from ..constraints.dynamics import dynamics
+from ..constraints.reach import reach
+from ..formulation import terms
+from ..gait_program import GaitProgram
+from ..task import GaitSettings
+from ..transcription.blocks import Block, Constraint
+from ..variables.structure import Structure
+
+Flags = NDArray[np.bool_]
+BAND = 0.06
+"""What a balance may be off half-way between nodes where it is asked for [m·g, m·g·stand height]; shrinks each time."""
+FLAW = 1.5
+"""A balance is asked for where it is off by this many bands."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Checks:
+    """Rows half-way between nodes. balance: in which steps, shape (N,), N steps; reach: of which feet, shape (N, E);
+    band: what the balance may be off there."""
+
+    balance: Flags
+    reach: Flags
+    band: float = BAND
+
+    def joined(self, other: Checks) -> Checks:
+        """Both, with the narrower band."""
+        return Checks(
+            balance=self.balance | other.balance, reach=self.reach | other.reach, band=min(self.band, other.band)
+        )
+
+    def __len__(self) -> int:
+        """How many balances and reaches are asked for."""
+        return int(self.balance.sum() + self.reach.sum())
+
+
+class DenseProgram(GaitProgram):
+    """A program with the rows of ``checks`` besides its own; its variables are the same."""
+
+    def __init__(self, base: GaitProgram, settings: GaitSettings, checks: Checks) -> None:
+        self.checks = checks
+        structure = Structure(base.task, settings, base.structure.chart)
+        super().__init__(base.task, settings, structure, [*terms(structure), *half_way(structure, checks)])
+
+
+def densified(program: GaitProgram, report: GaitReport) -> DenseProgram | None:
+    """The program with what a refused trajectory asks for; None where no more rows would help."""
+    settings = tightened(program.settings, report)
+    checks = found = flaws(program, report)
+    if isinstance(program, DenseProgram):
+        checks = replace(program.checks.joined(found), band=0.7 * program.checks.band)
+    if settings == program.settings and not len(found):
+        return None
+    return DenseProgram(program, settings, checks)
+
+
+def tightened(settings: GaitSettings, report: GaitReport) -> GaitSettings:
+    """Settings with more in hand where the report's groups break their limits."""
+    missed = {group.group: group.value for group in report.refused}
+    if "trunk" in missed:
+        before = settings.trunk_clearance_m
+        clearance = 0.02 if before is None else before + missed["trunk"] + 0.002
+        settings = replace(settings, trunk_clearance_m=clearance)
+    if "penetration" in missed:
+        settings = replace(settings, swing_nodes=settings.swing_nodes + 4)
+    if "reach" in missed:
+        settings = replace(settings, reach_margin_m=min(settings.reach_margin_m + missed["reach"], 0.03))
+    return settings
+
+
+def flaws(program: GaitProgram, report: GaitReport, band: float = BAND) -> Checks:
+    """In which steps of the program's grid a trajectory's balances and reach are off."""
+    measured, broken = TrajectoryMeasurements(report.trajectory), {group.group for group in report.refused}
+    steps, feet = program.structure.nodes - 1, program.structure.feet
+    balance, arms = np.zeros(steps, dtype=bool), np.zeros((steps, feet), dtype=bool)
+    if broken & {"force_balance", "force_peak", "moment_balance", "moment_peak"}:
+        for series, scale in ((measured.force_residual(), measured.weight_n),
+                              (measured.moment_residual(), measured.moment_scale_nm)):  # fmt: skip
+            off = np.linalg.norm(series.values, axis=1) > FLAW * band * scale
+            balance[_steps(series.times_s[off], program)] = True
+    if "reach" in broken:
+        series = measured.reach()
+        samples, columns = np.nonzero(series.values > 0.5 * report.limits.reach_m)
+        arms[_steps(series.times_s[samples], program), columns] = True
+    return Checks(balance=balance, reach=arms, band=band)
+
+
+def _steps(times_s: Array, program: GaitProgram) -> NDArray[np.intp]:
+    steps = np.floor(np.asarray(times_s) / program.settings.step_s + 1e-9).astype(np.intp)
+    return np.asarray(np.clip(steps, 0, program.structure.nodes - 2), dtype=np.intp)
+
+
+# ---------------------------------------------------------------------------------------------------- the rows
+
+
+def half_way(structure: Structure, checks: Checks) -> list[Constraint]:
+    """The terms of the dynamics and of reach with nodes half-way between the structure's, as far as asked for."""
+    between = copy(structure)
+    for name in ("torso", "feet_at_nodes"):
+        between.__dict__.pop(name, None)
+    between.times_s = structure.times_s[:-1] + 0.5 * structure.settings.step_s
+    found: list[Constraint] = []
+    inner = checks.balance.copy()
+    inner[[0, -1]] = False  # they have no neighbour on the other side
+    if inner.any() and structure.settings.dynamics == "centred":
+        balances = dynamics(between)
+        band = checks.band * np.ones(balances.rows)
+        kept = np.repeat(inner, 6)[: balances.rows]
+        found.append(restricted(replace(balances, name="balance", lower=-band, upper=band), kept))
+    if checks.reach.any():
+        foot = np.concatenate([group.foot for group in between.feet_at_nodes])
+        node = np.concatenate([group.node for group in between.feet_at_nodes])
+        found.append(restricted(reach(between), np.repeat(checks.reach[node, foot], 3)))
+    return found
+
+
+def restricted(constraint: Constraint, kept: Flags) -> Constraint:
+    """Some rows of a constraint without a linear part, shape of ``kept``: (rows,); blocks without rows are gone."""
+    number = np.cumsum(kept) - 1
+    blocks: list[Block] = []
+    for block in constraint.blocks:
+        chosen = np.flatnonzero(kept[block.scatter].all(axis=1))
+        if len(chosen):
+            selections = tuple((variables, rows[chosen]) for variables, rows in block.selections)
+            blocks.append(replace(block, selections=selections, scatter=number[block.scatter[chosen]]))
+    return replace(constraint, lower=constraint.lower[kept], upper=constraint.upper[kept], blocks=tuple(blocks))

@@ -1,0 +1,290 @@
+"""A product's answer: charts tried in turn under caps, then smoothed, then densified until the verifier accepts.
+
+DESIGN of the order: decoupled first, which needs the fewest iterations; then the exact warped chart; then the world's
+own coordinates with the terrain growing. Where walls are steep the world's own coordinates come first, on walls that
+are widened and get steep from solution to solution: a shear sends a foot up a wall as fast as the wall is steep.
+The first that the verifier accepts is the answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from ...errors import InvalidInput, PlanningFailed
+from ...files.arrays import Array, checked
+from ...verify.trajectories import GaitReport, check_trajectory
+from ..gait_program import GaitSolution
+from ..task import GaitSettings, GaitTask
+from ..trajectory import Trajectory
+from .attempt import Attempt, Attempted, Progress, Workbench
+from .budget import SolveBudget, SolveRecord
+from .checkpoint import FAILED, Checkpoint
+from .densification import densified
+from .homotopy import follow_homotopy, heights_for, steepest
+from .smoothing import Smoothing, peak_g, smoothed
+
+STEEP = 6.0
+"""Gradient (81°) beyond which walls are widened first, and feet swing in the world's own coordinates."""
+WIDENED = 4.0
+"""Gradient of the first stage then."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Caps:
+    """What a plan may cost. iterations: of one solve that looks for a feasible point; solve_s, total_s: CPU time of
+    one solve and of all [s]; densifications: how often rows are added; smoothing: of the second phase.
+
+    in_subprocess: solves in child processes that are ended at ten times solve_s by the clock, since a solver may hang.
+    """
+
+    iterations: int = 80
+    solve_s: float = 60.0
+    total_s: float = 240.0
+    densifications: int = 4
+    smoothing: Smoothing = field(default_factory=Smoothing)
+    in_subprocess: bool = False
+
+    @property
+    def phases(self) -> dict[str, Any]:
+        """What comes after a feasible point, as JSON-ready values."""
+        return {"smoothing": asdict(self.smoothing), "densifications": self.densifications}
+
+    def __post_init__(self) -> None:
+        for name, least in (("iterations", 1), ("densifications", 0)):
+            if getattr(self, name) < least:
+                raise InvalidInput(f"{name}: expected {least} or more, got {getattr(self, name)}")
+        for name in ("solve_s", "total_s"):
+            checked(getattr(self, name), name, above=0.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class GaitPlan:
+    """A walk, or what kept it from being one.
+
+    attempts: with the best trajectory of each, accepted or not; feasible: the verifier's word on the first feasible
+    point of each, before the second phase, None for none; solves: every one in its order; failures: of attempts that
+    could not begin, e.g. for a terrain that no map fits; stopped: the caller asked it to end.
+    """
+
+    attempts: tuple[Attempted, ...]
+    feasible: tuple[GaitReport | None, ...]
+    solves: tuple[SolveRecord, ...]
+    failures: tuple[str, ...] = ()
+    stopped: bool = False
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """The smoothest walk that the verifier accepts, None where there is none."""
+        return self.best.trajectory if self.best is not None and self.best.verified else None
+
+    @property
+    def report(self) -> GaitReport | None:
+        """What the verifier says of the trajectory."""
+        return self.best.report if self.best is not None and self.best.verified else None
+
+    @property
+    def verified(self) -> bool:
+        """Whether there is a walk that the verifier accepts."""
+        return self.best is not None and self.best.verified
+
+    @property
+    def best(self) -> Attempted | None:
+        """The best attempt, accepted or not: verified before feasible before the rest; None where none began."""
+        return min(self.attempts, key=_merit, default=None)
+
+    @property
+    def seconds(self) -> float:
+        """CPU time of all solves [s]."""
+        return sum(one.seconds for one in self.solves)
+
+    @property
+    def message(self) -> str:
+        """One line: the verdict, or what the best attempt was refused for."""
+        if self.report is not None:
+            return self.report.message
+        best = self.best
+        if best is None:
+            return "no walk: " + ("; ".join(self.failures) or "every attempt had failed before")
+        if best.solution.success:
+            return f"no walk that the verifier accepts: {best.report.message}"
+        return f"no feasible walk: largest violation {best.solution.violation:.1e}"
+
+
+def plan_gait(
+    task: GaitTask,
+    settings: GaitSettings | None = None,
+    progress: Progress | None = None,
+    *,
+    caps: Caps | None = None,
+    attempts: Sequence[Attempt] | None = None,
+    checkpoint: Checkpoint | None = None,
+) -> GaitPlan:
+    """Find a walk: try attempts in their order until the verifier accepts one, smoothed and densified.
+
+    Arguments:
+        task: robot, terrain, start and goal.
+        settings: of every attempt but for its chart; the usual ones if missing.
+        progress: called at every iteration, see ``attempt.Progress``; may return True to stop.
+        caps: what the plan may cost, and what comes after a feasible point.
+        attempts: ``default_attempts(task)`` if missing. Those in a row that differ in their guess alone are all tried,
+            and the smoothest is the answer.
+        checkpoint: takes up and keeps where attempts stand.
+    Returns:
+        A ``GaitPlan``. ``trajectory`` is the walk that the verifier accepted, None where there is none; ``best`` is the
+        best attempt all the same, and ``message`` says what it was refused for.
+    Raises:
+        InvalidInput: for settings that do not fit the task, and for an unknown chart.
+    Source:
+        W1 and W7, for a first feasible point; the order of charts, the second phase and densification are the house's.
+    """
+    settings = settings or GaitSettings()
+    todo = default_attempts(task) if attempts is None else list(attempts)
+    caps = caps or Caps()
+    checkpoint = checkpoint or Checkpoint(None, task, settings, todo)
+    run = PortfolioRun(Workbench(task, settings), caps, progress, checkpoint)
+    found, failures = list[Attempted](), list[str]()
+    for index, attempt in enumerate(todo):
+        if any(one.verified for one in found) and _unperturbed(attempt) != _unperturbed(todo[index - 1]):
+            break
+        if checkpoint.begin(index)[1] == FAILED:
+            continue
+        try:
+            found.append(run.run(index, attempt))
+        except PlanningFailed as error:
+            failures.append(f"{attempt.name}: {error}")
+            continue
+        checkpoint.keep(index, found[-1])
+        if run.budget.exhausted:
+            break
+    return GaitPlan(
+        attempts=tuple(found),
+        feasible=tuple(run.feasible),
+        solves=tuple(run.budget.solves),
+        failures=tuple(failures),
+        stopped=run.budget.stopped,
+    )
+
+
+def default_attempts(task: GaitTask) -> list[Attempt]:
+    """The charts in the order in which they are worth trying on a task's terrain."""
+    if steepest(task.terrain) > STEEP and task.terrain.even:
+        widened = heights_for(task.terrain, gentle=WIDENED)
+        return [
+            Attempt(chart="ambient", heights=widened, by="smoothing"),
+            Attempt(chart="decoupled", heights=widened, by="smoothing"),
+            Attempt(chart="warped-exact"),
+        ]
+    return [
+        Attempt(chart="decoupled"),
+        Attempt(chart="warped-exact"),
+        Attempt(chart="ambient", heights=heights_for(task.terrain)),
+    ]
+
+
+class PortfolioRun:
+    """Attempts at one task on one budget. feasible: the verifier's word on the first feasible point of each."""
+
+    def __init__(self, bench: Workbench, caps: Caps, progress: Progress | None, checkpoint: Checkpoint) -> None:
+        self.bench, self.caps, self._checkpoint = bench, caps, checkpoint
+        self.feasible: list[GaitReport | None] = []
+        self.budget = SolveBudget(
+            solve_s=caps.solve_s, total_s=caps.total_s, in_subprocess=caps.in_subprocess, progress=progress
+        )
+
+    def run(self, index: int, attempt: Attempt) -> Attempted:
+        """A feasible point; if there is one, the second phase and densification; the best of what came out.
+
+        index: by which the checkpoint knows the attempt; one that is done is only verified again.
+        """
+        budget, began = self.budget, len(self.budget.solves)
+        guess, stage = self._checkpoint.begin(index)
+        budget.begin(attempt)
+        path = follow_homotopy(
+            self.bench, attempt, guess, stage=stage, solve=budget, stop=lambda: budget.exhausted,
+            max_iterations=min(self.caps.iterations, self.bench.settings.max_iterations),
+        )  # fmt: skip
+        solution, heights = path.solutions[-1], attempt.heights[stage:]
+        if path.factors[-1] != 1.0:
+            solution = solution.on(self.bench.program(attempt.chart))
+        searched = len(budget.solves)
+        best = _verified(solution)
+        self.feasible.append(best[1] if solution.success else None)
+        if self.feasible[-1] is not None and not self._checkpoint.done(index):
+            best = self._refined(best, lambda x: self._checkpoint.note(index, len(attempt.heights) - 1, x))
+        solves = budget.solves[began:]
+        provenance = self.bench.provenance(attempt, best[0], sum(one.iterations for one in solves))
+        trajectory = replace(
+            best[1].trajectory, provenance={**provenance, "heights_by": attempt.by, "solves": float(len(solves))}
+        )
+        return Attempted(
+            attempt=attempt,
+            solution=best[0],
+            trajectory=trajectory,
+            report=replace(best[1], trajectory=trajectory),
+            iterations=sum(one.iterations for one in budget.solves[began:searched]),
+            seconds=sum(one.seconds for one in solves),
+            history=np.array([violation for one in budget.solves[began:searched] for violation in one.violations]),
+            stage=stage + min(sum(height <= path.reached for height in heights), len(heights) - 1),
+            stopped=budget.exhausted,
+        )
+
+    def _refined(self, start: _Verified, note: Callable[[Array], None]) -> _Verified:
+        """Dense enough for the verifier, smooth, and dense enough again; the best so far is noted."""
+        best = self._dense(start)
+        note(best[0].x)
+        self.budget.phase = "smooth"
+        for one in smoothed(best[0], self.caps.smoothing, solve=self.budget, stop=lambda: self.budget.exhausted):
+            if one.solution.success:
+                best = _better(best, (one.solution, one.report))
+                note(best[0].x)
+        return self._dense(best)
+
+    def _dense(self, best: _Verified) -> _Verified:
+        """Rows where the verifier finds fault, until it finds none or the cap is reached."""
+        self.budget.phase = "densify"
+        at = best
+        for _ in range(self.caps.densifications):
+            if best[1].accepted or self.budget.exhausted:
+                break
+            program = densified(at[0].program, at[1])
+            if program is None:
+                break
+            solution = self.budget(program, at[0].x, max_iterations=self.caps.iterations)
+            if not solution.success:
+                break
+            at = _verified(solution)
+            best = _better(best, at)
+        return best
+
+
+_Verified = tuple[GaitSolution, GaitReport]
+
+
+def _unperturbed(attempt: Attempt) -> Attempt:
+    """The attempt without what is its guess's."""
+    return replace(attempt, noise=0.0, seed=0)
+
+
+def _verified(solution: GaitSolution) -> _Verified:
+    trajectory: Trajectory = solution.trajectory()
+    return solution, check_trajectory(trajectory)
+
+
+def _better(before: _Verified, after: _Verified) -> _Verified:
+    """Accepted before refused, then what misses its limits by less, or peaks lower."""
+    return min(before, after, key=lambda one: _rank(one[1]))
+
+
+def _rank(report: GaitReport) -> tuple[bool, float]:
+    if report.accepted:
+        return False, peak_g(report)
+    return True, max((group.value / max(group.limit, 1e-3) for group in report.refused), default=float("inf"))
+
+
+def _merit(one: Attempted) -> tuple[bool, bool, float]:
+    """Verified before feasible before the rest."""
+    return not one.solution.success, *_rank(one.report)

@@ -1,0 +1,1 @@
+"""From terms to a nonlinear program: Taylor maps, blocks, sparse derivatives, and IPOPT, which solves it."""

@@ -1,0 +1,128 @@
+"""When feet stand and swing: gaits by name, and the schedule that a task gets of one (paper W §III-A)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InvalidInput
+from ...files.arrays import Array, frozen
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gait:
+    """A periodic gait. duty: share of the cycle that a foot stands; offsets: when in the cycle each foot lifts off."""
+
+    name: str
+    cycle_s: float
+    duty: float
+    offsets: tuple[float, ...]
+
+    @property
+    def swing_s(self) -> float:
+        """How long a foot is in the air [s]."""
+        return (1.0 - self.duty) * self.cycle_s
+
+
+GAITS = {
+    gait.name: gait
+    for gait in (
+        # feet LF, RF, LH, RH
+        Gait(name="walk", cycle_s=1.6, duty=0.75, offsets=(0.25, 0.75, 0.0, 0.5)),
+        Gait(name="trot", cycle_s=1.0, duty=0.6, offsets=(0.0, 0.5, 0.5, 0.0)),
+        Gait(name="pace", cycle_s=0.8, duty=0.75, offsets=(0.0, 0.5, 0.0, 0.5)),
+        Gait(name="bound", cycle_s=0.8, duty=0.75, offsets=(0.0, 0.0, 0.5, 0.5)),
+        Gait(name="gallop", cycle_s=0.8, duty=0.75, offsets=(0.0, 0.1667, 0.5, 0.6667)),
+        # feet LF, LM, LR, RF, RM, RR
+        Gait(name="tripod", cycle_s=1.0, duty=0.6, offsets=(0.0, 0.5, 0.0, 0.5, 0.0, 0.5)),
+    )
+}
+"""Gaits by name. Left and right pairs of the pace, front and hind ones of the bound push in turn, and in the gallop one
+foot after the other; they are slow ones, whose pairs hand over the weight in .2 s, without a flight."""
+SHORTEST_STAND_S = 0.2
+"""At the beginning and at the end all feet stand for this long at least [s]."""
+
+
+@dataclass(frozen=True, eq=False)
+class FootPhases:
+    """The phases of one foot: it stands, swings, stands, …, stands.
+
+    switches_s: lift-off and touchdown of each swing in turn, increasing, shape (2 S,) [s].
+    """
+
+    switches_s: Array
+    duration_s: float
+
+    def __post_init__(self) -> None:
+        switches = frozen(self.switches_s, (None,), "switches_s")
+        object.__setattr__(self, "switches_s", switches)
+        edges = np.concatenate([[0.0], switches, [self.duration_s]])
+        if len(switches) % 2 or not np.all(np.diff(edges) > 0.0):
+            raise InvalidInput(f"switches_s: expected pairs of increasing times within 0 … {self.duration_s:g} s")
+
+    @property
+    def swings(self) -> int:
+        """How often the foot swings; it stands once more."""
+        return len(self.switches_s) // 2
+
+    @property
+    def edges_s(self) -> Array:
+        """Where phases begin and end, shape (2 S + 2,) [s]: even intervals are stances."""
+        return np.concatenate([[0.0], self.switches_s, [self.duration_s]])
+
+    def stance(self, index: int) -> tuple[float, float]:
+        """Beginning and end of a stance [s]."""
+        return float(self.edges_s[2 * index]), float(self.edges_s[2 * index + 1])
+
+    def swing(self, index: int) -> tuple[float, float]:
+        """Lift-off and touchdown of a swing [s]."""
+        return float(self.edges_s[2 * index + 1]), float(self.edges_s[2 * index + 2])
+
+    def phase_at(self, times_s: Array) -> Array:
+        """Number of the phase at each time, even for stances; a foot stands at lift-off and at touchdown."""
+        edges = self.edges_s
+        phase = np.clip(np.searchsorted(edges, np.asarray(times_s) + 1e-9, side="right") - 1, 0, len(edges) - 2)
+        begins = np.abs(np.asarray(times_s) - edges[phase]) <= 1e-9
+        return np.asarray(np.where((phase % 2 == 1) & begins, phase - 1, phase))
+
+    def stands(self, times_s: Array) -> NDArray[np.bool_]:
+        """Whether the foot stands at each time, shape of ``times_s``, bool."""
+        return np.asarray(self.phase_at(times_s) % 2 == 0, dtype=np.bool_)
+
+
+def gait_named(name: str) -> Gait:
+    """The gait of this name. Raises InvalidInput."""
+    if name not in GAITS:
+        raise InvalidInput(f"gait: expected one of {', '.join(GAITS)}, got {name!r}")
+    return GAITS[name]
+
+
+def schedule(gait: Gait, feet: Sequence[str], duration_s: float, step_s: float) -> tuple[FootPhases, ...]:
+    """Phases of all feet: as many whole cycles as fit between two stands of all feet, switches on the grid of step_s.
+
+    Raises InvalidInput where the gait is for another number of feet, or no cycle fits into the duration.
+    """
+    if len(gait.offsets) != len(feet):
+        raise InvalidInput(
+            f"gait: expected one for {len(feet)} feet, got {gait.name}, which is for {len(gait.offsets)}"
+        )
+    lifts = [offset * gait.cycle_s for offset in gait.offsets]
+    tail = max(lifts) + gait.swing_s - gait.cycle_s  # how far the last swing reaches over its cycle's end
+    cycles = int(np.floor((duration_s - 2.0 * SHORTEST_STAND_S - tail) / gait.cycle_s + 1e-9))
+    if cycles < 1:
+        needed = gait.cycle_s + tail + 2.0 * SHORTEST_STAND_S
+        raise InvalidInput(
+            f"duration_s: expected {needed:g} s or more for one cycle of the {gait.name}, got {duration_s:g} s"
+        )
+    lead = 0.5 * (duration_s - cycles * gait.cycle_s - tail)
+    lead = step_s * np.floor(lead / step_s + 1e-9)
+    swing = max(2, round(gait.swing_s / step_s)) * step_s
+    phases = []
+    for lift in lifts:
+        begins = lead + lift + gait.cycle_s * np.arange(cycles)
+        begins = step_s * np.round(begins / step_s)
+        phases.append(FootPhases(np.stack([begins, begins + swing], axis=1).ravel(), duration_s))
+    return tuple(phases)

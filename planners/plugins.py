@@ -1,0 +1,148 @@
+"""What extends the house: things by name, from the package, from other packages, and from a file on the command line.
+
+A kind of thing (worlds, selectors, charts, …) has one ``Registry``. A thing comes in by one registration:
+
+- in the package: a line NAME → "module:attribute" in the registry's table;
+- in another package: an entry point NAME in the registry's group, e.g. ``stancekit.worlds``;
+- in a running program: ``registry.register(NAME, thing)``;
+- on the command line, with none at all: ``FILE.py:NAME``.
+
+A name is enough to list a thing; it is imported when it is asked for, and nothing else is.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from importlib.metadata import EntryPoint, entry_points
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Generic, TypeVar, cast
+
+from .errors import InvalidInput
+from .files.documents import read_text
+from .files.refusals import shown
+
+T = TypeVar("T")
+
+
+class Registry(Generic[T]):
+    """The things of one kind, by name.
+
+    kind: what messages call one, e.g. "world". group: of the entry points of other packages, e.g. "stancekit.worlds".
+    table: those of this package, name → "module:attribute". expected, accepts: what a thing must be, in words and as a
+    test of what was found; what fails it is refused.
+
+    >>> worlds = Registry("world", "stancekit.worlds", {"mujoco": "stancekit.runner.worlds.mujoco:MujocoWorld"})
+    >>> worlds.names()
+    ('mujoco',)
+    >>> worlds.register("mine", "mypackage.worlds:MyWorld")  # or the class itself
+    >>> worlds.get("mine.py:MyWorld")  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        group: str,
+        table: Mapping[str, str],
+        *,
+        expected: str = "something to call",
+        accepts: Callable[[Any], bool] = callable,
+    ) -> None:
+        self.kind, self.group, self.expected = kind, group, expected
+        self._accepts = accepts
+        self._things: dict[str, str | T] = dict(table)
+
+    def register(self, name: str, thing: str | T) -> None:
+        """Add a thing, or where it is to be found, "module:attribute". A name that is there already is taken over."""
+        self._things[name] = thing
+
+    def names(self) -> tuple[str, ...]:
+        """All names: of this package, as its table has them, then of others. Nothing is imported."""
+        return tuple(dict.fromkeys([*self._things, *(point.name for point in self._points())]))
+
+    def get(self, name: str) -> T:
+        """The thing of this name, or of "FILE.py:NAME".
+
+        A file is run once a process, under a module name of its own; other processes are best told the same text.
+        Raises InvalidInput, one line, for a name that nobody has, a file that is not there or does not run, a name that
+        it lacks, and a thing of the wrong kind.
+        """
+        thing = self._things.get(name)
+        if thing is None:
+            thing = self._elsewhere(name)
+        elif isinstance(thing, str):
+            module, _, attribute = thing.partition(":")
+            thing = _attribute(_imported(module, f"{self.kind} {name}"), attribute, f"{self.kind} {name}")
+        if not self._accepts(thing):
+            raise InvalidInput(f"{self.kind} {name}: expected {self.expected}, got {shown(thing)}")
+        return cast(T, thing)
+
+    def _elsewhere(self, name: str) -> Any:
+        """From a file, or from another package."""
+        path, colon, attribute = name.rpartition(":")
+        if colon and path.endswith(".py"):
+            return _attribute(_ran(Path(path)), attribute, path)
+        if name.endswith(".py"):
+            raise InvalidInput(f"{self.kind}: expected FILE.py:NAME, got no name after {name}")
+        for point in self._points():
+            if point.name == name:
+                where = f"{self.kind} {name} of {point.value}"
+                return _attribute(_imported(point.module, where), point.attr, where)
+        raise InvalidInput(
+            f"{self.kind}: expected one of {', '.join(self.names())}, or FILE.py:NAME, got {shown(name)}"
+        )
+
+    def _points(self) -> Iterable[EntryPoint]:
+        return entry_points(group=self.group)
+
+
+def _imported(module: str, where: str) -> ModuleType:
+    """An installed module."""
+    try:
+        return importlib.import_module(module)
+    except InvalidInput:
+        raise
+    except Exception as error:  # whatever another's code does when it is imported
+        raise InvalidInput(f"{where}: cannot be imported: {_told(error)}") from error
+
+
+def _ran(path: Path) -> ModuleType:
+    """A file as a module, run where it has not been yet."""
+    read_text(path)  # whatever is wrong with the file itself
+    name = f"stancekit_file_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
+    if name in sys.modules:
+        return sys.modules[name]
+    spec = spec_from_file_location(name, path)
+    assert spec is not None
+    assert spec.loader is not None
+    sys.modules[name] = module = module_from_spec(spec)  # before it runs: dataclasses look for their module there
+    try:
+        spec.loader.exec_module(module)
+    except BaseException as error:
+        del sys.modules[name]
+        if isinstance(error, Exception):
+            raise InvalidInput(f"{path}: cannot be run: {_told(error)}") from error
+        raise
+    return module
+
+
+def _attribute(module: ModuleType, attribute: str, where: str) -> Any:
+    """What a module calls so; dots lead into classes."""
+    found: Any = module
+    for part in attribute.split("."):
+        try:
+            found = getattr(found, part)
+        except AttributeError:
+            has = [name for name, it in vars(module).items() if getattr(it, "__module__", "") == module.__name__]
+            told = f"; it defines {', '.join(has[:8])}" if has else ""
+            raise InvalidInput(f"{where}: expected {shown(attribute)} in it, found no such name{told}") from None
+    return found
+
+
+def _told(error: Exception) -> str:
+    """An error in one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split()):.200}"

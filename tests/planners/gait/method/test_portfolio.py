@@ -1,0 +1,202 @@
+"""A portfolio gives what the verifier accepts or nothing, within its caps, and goes on where it was stopped."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.gait.method.attempt import Attempt
+from stancekit.planners.gait.method.budget import SolveBudget
+from stancekit.planners.gait.method.checkpoint import Checkpoint
+from stancekit.planners.gait.method.homotopy import steepest
+from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
+from stancekit.planners.gait.method.smoothing import Smoothing
+from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.reference import reference_terrain
+from stancekit.planners.verify.trajectories import check_trajectory
+
+BUMPS = HeightField.from_function(lambda x, y: 0.06 * np.sin(4.0 * x) * np.cos(3.0 * y), 2.0, 0.1, name="bumps")
+TASK = GaitTask(robot=anymal(), terrain=BUMPS, start_xy_m=[0.0, 0.0], goal_xy_m=[0.25, 0.1], duration_s=2.0)
+FIRST = [Attempt(chart="decoupled")]
+LAGGING = GaitSettings(dynamics="printed")  # the printed PCDM balances the forces of a step later
+PLAIN = Caps(smoothing=Smoothing(rounds=0), densifications=0)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_gait(TASK, caps=Caps(smoothing=Smoothing(rounds=2, enough_g=0.0, gain=0.0)))
+
+
+def test_a_plan_is_what_the_verifier_accepts(plan):
+    assert plan.verified
+    assert plan.trajectory is not None
+    again = check_trajectory(plan.trajectory)
+    assert again.accepted
+    assert again.digest == plan.report.digest
+    assert plan.trajectory.provenance["chart"] == "decoupled"
+    assert plan.report.trajectory.torso_m.tolist() == plan.trajectory.torso_m.tolist()
+
+
+def test_the_first_chart_that_verifies_ends_the_search(plan):
+    assert [one.attempt.chart for one in plan.attempts] == ["decoupled"]
+    assert [way.chart for way in default_attempts(TASK)] == ["decoupled", "warped-exact", "ambient"]
+
+
+def test_every_solve_is_on_the_account(plan):
+    assert plan.solves[0].phase == "feasible"
+    assert "smooth" in {step.phase for step in plan.solves}
+    assert plan.seconds == pytest.approx(sum(step.seconds for step in plan.solves))
+    assert all(step.seconds_evaluating + step.seconds_linear == pytest.approx(step.seconds) for step in plan.solves)
+    assert all(len(step.violations) == step.iterations + 1 for step in plan.solves)
+
+
+def test_the_second_phase_does_not_make_the_peak_worse(plan):
+    assert plan.feasible[0] is not None
+    before = plan.feasible[0].figures["peak_acceleration_g"]
+    assert plan.report.figures["peak_acceleration_g"] <= before
+
+
+def test_what_the_verifier_refuses_is_no_walk_but_the_best_attempt():
+    refused = plan_gait(TASK, LAGGING, caps=PLAIN, attempts=FIRST)
+    assert refused.attempts[0].solution.success
+    assert not refused.verified
+    assert refused.trajectory is None
+    assert refused.message.startswith("no walk that the verifier accepts: rejected: ")
+    assert refused.report is None
+    assert refused.best.trajectory.samples > 2
+    assert not refused.best.report.accepted
+
+
+def test_no_feasible_point_is_no_walk():
+    failed = plan_gait(TASK, caps=Caps(iterations=1), attempts=FIRST)
+    assert failed.trajectory is None
+    assert failed.feasible == (None,)
+    assert failed.message.startswith("no feasible walk: largest violation ")
+
+
+def test_a_plan_that_is_stopped_goes_on_from_there(tmp_path):
+    out = tmp_path / "walk.json"
+    settings = GaitSettings()
+    stopped = plan_gait(
+        TASK, settings, lambda attempt, iteration, *at: iteration >= 2,
+        attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST),
+    )  # fmt: skip
+    assert stopped.stopped
+    assert stopped.trajectory is None
+    assert len(stopped.solves) == 1
+    again = plan_gait(TASK, settings, attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST))
+    whole = plan_gait(TASK, settings, attempts=FIRST)
+    assert again.verified
+    assert again.solves[0].violations[0] == pytest.approx(stopped.solves[0].violations[-1])
+    assert again.solves[0].violations[0] < whole.solves[0].violations[0]
+
+
+def test_attempts_that_failed_before_are_not_tried_again(tmp_path):
+    settings, out = GaitSettings(), tmp_path / "walk.json"
+    kept = Checkpoint(out, TASK, settings, FIRST)
+    plan_gait(TASK, settings, caps=Caps(iterations=1), attempts=FIRST, checkpoint=kept)
+    again = plan_gait(TASK, settings, attempts=FIRST, checkpoint=Checkpoint(out, TASK, settings, FIRST))
+    assert again.attempts == ()
+    assert again.message == "no walk: every attempt had failed before"
+
+
+def test_progress_sees_every_iteration():
+    seen = []
+    found = plan_gait(TASK, None, lambda attempt, *at: seen.append((attempt.chart, *at)), caps=PLAIN, attempts=FIRST)
+    assert [violation for _, _, violation, *_ in seen] == list(found.solves[0].violations)
+    assert [iteration for _, iteration, *_ in seen] == list(range(len(seen)))
+
+
+def test_a_child_process_takes_the_same_steps():
+    here = plan_gait(TASK, caps=PLAIN, attempts=FIRST)
+    apart = Caps(smoothing=Smoothing(rounds=0), densifications=0, in_subprocess=True)
+    there = plan_gait(TASK, caps=apart, attempts=FIRST)
+    assert there.solves[0].violations == here.solves[0].violations
+    assert there.trajectory.digest == here.trajectory.digest
+
+
+def test_an_account_that_is_used_up_ends_the_plan():
+    seconds = 1e-6
+    found = plan_gait(TASK, caps=Caps(total_s=seconds), attempts=[*FIRST, Attempt(chart="ambient")])
+    assert len(found.attempts) == 1
+    assert {step.phase for step in found.solves} == {"feasible"}
+
+
+def test_a_solver_that_does_not_answer_has_found_nothing(monkeypatch, plan):
+    from stancekit.planners.errors import PlanningFailed
+    from stancekit.planners.gait.method import budget
+
+    def hanging(*_, time_limit_s, **__):
+        raise PlanningFailed(f"the solver did not answer within {time_limit_s:g} s")
+
+    monkeypatch.setattr(budget, "solve_in_subprocess", hanging)
+    program = plan.attempts[0].solution.program
+    held = SolveBudget(solve_s=2.0, in_subprocess=True)
+    solution = held(program, program.guess)
+    assert not solution.success
+    assert solution.status == "the solver did not answer within 20 s"
+    assert held.seconds == 2.0
+
+
+def test_steep_terrain_gets_stages_in_the_world_chart():
+    pit = GaitTask(robot=anymal(), terrain=reference_terrain("pit"), start_xy_m=[0.0, 0.0], goal_xy_m=[2.2, 0.0])
+    heights = default_attempts(pit)[-1].heights
+    assert len(heights) > 2
+    assert heights[-1] == 1.0
+    assert default_attempts(TASK)[-1].heights == (1.0,)
+
+
+def test_walls_beyond_81_degrees_are_widened_first():
+    deep = GaitTask(robot=anymal(), terrain=reference_terrain("pit-87"), start_xy_m=[0.0, 0.0], goal_xy_m=[2.2, 0.0])
+    first = default_attempts(deep)[0]
+    assert first.name == "ambient, 4 smoothings"
+    assert first.heights[0] * steepest(deep.terrain) == pytest.approx(4.0)
+    assert first.heights[-1] == 1.0
+    assert {way.by for way in default_attempts(TASK)} == {"height"}
+
+
+@pytest.mark.parametrize(("name", "value"), [("iterations", 0), ("densifications", -1), ("solve_s", 0.0)])
+def test_caps_out_of_range_are_refused(name, value):
+    with pytest.raises(InvalidInput, match=f"^{name}: expected"):
+        Caps(**{name: value})
+
+
+def test_a_gentler_terrain_that_is_walked_is_no_answer():
+    asked = replace(TASK, terrain=reference_terrain("hill"), start_xy_m=np.array([-1.95, 0.0]),
+                    goal_xy_m=np.array([-1.7, 0.0]), adhesive=(True, True, False, False))  # fmt: skip
+    growing = [Attempt(chart="ambient", heights=(0.05, 1.0))]
+    plan = plan_gait(asked, caps=Caps(total_s=0.01), attempts=growing)
+    assert plan.solves[0].success
+    assert [step.factor for step in plan.solves] == [0.05]
+    (one,) = plan.attempts
+    assert one.stopped
+    assert not one.solution.success
+    assert not one.report.accepted
+    assert plan.trajectory is None
+    assert one.trajectory.terrain is asked.terrain
+    assert one.solution.violation > 0.1
+
+
+def test_a_climb_that_was_cut_off_goes_on_from_its_height(tmp_path):
+    growing, settings = [Attempt(chart="ambient", heights=(0.3, 1.0))], GaitSettings()
+    out = tmp_path / "walk.json"
+    kept = Checkpoint(out, TASK, settings, growing)
+    plan_gait(TASK, settings, caps=Caps(total_s=0.01), attempts=growing, checkpoint=kept)
+    again = plan_gait(TASK, settings, caps=PLAIN, attempts=growing, checkpoint=Checkpoint(out, TASK, settings, growing))
+    assert [step.factor for step in again.solves] == [1.0]
+    assert again.verified
+
+
+def test_a_partial_result_of_other_phases_is_ignored_and_left(tmp_path):
+    settings, out = GaitSettings(), tmp_path / "walk.json"
+    kept = Checkpoint(out, TASK, settings, FIRST, Caps().phases)
+    kept.note(0, 0, np.zeros(3))
+    other = Checkpoint(out, TASK, settings, FIRST, PLAIN.phases)
+    assert not other.begun
+    other.remove()
+    assert Checkpoint(out, TASK, settings, FIRST, Caps().phases).begun
