@@ -121,7 +121,7 @@ def pinocchio() -> Any:
         import pinocchio as module
     except ImportError:
         raise InvalidInput(
-            "a URDF is read by pinocchio: expected the extra kin, pip install 'stancekit[kin]'"
+            "joints: expected pinocchio for URDFs and joint angles, it is not installed: pip install 'stancekit[kin]'"
         ) from None
     return module
 

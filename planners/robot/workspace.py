@@ -50,10 +50,10 @@ class Workspace:
     """Sets of one leg's foot, in the base's frame.
 
     inner: a polytope that is reached throughout, as far as ``unreachable`` says. ball_m: a large ball in it, centre and
-    radius, shape (4,), a little above the standing foot where that can be. box_m: the largest upright box in it, low and high corner, shape (2, 3). outer: holds all
-    that is reachable, proved. reach_m: how far from its first joint the foot gets [m]. cover: share of what is
-    reachable, usefully below the hip, that is in ``inner``; unreachable: share of ``inner`` that is not; both by
-    inverse kinematics on sampled points.
+    radius, shape (4,), a little above the standing foot where that can be. box_m: the largest upright box in it, low
+    and high corner, shape (2, 3). outer: holds all that is reachable, proved. reach_m: how far from its first joint the
+    foot gets [m]. cover: share of what is reachable, usefully below the hip, that is in ``inner``; unreachable: share
+    of ``inner`` that is not; both by inverse kinematics on sampled points.
     """
 
     inner: Polytope
