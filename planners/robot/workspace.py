@@ -37,7 +37,7 @@ MISSED = 0.0008
 DEAR = 25.0
 """Points within reach that may be lost with one that is not."""
 MOST_TANGENTS = 20
-ABOVE, ASIDE = 0.5, 0.3
+ABOVE, ASIDE = 0.45, 0.4
 """How far a leg's ball is over its standing foot, and how far off that place, in radii: feet step up and aside."""
 USEFUL = 0.15
 """Of the leg's length: feet that are so far below the hip are of use, and count in ``cover``."""
