@@ -33,9 +33,10 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.projection.project import project
+from stancekit.planners.relaxation.micp import Grid
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.micp import Grid, MicpPlanner
+from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.search.nlp import NlpPlanner
 from stancekit.planners.verify import check_posture
 

@@ -51,7 +51,8 @@ class Mixed:
     @classmethod
     def of(cls, lift: LiftProgram, scaled: Scaled) -> Mixed:
         """The lift of a course, with a binary a candidate."""
-        _, _, matrix, offset = lift.rows.load(Given(scaled))
+        _, _, columns, offset = lift.rows.load(Given(scaled))
+        matrix = sp.csc_matrix((columns.data, columns.indices, columns.indptr), shape=columns.shape)
         layout, n = scaled.layout, matrix.shape[1]
         count = len(layout.candidate_footholds)
         shares = sp.lil_matrix((count, n + count))

@@ -8,33 +8,15 @@ import sys
 import textwrap
 from collections.abc import Sequence
 from contextlib import redirect_stderr
-from importlib.metadata import version
+from importlib import import_module
 from itertools import dropwhile, takewhile
-from typing import Annotated, get_args
+from typing import Protocol
 
 import tyro
 
 from stancekit.planners.errors import InvalidInput, StancekitError
 
-from .bench import Bench
 from .console import complain
-from .demo import Demo
-from .evaluate import Evaluate
-from .export import Export
-from .fit import Fit
-from .gait import Gait
-from .label import LabelPostures
-from .picture import Picture
-from .plan import PlanCourse
-from .replay import Replay
-from .robot import Robot
-from .run import Run
-from .sample import Sample
-from .simulate import Simulate
-from .solve import Solve
-from .train import Train
-from .verify import Verify
-from .warp import Warp
 
 DESCRIPTION = """Legged robots learn and plan on hard terrain.
 
@@ -62,35 +44,33 @@ INTERNAL = 70
 """Exit code of a mistake in the program itself (EX_SOFTWARE of sysexits.h): neither bad input nor a refusal."""
 TRACE = "STANCEKIT_TRACE"
 
-Verb = (
-    Annotated[Sample, tyro.conf.subcommand("sample")]
-    | Annotated[Solve, tyro.conf.subcommand("solve")]
-    | Annotated[Verify, tyro.conf.subcommand("verify")]
-    | Annotated[LabelPostures, tyro.conf.subcommand("label")]
-    | Annotated[Fit, tyro.conf.subcommand("fit")]
-    | Annotated[Train, tyro.conf.subcommand("train")]
-    | Annotated[Evaluate, tyro.conf.subcommand("evaluate")]
-    | Annotated[Picture, tyro.conf.subcommand("picture")]
-    | Annotated[Export, tyro.conf.subcommand("export")]
-    | Annotated[PlanCourse, tyro.conf.subcommand("plan")]
-    | Annotated[Simulate, tyro.conf.subcommand("simulate")]
-    | Annotated[Run, tyro.conf.subcommand("run")]
-    | Annotated[Replay, tyro.conf.subcommand("replay")]
-    | Annotated[Robot, tyro.conf.subcommand("robot")]
-    | Annotated[Warp, tyro.conf.subcommand("warp")]
-    | Annotated[Gait, tyro.conf.subcommand("gait")]
-    | Annotated[Bench, tyro.conf.subcommand("bench")]
-    | Annotated[Demo, tyro.conf.subcommand("demo")]
-)
+VERBS = {
+    "sample": "Sample", "solve": "Solve", "verify": "Verify", "label": "LabelPostures", "fit": "Fit", "train": "Train",
+    "evaluate": "Evaluate", "picture": "Picture", "export": "Export", "plan": "PlanCourse", "simulate": "Simulate",
+    "run": "Run", "replay": "Replay", "robot": "Robot", "warp": "Warp", "gait": "Gait", "bench": "Bench",
+    "demo": "Demo",
+}  # fmt: skip
+"""The class of every verb, in the module of the verb's name, which is imported when it is asked for."""
+
+
+class Verb(Protocol):
+    """What a verb's class is: its fields are the options, its docstring the help."""
+
+    def run(self) -> int:
+        """Do it; the exit code."""
+        ...
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run one verb and exit with its code."""
     arguments = sys.argv[1:] if arguments is None else list(arguments)
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # to look for some it reads every package's metadata
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal that lacks a letter shows another one
     if arguments in (["--version"], ["-V"]):
+        from importlib.metadata import version
+
         print(f"stancekit {version('stancekit')}")
         return
     if arguments in ([], ["--help"], ["-h"]):
@@ -118,30 +98,34 @@ def overview() -> str:
     return "\n".join([usage, "", DESCRIPTION, "", "Verbs:", *lines])
 
 
-def verbs() -> dict[str, type]:
+def verbs() -> dict[str, type[Verb]]:
     """The class of every verb."""
-    return {setting.name: verb for verb, setting in map(get_args, get_args(Verb))}
+    return {name: _verb(name) for name in VERBS}
 
 
 def parse(arguments: Sequence[str]) -> Verb:
     """The verb that the arguments name, with its options. Exits with 2 after one line where they are wrong."""
-    if arguments[0] not in verbs():
-        complain(f"stancekit: error: VERB: expected one of {', '.join(verbs())}, got {arguments[0]!r}")
+    if arguments[0] not in VERBS:
+        complain(f"stancekit: error: VERB: expected one of {', '.join(VERBS)}, got {arguments[0]!r}")
         sys.exit(2)
     box = io.StringIO()
     try:
         with redirect_stderr(box):
-            verb: Verb = tyro.cli(
-                Verb,
-                prog="stancekit",
-                args=arguments,
+            return tyro.cli(
+                _verb(arguments[0]),
+                prog=f"stancekit {arguments[0]}",
+                args=arguments[1:],
                 config=(tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff),
             )
-            return verb
     except SystemExit as end:
         if end.code:
             complain(f"stancekit: error: {_said_in(box.getvalue())}; see stancekit {arguments[0]} --help")
         raise
+
+
+def _verb(name: str) -> type[Verb]:
+    verb: type[Verb] = getattr(import_module(f".{name}", __package__), VERBS[name])
+    return verb
 
 
 def _said_in(box: str) -> str:

@@ -15,6 +15,7 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
+from .options import OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
@@ -61,13 +62,13 @@ class PlanCourse:
     planner: Literal["two-stage", "micp", "nlp", "decoupled", "exact"] = "two-stage"
     """two-stage: convex relaxation and projection. exact: branch and bound to the best plan, for short courses. micp:
     piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces after, a baseline that fails on ice."""
-    relaxation: Literal["lift", "envelope"] | None = None
+    relaxation: Literal["lift", "envelope", None] = None
     """First stage of two-stage: lift needs nothing learned, envelope is the paper's and needs --envelope; the one that
     fits unless named."""
-    robot: Annotated[str | None, tyro.conf.arg(metavar="FILE|NAME")] = None
+    robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME")] = None
     """Another robot than the course's: a built-in name, a .urdf file, or a .yaml file that names one (extra kin). Plans
     use what its legs reach, and joint angles are found for every key frame."""
-    envelope: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for two-stage and micp, as `stancekit fit` writes it; for two-stage also a file of modes."""
     projection: Literal["scp", "fix-p", "fix-toes"] = "scp"
     """Second stage of two-stage and micp. fix-p: the paper's. fix-toes: frees body and forces. scp: frees all, in
@@ -79,22 +80,22 @@ class PlanCourse:
     reserve: bool = True
     """Plan with 80 % of the friction where that has a plan, else with 90 %, else with all of it: what is executed then
     has something in hand. Two-stage only; bound is told where all of it was needed, or with --no-reserve."""
-    frames: int | None = None
+    frames: OptionalInt = None
     """Number of key frames M, where not the course's own."""
     engine: Literal["rows", "cvxpy"] = "rows"
     """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as the paper has them
     (much slower)."""
     time_limit_s: float = 60.0
     """Limit for the planner; what is not decided by then is undecided [s]."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None
+    out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
     """Plan file, for `stancekit verify`, `stancekit simulate` and `stancekit run`."""
-    proof: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None
+    proof: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
     """Where the course is infeasible: the proof, for `stancekit verify` and whoever doubts it."""
-    picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the plan: .png, .pdf or .svg."""
-    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
+    video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
     """Video of the plan's motion (extra viz)."""
-    html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html")] = None
+    html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
     """Page in three dimensions that a browser opens from disk, without a network (extra viz)."""
     json: bool = False
     """One JSON object with the verdict and all numbers on standard output."""

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 import tyro
 from rich.table import Table
 
 from .console import emit, out
+from .options import OptionalPath
 
 if TYPE_CHECKING:
     from stancekit.planners.robot.robot_model import RobotModel
@@ -31,9 +30,9 @@ class Robot:
 
     robot: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ROBOT")]
     """A built-in name, a .urdf file, or a .yaml file that names one."""
-    srdf: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    srdf: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """SRDF file: pairs of links that may touch, and a posture to stand in."""
-    picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the robot and of what its feet reach: .png, .pdf or .svg."""
     json: bool = False
     """One JSON object on standard output."""
@@ -75,6 +74,8 @@ class Robot:
 
 def _head(model: RobotModel) -> Table:
     com = ", ".join(f"{round(float(value), 3) + 0.0:.3f}" for value in model.body.com_m)
+    import numpy as np
+
     moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(model.body.inertia_kgm2))
     joints = sum(len(leg.joints) for leg in model.legs)
     table = Table(box=None, show_header=False)

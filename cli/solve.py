@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
@@ -15,6 +14,7 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress, text_of
+from .options import OptionalPath
 
 if TYPE_CHECKING:
     from stancekit.planners.problem import PostureProblem
@@ -54,9 +54,9 @@ class Solve:
     method: Literal["exact", "p1", "lift", "micp", "nlp", "two-stage"] = "exact"
     """exact: branch and bound. p1: relaxation over an envelope. lift: relaxation without one. two-stage: relaxation
     (over the envelope, or the lift) and projection. nlp: IPOPT. micp: piecewise McCormick grid."""
-    envelope: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for p1, two-stage and micp."""
-    project: Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"] | None = None
+    project: Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp", None] = None
     """Projection after the relaxation of two-stage (there scp unless another is named), p1 or lift."""
     solver: Literal["highs", "scip", "gurobi"] = "highs"
     """Solver of micp."""
@@ -68,7 +68,7 @@ class Solve:
     """What solves the convex programs: rows, written for speed, or the same programs in cvxpy, as paper E has them."""
     certificate: bool = False
     """Add the certificate to infeasible answers, for `stancekit verify`."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """File for the answers, JSON lines, written at the end whole."""
     json: bool = False
     """One JSON object a line on standard output."""

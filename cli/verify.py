@@ -14,6 +14,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.refusals import shown
 
 from .console import complain, emit, out, text_of
+from .options import OptionalPath
 
 TOLERANCE = 1e-6
 EVIDENCE = {"feasible": "posture", "infeasible": "certificate"}
@@ -34,7 +35,7 @@ class Verify:
 
     problems: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PROBLEMS")]
     """Problem file, or - for standard input; or a data set folder, a plan file, a gait file."""
-    answers: Annotated[Path | None, tyro.conf.Positional, tyro.conf.arg(metavar="[ANSWERS]")] = None
+    answers: Annotated[OptionalPath, tyro.conf.Positional, tyro.conf.arg(metavar="[ANSWERS]")] = None
     """File of answers, or - for standard input; none for a data set, a plan or a gait."""
     tolerance: float = TOLERANCE
     """Largest violation of an accepted posture (non-dimensional)."""

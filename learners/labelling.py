@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -35,6 +35,9 @@ from .shards import label_shard, samples
 
 Task = Callable[[], Shard]
 """Draws one shard. It writes nothing, so it may run anywhere, and more than once."""
+
+WITNESS: Literal["canonical/1"] = "canonical/1"
+"""How postures and points are chosen now (``search.batch``); another choice gets another name."""
 
 log = logging.getLogger(__name__)
 
@@ -152,6 +155,7 @@ def _begin(folder: Path, plan: LabelPlan, source: PostureDistribution) -> Header
         plan=plan,
         first_sample=hashlib.sha256(json.dumps(first.to_json()).encode()).hexdigest(),
         software=ledger.software(),
+        witness=WITNESS,
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -166,7 +170,9 @@ def _begin(folder: Path, plan: LabelPlan, source: PostureDistribution) -> Header
     for key, planned in asdict(plan).items():
         if planned != begun[key]:
             raise InvalidInput(f"{where}: {key}: expected {planned!r} as planned, got {begun[key]!r}")
-    if there.digest != header.digest:
+    if there.witness != WITNESS and ledger.Ledger.open(folder).missing:
+        raise InvalidInput(f"{where}: witness: expected {WITNESS!r} to go on with, got {there.witness!r}")
+    if there.digest != header.model_copy(update={"witness": there.witness}).digest:
         raise InvalidInput(f"{where}: first_sample: expected what {source.name!r} draws here and now, got another")
     if there.software != header.software:
         log.warning("%s was begun with %s, goes on with %s", folder, there.software, header.software)

@@ -122,6 +122,8 @@ class Header(BaseModel):
     """``header.json``: the plan, and what else is true of every row. legs: of the contacts, in their order.
 
     first_sample: SHA-256 of the first problem drawn, to know the distribution by. software: versions at the beginning.
+    witness: how postures and points were chosen: "canonical/1" as ``search.batch`` says; None, in older sets, as the
+    search happened to find them.
     """
 
     model_config = STRICT
@@ -131,11 +133,12 @@ class Header(BaseModel):
     plan: LabelPlan
     first_sample: str
     software: dict[str, str]
+    witness: Literal["canonical/1"] | None = None
 
     @property
     def digest(self) -> str:
         """SHA-256 of everything but the software: what ties a shard to its data set."""
-        return hashlib.sha256(self.model_dump_json(exclude={"software"}).encode()).hexdigest()
+        return hashlib.sha256(self.model_dump_json(exclude={"software"}, exclude_none=True).encode()).hexdigest()
 
 
 class Tally(BaseModel):

@@ -24,9 +24,10 @@ from stancekit.planners.files.writing import write_text
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.lift import LiftProgram
+from stancekit.planners.relaxation.micp import Grid
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.micp import Grid, MicpPlanner
+from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 from .modes import solved_postures

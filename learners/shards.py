@@ -21,17 +21,15 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch, PostureProblem
-from stancekit.planners.relaxation.mccormick import WithoutMoment
 from stancekit.planners.search.answer import Acceptance
-from stancekit.planners.search.batch import easily_feasible, solve_all
+from stancekit.planners.search.batch import solve_all, without_moments
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.verify import check_postures
 
 from . import ledger
 from .dataset import LabelledPosture, table_of
 from .ledger import Counts, Header, LabelPlan, Shard, Tally
 
-BLOCK = 256
+BLOCK = 512
 """Samples that are decided together, at most."""
 
 log = logging.getLogger(__name__)
@@ -114,7 +112,7 @@ class _Labeller:
 
     def take(self, batch: PostureBatch) -> None:
         """Decide a block and keep of it what is wanted, in its order; what comes after the last row was not drawn."""
-        outcomes = self._decide(batch)
+        outcomes = solve_all(self._exact, batch)
         points = self._points(batch, outcomes)
         for k, outcome in enumerate(outcomes):
             if not self.missing:
@@ -133,36 +131,6 @@ class _Labeller:
         """Whether there is room for another row of this kind."""
         return self._plan.natural or self._room[kind] > 0
 
-    def _decide(self, batch: PostureBatch) -> list[Outcome]:
-        """P of every problem, with a witness or a certificate.
-
-        Where no feasible row is wanted any more, any witness will do to pass a problem over. Rows that are kept have
-        the one that ``ExactPlanner`` finds, whoever could have found another; only what it leaves undecided has not.
-        """
-        answers: dict[int, Outcome] = {}
-        if not self._wants("feasible"):
-            answers = self._easy(batch, range(len(batch)))
-        rest = [k for k in range(len(batch)) if k not in answers]
-        hard = batch.select(np.array(rest, dtype=np.intp)) if answers else batch
-        answers |= zip(rest, solve_all(self._exact, hard), strict=True)
-        answers |= self._easy(batch, [k for k in rest if answers[k].status is Status.UNDECIDED])
-        return [answers[k] for k in range(len(batch))]
-
-    def _easy(self, batch: PostureBatch, chosen: Sequence[int]) -> dict[int, Outcome]:
-        """Answers to the easy ones of these problems, by their index."""
-        if not chosen:
-            return {}
-        begin, some = time.perf_counter(), batch.select(np.array(chosen, dtype=np.intp))
-        found = easily_feasible(some, self._plan.tolerance)
-        seconds = (time.perf_counter() - begin) / len(chosen)
-        return {
-            chosen[k]: Outcome(
-                status=Status.FEASIBLE, method="witness", posture=posture, residual=worst, seconds=seconds,
-                details={"nodes": 0.0},
-            )
-            for k, (posture, worst) in found.items()
-        }  # fmt: skip
-
     def _row(self, problem: PostureProblem, outcome: Outcome, point: Array | None) -> LabelledPosture:
         """The row as it will be kept; undecided if P̄ has no answer to keep although it should have one."""
         status, certificate, bound = outcome.status, outcome.certificate, outcome.lower_bound
@@ -176,21 +144,15 @@ class _Labeller:
 
     def _points(self, batch: PostureBatch, outcomes: Sequence[Outcome]) -> dict[int, Array]:
         """[p, f] by index: of the witness; for what is infeasible, of an answer of P̄ that violates nothing else."""
-        scaled, postures = ScaledBatch.of(batch).problems, dict[int, Posture]()
+        postures = dict[int, Posture]()
         if self._wants("feasible"):
             postures |= {k: outcome.posture for k, outcome in enumerate(outcomes) if outcome.posture is not None}
         if self._wants("infeasible"):
-            answers = dict[int, Posture]()
-            for k in (k for k, outcome in enumerate(outcomes) if _kind(outcome) == "infeasible"):
-                point = self._exact.programs.get(WithoutMoment, scaled[k].layout).solve(scaled[k])
-                if point is not None:
-                    answers[k] = scaled[k].posture(point)
-            worst = check_postures(
-                [batch.problems[k] for k in answers], list(answers.values()), without=("moment_balance",)
-            )
-            good = worst <= self._plan.tolerance
-            postures |= {k: posture for (k, posture), fine in zip(answers.items(), good, strict=True) if fine}
-        return {k: scaled[k].point(posture) for k, posture in postures.items()}
+            rows = np.array([k for k, outcome in enumerate(outcomes) if _kind(outcome) == "infeasible"], dtype=np.intp)
+            found = without_moments(self._exact.programs, batch.select(rows), tolerance=self._plan.tolerance)
+            postures |= {int(rows[k]): posture for k, posture in found.items()}
+        pairs = ScaledBatch.of(batch.select(np.array(list(postures), dtype=np.intp))).pairs(list(postures.values()))
+        return dict(zip(postures, pairs, strict=True))
 
 
 def _kind(outcome: Outcome) -> str:

@@ -81,6 +81,8 @@ def proven(content: Plan | Trajectory, digest: str, source: str) -> Plan | Traje
         raise InvalidInput(
             f"{source}: expected a {'gait' if gait else 'plan'} that the verifier accepts, {report.message}"
         )
+    if isinstance(plain, Plan) and plain.course.has_soles:
+        raise InvalidInput(f"{source}: expected point feet, which can be executed, got soles")
     if report.digest != digest:
         raise InvalidInput(
             f"{source}: expected what digest {digest!s:.12} is of, got {report.digest:.12}: changed since"
@@ -122,4 +124,7 @@ def _differs(plan: Robot, world: Robot) -> str:
             return f"limb {mine.name} reaches {mine.reach_m:g} m and {other.reach_m:g} m"
         if not np.allclose(mine.shoulder_m, other.shoulder_m, atol=1e-6):
             return f"limb {mine.name} begins at {mine.shoulder_m.tolist()} and {other.shoulder_m.tolist()}"
+        sets = [rows and rows.to_json() for rows in (mine.reach_rows, other.reach_rows)]
+        if sets[0] != sets[1]:
+            return f"limb {mine.name} has other half-spaces of reach"
     return ""

@@ -106,7 +106,8 @@ def answer_from_json(data: Any) -> Posture | Certificate | None:
     if missing:
         raise InvalidInput(f"{missing[0]}: expected this key, got nothing")
     try:
-        return Posture(**{name: data[name] for name in names})
+        soles = {name: data[name] for name in ("points_m", "point_forces_n") if name in data}
+        return Posture(**{name: data[name] for name in names}, **soles)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(f"{', '.join(names)}: expected lists of numbers") from None
 

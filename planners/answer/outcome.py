@@ -32,22 +32,33 @@ class Posture:
 
     com_m: shape (3,) [m]; rotation_rad: small body rotation Θ, shape (3,) [rad];
     toes_m: shape (N, 3) [m]; forces_n: contact forces on the robot, shape (N, 3) [N].
+    Where feet are soles, whose centres are the toes: points_m, where the points of every foot are, and point_forces_n,
+    the forces at them, which add up to forces_n, shape (N, K, 3) each. K is that of the foot of most points; one with
+    fewer has its centre, and no force, in the places left.
     """
 
     com_m: Array
     rotation_rad: Array
     toes_m: Array
     forces_n: Array
+    points_m: Array | None = None
+    point_forces_n: Array | None = None
 
     def __post_init__(self) -> None:
-        for name in ("com_m", "rotation_rad", "toes_m", "forces_n"):
+        for name in self._names:
             array = np.array(getattr(self, name), dtype=np.float64)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
 
     def to_json(self) -> dict[str, Any]:
         """Return the posture as JSON-ready lists."""
-        return {name: getattr(self, name).tolist() for name in ("com_m", "rotation_rad", "toes_m", "forces_n")}
+        return {name: getattr(self, name).tolist() for name in self._names}
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """The arrays that there are."""
+        soles = [name for name in ("points_m", "point_forces_n") if getattr(self, name) is not None]
+        return ("com_m", "rotation_rad", "toes_m", "forces_n", *soles)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

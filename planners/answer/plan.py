@@ -21,6 +21,8 @@ class Plan:
     com_m: shape (M, 3) [m]; rotation_rad: small body rotation Θ, shape (M, 3) [rad]; toes_m: one a placement,
     shape (P, 3) [m]; choice: the candidate patch of every placement, shape (P,); forces_n: forces on the robot in every
     stance, world frame, zero for limbs that do not carry in it, shape (S, N, 3) [N].
+    Where feet are soles, whose centres are the toes: points_m, where the points of every placement's foot are, shape
+    (P, K, 3) [m], and point_forces_n, the forces at them, which add up to forces_n, (S, N, K, 3) [N]; see ``Posture``.
     modes: z, the envelope that mode switching chose for each frame, shape (M,); None without mode switching.
     provenance: how the plan was made, for people.
     """
@@ -31,13 +33,15 @@ class Plan:
     toes_m: Array
     choice: NDArray[np.int_]
     forces_n: Array
+    points_m: Array | None = None
+    point_forces_n: Array | None = None
     modes: NDArray[np.int_] | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for name, kind in (
             ("com_m", np.float64), ("rotation_rad", np.float64), ("toes_m", np.float64), ("forces_n", np.float64),
-            ("choice", np.int_), ("modes", np.int_),
+            ("choice", np.int_), ("modes", np.int_), ("points_m", np.float64), ("point_forces_n", np.float64),
         ):  # fmt: skip
             if getattr(self, name) is not None:
                 array = np.array(getattr(self, name), dtype=kind)
@@ -61,11 +65,16 @@ class Plan:
         """The posture of one stance, its limbs only."""
         of = self.course.stances[stance]
         limbs = list(of.limbs)
+        soles: dict[str, Array] = {}
+        if self.points_m is not None and self.point_forces_n is not None:
+            soles["points_m"] = self.points_m[self.course.holds[of.frame, limbs]]
+            soles["point_forces_n"] = self.point_forces_n[stance][limbs]
         return Posture(
             com_m=self.com_m[of.frame],
             rotation_rad=self.rotation_rad[of.frame],
             toes_m=self.toes_at(of.frame)[limbs],
             forces_n=self.forces_n[stance][limbs],
+            **soles,
         )
 
 

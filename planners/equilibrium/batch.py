@@ -1,14 +1,18 @@
-"""Posture problems of one robot in non-dimensional numbers, many at a time."""
+"""Posture problems of one robot in non-dimensional numbers, and points of them, many at a time."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
+from ..answer.outcome import Posture
 from ..files.arrays import Array
 from ..problem import PostureBatch
 from .layout import Index
-from .scaled import Scaled
+from .scaled import Scaled, skew
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -40,12 +44,65 @@ class ScaledBatch:
         """Some of them, by index."""
         return replace(self, vertices=self.vertices[chosen], frames=self.frames[chosen], friction=self.friction[chosen])
 
-    @cached_property
-    def problems(self) -> list[Scaled]:
-        """Each of them; they share one layout."""
-        count, contacts, corners, _ = self.vertices.shape
-        flat = self.vertices.reshape(count, contacts * corners, 3)
+    def held(self, toes: Array) -> ScaledBatch:
+        """The same with patches of one point each; toes: shape (B, N, 3)."""
+        return replace(self, vertices=np.broadcast_to(toes[:, :, None], self.vertices.shape))
+
+    def problem(self, index: int) -> Scaled:
+        """One of them; they share one layout."""
+        flat = self.vertices[index].reshape(-1, 3)
+        return replace(self.like, vertices=flat, frames=self.frames[index], friction=self.friction[index])
+
+    def postures(self, points: PointBatch) -> list[Posture]:
+        """Give the points of these problems, one each, their units back."""
+        forces = np.matmul(self.frames, points.forces[..., None])[..., 0] * self.like.force_n
+        com, toes = points.com * self.like.length_m, points.toes * self.like.length_m
         return [
-            replace(self.like, vertices=flat[k], frames=self.frames[k], friction=self.friction[k])
-            for k in range(len(self))
+            Posture(com_m=com[k], rotation_rad=points.rotation[k], toes_m=toes[k], forces_n=forces[k])
+            for k in range(len(com))
         ]
+
+    def pairs(self, postures: Sequence[Posture]) -> Array:
+        """[p, f] of postures, one a problem: ``Scaled.point`` of each, shape (B, N, 6)."""
+        shape = (len(postures), *self.friction.shape[1:], 3)
+        com = np.array([posture.com_m for posture in postures]).reshape(-1, 1, 3)
+        toes = np.array([posture.toes_m for posture in postures]).reshape(shape)
+        forces = np.array([posture.forces_n for posture in postures]).reshape(shape)
+        turned = np.matmul(self.frames.swapaxes(2, 3), forces[..., None])[..., 0]
+        return np.concatenate([(toes - com) / self.like.length_m, turned / self.like.force_n], axis=2)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PointBatch:
+    """Points of B posture problems with N contacts, as in ``Point``.
+
+    com, rotation: shape (B, 3); toes: (B, N, 3); forces: contact frames, (B, N, 3).
+    """
+
+    com: Array
+    rotation: Array
+    toes: Array
+    forces: Array
+
+    @classmethod
+    def none(cls, contacts: int) -> PointBatch:
+        """Of no problem."""
+        nothing, each = np.zeros((0, 3)), np.zeros((0, contacts, 3))
+        return cls(com=nothing, rotation=nothing, toes=each, forces=each)
+
+    @classmethod
+    def joined(cls, parts: Sequence[PointBatch]) -> PointBatch:
+        """All of these, one after the other."""
+        return cls(**{f.name: np.concatenate([getattr(part, f.name) for part in parts]) for f in fields(cls)})
+
+    def __len__(self) -> int:
+        return len(self.com)
+
+    def select(self, chosen: Index | NDArray[np.bool_]) -> PointBatch:
+        """Some of them."""
+        return PointBatch(**{f.name: getattr(self, f.name)[chosen] for f in fields(self)})
+
+    def legs(self, like: Scaled) -> Array:
+        """p_w − c − (I + [Θ]×) s of every limb (E11), shape (B, N, 3)."""
+        turned = np.matmul(skew(self.rotation)[:, None], like.shoulders[..., None])[..., 0]
+        return np.asarray(self.toes - self.com[:, None] - like.shoulders - turned)

@@ -14,6 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 
 from ..files.arrays import Array
+from ..robot.reach import turned_most
 from .layout import Index
 from .model import Terms
 from .scaled import Point, Scaled
@@ -72,13 +73,35 @@ class Plan:
         one = added(self.weights, self.layout.vertex_footholds, self.layout.footholds)
         return {"one": one == 1, "positive": self.weights >= 0}
 
-    def within_reach(self) -> Terms:
-        """‖p_w − c − (I + [Θ]×) v‖ ≤ Δ_FK of every limb at every frame (E11), the rotation linearised."""
+    def within_reach(self, *, inner: bool = False) -> Terms:
+        """‖p_w − c − (I + [Θ]×) v‖ ≤ Δ_FK of every limb at every frame (E11), the rotation linearised.
+
+        Of half-spaces of reach the outer set, or the inner one (``robot.reach``).
+        """
         frame = np.repeat(np.arange(self.layout.frames), self.layout.limbs)
-        shoulders = np.tile(self.scaled.shoulders, (self.layout.frames, 1))
+        limb = np.tile(np.arange(self.layout.limbs), self.layout.frames)
+        shoulders = self.scaled.shoulders[limb]
         hips = self.com[frame] + shoulders + cross(self.rotation[frame], shoulders)
         legs = self.toes[np.ravel(self.layout.holds)] - hips
-        return {"reach": cp.SOC(np.tile(self.scaled.reach, self.layout.frames), legs, axis=1)}
+        ball = {"reach": cp.SOC(self.scaled.reach[limb], legs, axis=1)}
+        return {**ball, **self._half_spaces(frame, inner)} if self.layout.reach_rows else ball
+
+    def _half_spaces(self, frame: Index, inner: bool) -> Terms:
+        """a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)), or a·d + Θ·(a × z) + t(a) ‖a × (d − z)‖ ≤ b, with d = p_w − c."""
+        its, row = self.scaled.half_spaces, np.tile(np.arange(len(self.layout.row_limbs)), self.layout.frames)
+        at, limb = np.repeat(np.arange(self.layout.frames), len(self.layout.row_limbs)), self.layout.row_limbs[row]
+        leg = cp.Variable((len(frame), 3), name="leg")
+        is_leg = leg - self.toes[np.ravel(self.layout.holds)] + self.com[frame] == 0
+        normals, legs, turn = its.normals[row], leg[at * self.layout.limbs + limb], self.rotation[at]
+        along, most = cp.sum(cp.multiply(normals, legs), axis=1), turned_most(normals, self.scaled.tilt)
+        if inner:
+            room = its.bounds[row] - along - cp.sum(cp.multiply(its.levers[row], turn), axis=1)
+            across = cp.multiply(most[:, None], cross(normals, legs) - its.levers[row])
+            return {"leg": is_leg, "reach_rows": cp.SOC(room, across, axis=1)}
+        shoulders = self.scaled.shoulders[limb]
+        turned = cp.sum(cp.multiply(np.cross(normals, shoulders), turn), axis=1)
+        far = self.scaled.reach[limb] + turned_most(shoulders, self.scaled.tilt)
+        return {"leg": is_leg, "reach_rows": along + turned <= its.bounds[row] + most * far}
 
     def within_limits(self) -> Terms:
         """‖c − c_nominal‖ ≤ radius, |Θ| ≤ tilt."""
@@ -119,7 +142,7 @@ class Plan:
 
         Σ f is fixed to the weight (E5), so that it is Σ p_w × f − c × w e_z, linear in c.
         """
-        up = np.tile([0.0, 0.0, self.scaled.weight], (len(self.layout.stances), 1))
+        up = self.scaled.weight * np.tile([0.0, 0.0, 1.0], (len(self.layout.stances), 1))
         return added(moments, stance, len(up)) - cross(self.com[self.layout.stance_frames], up)
 
     def objective(self) -> cp.Expression:
@@ -177,8 +200,8 @@ class Forces:
     def balance(self) -> Terms:
         """Σ f = w e_z in every stance (E5)."""
         count = len(self._scaled.layout.stances)
-        up = np.tile([0.0, 0.0, self._scaled.weight], (count, 1))
-        return {"balance": added(self.world, self.stance, count) == up}
+        up = self._scaled.weight * np.tile([0.0, 0.0, 1.0], (count, 1))
+        return {"balance": added(self.world, self.stance, count) - up == 0}
 
 
 def within(moment: cp.Expression) -> tuple[cp.Expression, Terms]:

@@ -6,7 +6,7 @@ Rows, in the order in which arrays have them:
 * candidate: a patch that a foothold may be on, K in all, by foothold;
 * vertex: of a candidate, V in all, by candidate;
 * stance: a set of limbs that must carry the robot alone at a frame, S of them;
-* stance contact: a limb that carries in a stance, B in all, by stance.
+* stance contact: a limb that carries in a stance, B in all, by stance; of a sole each of its points is one.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InvalidInput
+
 Index = NDArray[np.int_]
 
 
@@ -25,12 +27,15 @@ class Layout:
     """What decides the rows and columns of a program; programs of equal layouts differ in their numbers only.
 
     holds: the foothold under each limb at each frame, (M, N); stances: (frame, limbs) of each;
-    corners: how many vertices each open candidate has, by foothold.
+    corners: how many vertices each open candidate has, by foothold; reach_rows: how many half-spaces each limb's reach
+    has, by limb; empty where none has any. points: how many each limb's foot has; empty where all are point feet.
     """
 
     holds: tuple[tuple[int, ...], ...]
     stances: tuple[tuple[int, tuple[int, ...]], ...]
     corners: tuple[tuple[int, ...], ...]
+    reach_rows: tuple[int, ...] = ()
+    points: tuple[int, ...] = ()
 
     @property
     def frames(self) -> int:
@@ -54,9 +59,28 @@ class Layout:
             (index, limb, self.holds[frame][limb])
             for index, (frame, limbs) in enumerate(self.stances)
             for limb in limbs
+            for _ in range(self.points[limb] if self.points else 1)
         ]
         stance, limb, foothold = np.array(found, dtype=np.int_).T
         return stance, limb, foothold
+
+    @cached_property
+    def contact_points(self) -> Index:
+        """Which point of its foot every stance contact is, shape (B,)."""
+        limbs = [limb for _, limbs in self.stances for limb in limbs]
+        if not self.points:
+            return np.zeros(len(limbs), dtype=np.int_)
+        return np.array([k for limb in limbs for k in range(self.points[limb])], dtype=np.int_)
+
+    def check_point_feet(self, what: str) -> None:
+        """Raise InvalidInput where a foot is a sole. what: is made for point feet alone."""
+        if self.points:
+            raise InvalidInput(f"{what}: expected point feet, got soles, which the lift can plan for")
+
+    @cached_property
+    def row_limbs(self) -> Index:
+        """The limb of every half-space of reach, shape (H,)."""
+        return np.repeat(np.arange(len(self.reach_rows)), np.array(self.reach_rows, dtype=np.int_))
 
     @cached_property
     def stance_frames(self) -> Index:

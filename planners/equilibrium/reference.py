@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import cvxpy as cp
+import numpy as np
 
 from ..files.arrays import Array
 from .equations import Axes, Box, Forces, Plan, Products, cross, mccormick, within
@@ -59,8 +60,7 @@ def lift(scaled: Scaled, *, least_moment: bool) -> Model:
     """The lift: f_u := λ_u f at every vertex, so that Σ p_w × f is Σ_u v_u × f_u, linear (``relaxation.lift``)."""
     plan = Plan(scaled)
     forces = Forces.of_vertices(plan)
-    vertices = scaled.vertices[scaled.layout.contact_vertices[1]]
-    moment = plan.net(cross(vertices, forces.world), forces.stance)
+    moment = plan.net(cross(scaled.bearing_vertices, forces.world), forces.stance)
     return _with_moment(plan, moment, {**_on_toes(plan), **_on_forces(forces)}, least_moment)
 
 
@@ -68,9 +68,10 @@ def fix_toes(scaled: Scaled, held: Point, *, hold_body: bool, least_moment: bool
     """Toes held, with hold_body c and Θ, too (fix-p). Σ f is fixed, so that Σ p × f is linear in (c, f)."""
     plan = Plan(scaled, held.toes)
     forces = Forces.of_contacts(scaled)
-    arms = held.toes[scaled.layout.contacts[2]]
-    moment = plan.net(cross(arms, forces.world), forces.stance)
-    body = plan.stays_at(held) if hold_body else {**plan.within_reach(), **plan.within_limits(), **plan.steps()}
+    moment = plan.net(cross(scaled.bearing_points(held.toes), forces.world), forces.stance)
+    body = plan.stays_at(held)
+    if not hold_body:
+        body = {**plan.within_reach(inner=True), **plan.within_limits(), **plan.steps()}
     return _with_moment(plan, moment, {**_on_forces(forces), **body}, least_moment)
 
 
@@ -78,38 +79,42 @@ def fix_forces(scaled: Scaled, held: Point) -> Model:
     """Contact-frame forces held (fix-f): least moment over toes, c and Θ."""
     plan = Plan(scaled)
     stance, _, foothold = scaled.layout.contacts
-    levers = cross(plan.toes[foothold], scaled.in_world(held.forces))
+    offsets = scaled.bearing_points(np.zeros_like(held.toes))
+    levers = cross(plan.toes[foothold] + offsets, scaled.in_world(held.forces))
     moment = plan.net(levers, stance)
-    return _with_moment(plan, moment, _on_toes(plan), least_moment=True)
+    return _with_moment(plan, moment, _on_toes(plan, inner=True), least_moment=True)
 
 
 def linearised(scaled: Scaled, about: Point, *, price: float | None) -> Model:
     """A step of SCP: p × F by p̄ × F + (p − p̄) × F̄. price: of the moments left, beside the objective; None: alone."""
     plan, foothold = Plan(scaled), scaled.layout.contacts[2]
     forces, before = Forces.of_contacts(scaled), scaled.in_world(about.forces)
-    moved = cross(about.toes[foothold], forces.world) + cross(plan.toes[foothold] - about.toes[foothold], before)
+    moved = cross(scaled.bearing_points(about.toes), forces.world)
+    moved += cross(plan.toes[foothold] - about.toes[foothold], before)
     moment = plan.net(moved, forces.stance)
     residual, terms = within(moment)
     cost = residual if price is None else plan.objective() + price * residual
-    return Model(cost, {**terms, **_on_toes(plan), **_on_forces(forces)})
+    return Model(cost, {**terms, **_on_toes(plan, inner=True), **_on_forces(forces)})
 
 
 def positions(scaled: Scaled) -> Model:
     """Body and toes without forces, as a decoupled planner chooses them first."""
     plan = Plan(scaled)
-    return Model(plan.objective(), _on_toes(plan))
+    return Model(plan.objective(), _on_toes(plan, inner=True))
 
 
 def coupled(scaled: Scaled, axes: Axes) -> tuple[Plan, Products, Terms]:
     """What P1 and the mixed-integer program share: everything but what stands for m = p f, and the cost."""
+    scaled.layout.check_point_feet("envelopes")
     plan = Plan(scaled)
     forces = Forces.of_candidates(plan)
     products = Products(plan, forces, axes)
     return plan, products, {**_on_toes(plan), **_on_forces(forces), **products.terms()}
 
 
-def _on_toes(plan: Plan) -> Terms:
-    return {**plan.on_patches(), **plan.within_reach(), **plan.within_limits(), **plan.steps()}
+def _on_toes(plan: Plan, *, inner: bool = False) -> Terms:
+    """inner: of half-spaces of reach, for plans; relaxations have the outer sets."""
+    return {**plan.on_patches(), **plan.within_reach(inner=inner), **plan.within_limits(), **plan.steps()}
 
 
 def _on_forces(forces: Forces) -> Terms:

@@ -14,13 +14,12 @@ from __future__ import annotations
 import enum
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Generic, Protocol
+from typing import Any, ClassVar, Generic, Protocol
 
 import clarabel
 import numpy as np
-import scipy.sparse as sp
 
 from ..files.arrays import Array
 from .gather import D, Fill, Gather, Numbers, Values
@@ -83,6 +82,25 @@ class Reference(Protocol):
     def solve_as(self, columns: Mapping[str, Index], groups: Mapping[str, Index]) -> ConicSolution:
         """Solve it; x and z in this order, by names."""
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class Columns:
+    """A sparse matrix by columns, as Clarabel reads one; importing ``scipy.sparse`` takes longer than most solves.
+
+    data, indices: values and rows of the entries, in order; indptr: where each column begins and the last one ends.
+    """
+
+    data: Array
+    indices: Index
+    indptr: Index
+    shape: tuple[int, int]
+    has_canonical_format: ClassVar[bool] = True
+
+    def transposed_times(self, z: Array) -> Array:
+        """A'z."""
+        column = np.repeat(np.arange(self.shape[1]), np.diff(self.indptr))
+        return np.bincount(column, self.data * z[self.indices], minlength=self.shape[1]).astype(np.float64, copy=False)
 
 
 STATUS = {
@@ -201,15 +219,15 @@ class Rows(Generic[D]):
         z = solution.z.copy()
         for name in without:
             z[self.groups[name]] = 0.0
-        return -float(b @ z), np.asarray(matrix.T @ z)
+        return -float(b @ z), matrix.transposed_times(z)
 
-    def load(self, data: D) -> tuple[sp.csc_matrix, Array, sp.csc_matrix, Array]:
-        """(P, q, A, b) for this problem; A is the same matrix in every call, with other values."""
+    def load(self, data: D) -> tuple[Columns, Array, Columns, Array]:
+        """(P, q, A, b) for this problem; P has its upper triangle alone."""
         if not hasattr(self, "_matrix"):
             self._compile(data)
         numbers = self._numbers.of(data)
-        self._matrix.data = self._a.load(numbers, data)
-        return self._hessian(data), self._q.load(numbers, data), self._matrix, self._b.load(numbers, data)
+        matrix = replace(self._matrix, data=self._a.load(numbers, data))
+        return self._hessian(data), self._q.load(numbers, data), matrix, self._b.load(numbers, data)
 
     @property
     def cone_list(self) -> list[object]:
@@ -230,11 +248,11 @@ class Rows(Generic[D]):
         rows = np.concatenate([block[0].ravel() for block in self._blocks])
         columns = np.concatenate([block[1].ravel() for block in self._blocks])
         order = np.lexsort((rows, columns))
-        indptr = np.searchsorted(columns[order], np.arange(self.shape[1] + 1))
-        self._matrix = sp.csc_matrix(
-            (np.zeros(len(rows)), rows[order].astype(np.int32), indptr.astype(np.int32)), shape=self.shape
-        )
-        self._empty = sp.csc_matrix((self.shape[1], self.shape[1]))
+        self._matrix = _pattern(rows[order], columns[order], self.shape)
+        first, second = (np.concatenate([np.zeros(0, dtype=np.int_), *(b[k] for b in self._squares)]) for k in (0, 1))
+        squared, self._square_places = np.unique(second * self.shape[1] + first, return_inverse=True)
+        second, first = np.divmod(squared, self.shape[1])
+        self._squared = _pattern(first, second, (self.shape[1], self.shape[1]))
         self._a: Gather[D] = Gather(len(rows), self._numbers)
         places = np.argsort(order)
         for block, _, values in self._blocks:
@@ -246,14 +264,12 @@ class Rows(Generic[D]):
             for index, values in vectors:
                 gather.add(index, values)
 
-    def _hessian(self, data: D) -> sp.csc_matrix:
-        if not self._squares:
-            return self._empty
-        rows, columns, values = zip(
-            *((row, column, np.broadcast_to(fill(data), row.shape)) for row, column, fill in self._squares), strict=True
-        )
-        index = (np.concatenate(rows), np.concatenate(columns))
-        return sp.csc_matrix((np.concatenate(values), index), shape=(self.shape[1], self.shape[1]))
+    def _hessian(self, data: D) -> Columns:
+        values = [np.broadcast_to(fill(data), row.shape) for row, _, fill in self._squares]
+        if not values:
+            return self._squared
+        added = np.bincount(self._square_places, np.concatenate(values))
+        return replace(self._squared, data=added.astype(np.float64, copy=False))
 
 
 def solver_settings(*, equilibrate: bool, careful: bool = False) -> clarabel.DefaultSettings:
@@ -270,6 +286,12 @@ def solver_settings(*, equilibrate: bool, careful: bool = False) -> clarabel.Def
     settings.equilibrate_enable = equilibrate
     settings.equilibrate_max_iter = 10 if careful else 2
     return settings
+
+
+def _pattern(rows: Index, columns: Index, shape: tuple[int, int]) -> Columns:
+    """A matrix of zeros at these entries, which are sorted by columns."""
+    indptr = np.searchsorted(columns, np.arange(shape[1] + 1))
+    return Columns(np.zeros(len(rows)), rows.astype(np.int32), indptr.astype(np.int32), shape)
 
 
 def _scaled(factor: float, weight: Fill[D]) -> Fill[D]:

@@ -7,7 +7,7 @@ units of the length scale, forces of the force scale (a course's is the robot's 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..answer.outcome import Posture
 from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course, Weights
+from .half_spaces import HalfSpaces
 from .layout import Layout
 
 
@@ -46,7 +47,9 @@ class Scaled:
     options: most candidates of a foothold in the problem; which: the number, in the problem, of every open candidate,
     by foothold. vertices: v_u, shape (V, 3); a toe that
     already stands is a candidate of one vertex. frames: R_WC, columns n, y, z, shape (K, 3, 3); friction: (K,).
-    shoulders: (N, 3); reach: (N,). force_min, force_max: on (f_n, f_y, f_z) of every stance contact, (B, 3).
+    shoulders: (N, 3); reach: (N,); half_spaces: of reach. offsets: from the toe to the points of its foot, on
+    every candidate, with zeros after them, shape (K, points, 3); of point feet (0, 1, 3).
+    force_min, force_max: on (f_n, f_y, f_z) of every stance contact, (B, 3).
     weight: m·g. com: nominal, (M, 3); com_radius: (M,). tilt: limit [rad]. steps: largest step of the COM, of a toe and
     of the rotation; direction: of the nominal steps, (M − 1, 3); progress: least along them, (M − 1,). goal: (3,).
     weights: of the objective, None for a posture, which has none.
@@ -73,11 +76,15 @@ class Scaled:
     weights: Weights | None
     length_m: float
     force_n: float
+    half_spaces: HalfSpaces = field(default_factory=HalfSpaces.none)
+    offsets: Array = field(default_factory=lambda: np.zeros((0, 1, 3)))
 
     @classmethod
     def of(cls, problem: PostureProblem | Course) -> Scaled:
         """Scale a problem: forces (E3) and positions (E4) as non-dimensional numbers."""
-        return _of_course(problem) if isinstance(problem, Course) else _of_posture(problem)
+        from .scaling import of_course, of_posture  # which make this class
+
+        return of_course(problem) if isinstance(problem, Course) else of_posture(problem)
 
     @property
     def aim(self) -> Weights:
@@ -122,8 +129,24 @@ class Scaled:
     @cached_property
     def arms(self) -> Array:
         """[v_u]× R_WC of every vertex under a stance contact: maps a force at it to its moment, shape (F, 3, 3)."""
-        vertex = self.layout.contact_vertices[1]
-        return np.asarray(np.matmul(skew(self.vertices[vertex]), self.frames[self.layout.vertex_candidates[vertex]]))
+        candidate = self.layout.vertex_candidates[self.layout.contact_vertices[1]]
+        return np.asarray(np.matmul(skew(self.bearing_vertices), self.frames[candidate]))
+
+    @cached_property
+    def bearing_vertices(self) -> Array:
+        """Where the force of a stance contact acts, its toe being at each vertex under it, shape (F, 3)."""
+        contact, vertex = self.layout.contact_vertices
+        if not self.layout.points:
+            return np.asarray(self.vertices[vertex])
+        point, candidate = self.layout.contact_points[contact], self.layout.vertex_candidates[vertex]
+        return np.asarray(self.vertices[vertex] + self.offsets[candidate, point])
+
+    def bearing_points(self, toes: Array) -> Array:
+        """Where the force of every stance contact acts; one candidate a foothold; toes: (P, 3); shape (B, 3)."""
+        foothold = self.layout.contacts[2]
+        if not self.layout.points:
+            return np.asarray(toes[foothold])
+        return np.asarray(toes[foothold] + self.offsets[foothold, self.layout.contact_points])
 
     def opened(self) -> Array:
         """1 where a candidate of a foothold is open, shape (P, options)."""
@@ -152,6 +175,7 @@ class Scaled:
             vertices=self.vertices[kept[self.layout.vertex_candidates]],
             frames=self.frames[kept],
             friction=self.friction[kept],
+            offsets=self.offsets[kept] if self.layout.points else self.offsets,
         )
 
     def chosen(self, choice: NDArray[np.int_]) -> Scaled:
@@ -183,12 +207,30 @@ class Scaled:
 
     def posture(self, point: Point) -> Posture:
         """Give a point of one frame its units back."""
+        forces, soles = self.forces_si(point)
         return Posture(
             com_m=point.com.reshape(3) * self.length_m,
             rotation_rad=point.rotation.reshape(3),
             toes_m=point.toes * self.length_m,
-            forces_n=self.in_world(point.forces) * self.force_n,
+            forces_n=forces[0],
+            **{name: part[0] if name == "point_forces_n" else part for name, part in soles.items()},
         )
+
+    def forces_si(self, point: Point) -> tuple[Array, dict[str, Array]]:
+        """Forces of every limb in every stance, in the world, (S, N, 3) [N]; one candidate a foothold.
+
+        And of soles, where there are: point_forces_n, (S, N, points, 3) [N], which add up to them, and points_m, where
+        the points of every foothold are, (P, points, 3) [m].
+        """
+        (stance, limb, _), layout = self.layout.contacts, self.layout
+        forces, world = np.zeros((len(layout.stances), layout.limbs, 3)), self.in_world(point.forces) * self.force_n
+        if not layout.points:
+            forces[stance, limb] = world
+            return forces, {}
+        each = np.zeros((len(layout.stances), layout.limbs, max(layout.points), 3))
+        each[stance, limb, layout.contact_points] = world
+        points = (point.toes[:, None] + self.offsets) * self.length_m
+        return np.asarray(each.sum(axis=2)), {"points_m": points, "point_forces_n": each}
 
     def point(self, posture: Posture) -> Array:
         """[p, f] of a posture, the columns p_x p_y p_z f_n f_y f_z: p in world axes, f in the frames; shape (N, 6)."""
@@ -206,74 +248,6 @@ def skew(vectors: Array) -> Array:
     return out
 
 
-def _of_posture(problem: PostureProblem) -> Scaled:
-    length_m, force_n = problem.length_scale_m, float(problem.force_scale_n or 1.0)
-    contacts, nothing = problem.contacts, np.zeros((0, 3))
-    feet = tuple(range(len(contacts)))
-    corners = tuple((len(contact.patch.vertices_m),) for contact in contacts)
-    return Scaled(
-        layout=Layout(holds=(feet,), stances=((0, feet),), corners=corners),
-        options=1,
-        which=((0,),) * len(contacts),
-        vertices=np.concatenate([contact.patch.vertices_m for contact in contacts]) / length_m,
-        frames=np.array([contact.patch.frame for contact in contacts]),
-        friction=np.array([contact.patch.friction for contact in contacts]),
-        shoulders=np.array([contact.shoulder_m for contact in contacts]) / length_m,
-        reach=np.array([contact.reach_m for contact in contacts]) / length_m,
-        force_min=np.array([contact.force_min for contact in contacts]),
-        force_max=np.array([contact.force_max for contact in contacts]),
-        weight=problem.weight_n / force_n,
-        com=problem.com_nominal_m[None] / length_m,
-        com_radius=np.array([problem.com_radius_m / length_m]),
-        tilt=problem.tilt_limit_rad,
-        steps=(0.0, 0.0, 0.0), direction=nothing, progress=np.zeros(0),
-        goal=problem.com_nominal_m / length_m, weights=None,
-        length_m=length_m,
-        force_n=force_n,
-    )  # fmt: skip
-
-
-def _of_course(course: Course) -> Scaled:
-    scale, limbs, limits = course.length_scale_m, course.robot.limbs, course.steps
-    patches = [patch for placement in course.placements for patch in placement.candidates]
-    borders = [
-        patch.vertices_m if placement.toe_m is None else placement.toe_m[None]
-        for placement in course.placements
-        for patch in placement.candidates
-    ]
-    sizes = iter(len(border) for border in borders)
-    layout = Layout(
-        holds=tuple(tuple(row) for row in course.holds.tolist()),
-        stances=tuple((stance.frame, stance.limbs) for stance in course.stances),
-        corners=tuple(tuple(next(sizes) for _ in placement.candidates) for placement in course.placements),
-    )
-    direction = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
-    carrying = sum(len(limbs) for _, limbs in layout.stances)
-    return Scaled(
-        layout=layout,
-        options=max(len(placement.candidates) for placement in course.placements),
-        which=tuple(tuple(range(len(placement.candidates))) for placement in course.placements),
-        vertices=np.concatenate(borders) / scale,
-        frames=np.array([patch.frame for patch in patches]),
-        friction=np.array([patch.friction for patch in patches]),
-        shoulders=np.array([limb.shoulder_m for limb in limbs]) / scale,
-        reach=np.array([limb.reach_m for limb in limbs]) / scale,
-        force_min=np.tile(course.force_min, (carrying, 1)),
-        force_max=np.tile(course.force_max, (carrying, 1)),
-        weight=1.0,
-        com=course.com_nominal_m / scale,
-        com_radius=course.com_radius_m / scale,
-        tilt=course.tilt_limit_rad,
-        steps=(limits.com_m / scale, limits.toe_m / scale, limits.rotation_rad),
-        direction=direction,
-        progress=np.where(np.linalg.norm(direction, axis=1) > 0.0, limits.progress_m / scale, 0.0),
-        goal=course.goal_m / scale,
-        weights=course.weights,
-        length_m=scale,
-        force_n=course.weight_n,
-    )
-
-
 def cones_met(low: Array, high: Array, friction: Sequence[float] | Array) -> tuple[Array, Array]:
     """Force boxes met with the box around their friction cones, shape (B, 3) each; friction: shape (B,)."""
     shear = (np.asarray(friction) * np.maximum(high[:, 0], 0.0))[:, None]
@@ -281,5 +255,3 @@ def cones_met(low: Array, high: Array, friction: Sequence[float] | Array) -> tup
     low[:, 0] = np.maximum(low[:, 0], 0.0)
     low[:, 1:], high[:, 1:] = np.maximum(low[:, 1:], -shear), np.minimum(high[:, 1:], shear)
     return low, high
-
-

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..files.arrays import Array
 from .gather import Fill, Of
+from .half_spaces import within_half_spaces
 from .layout import Index, Layout
 from .rows import Rows
 from .scaled import Point, Scaled, skew
@@ -35,8 +36,7 @@ class Given:
     @cached_property
     def held_arms(self) -> Array:
         """[p̄_w]× R_WC of every stance contact, the toes held; one candidate a foothold; shape (B, 3, 3)."""
-        toes = self.held.toes[self.scaled.layout.contacts[2]]
-        return np.asarray(np.matmul(skew(toes), self.scaled.contact_frames))
+        return np.asarray(np.matmul(skew(self.scaled.bearing_points(self.held.toes)), self.scaled.contact_frames))
 
     @cached_property
     def held_levers(self) -> Array:
@@ -122,8 +122,11 @@ class Body:
             self._rows.put(stay, columns, 1.0)
             self._rows.right(stay, Of("held." + name))
 
-    def reach(self, toes: Toes) -> None:
-        """‖p_w − c − (I + [Θ]×) v‖ ≤ Δ_FK for every limb at every frame (E11), the rotation linearised."""
+    def reach(self, toes: Toes, *, inner: bool = False) -> None:
+        """‖p_w − c − (I + [Θ]×) v‖ ≤ Δ_FK for every limb at every frame (E11), the rotation linearised.
+
+        Of half-spaces of reach the outer set, or the inner one, which plans are to be in (``robot.reach``).
+        """
         layout, rows = self._layout, self._rows
         leg = rows.cones("reach", layout.frames * layout.limbs, 4)
         frame = np.repeat(np.arange(layout.frames), layout.limbs)
@@ -135,6 +138,8 @@ class Body:
         rows.put(leg[:, 1:], self.rotation[frame][:, j], -Of("scaled.shoulders", (limb[:, None], i)))
         rows.right(leg[:, 0], Of("scaled.reach", limb))
         rows.right(leg[:, 1:], -Of("scaled.shoulders", limb))
+        if layout.reach_rows:
+            within_half_spaces(rows, layout, self.com, self.rotation, toes.put, inner)
 
     def steps(self, toes: Toes | None) -> None:
         """‖c[r] − c[r−1]‖, ‖p_i[r] − p_i[r−1]‖, ‖Θ[r] − Θ[r−1]‖ ≤ Δ_max (E11), and the progress of c along its path.

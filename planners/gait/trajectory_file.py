@@ -155,7 +155,7 @@ def _seal(header: Mapping[str, Any]) -> str:
 
 
 class _Header(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
     format: Literal["stancekit/gait/1", "stancekit/gait/2"]
     verified: bool
     robot: dict[str, Any]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..files.arrays import Array
 from ..robot.model import Limb
 from ..terrain.patch import Patch
-from ..terrain.polygon import Surface
+from ..terrain.polygon import Surface, nearest
 from .course_terrain import Terrain
 
 COMFORT = 0.85
@@ -29,16 +30,21 @@ class Footing:
         self._centres = np.array([points.mean(axis=0) for points in corners]).reshape(-1, 3)
         self._radii = np.array([np.linalg.norm(points - points.mean(axis=0), axis=1).max() for points in corners])
         self._normals = np.array([surface.patch.normal for surface in self.surfaces]).reshape(-1, 3)
+        most = max([len(surface.room) for surface in self.surfaces], default=0)
+        rooms = [surface.room[np.minimum(np.arange(most), len(surface.room) - 1)] for surface in self.surfaces]
+        self._rooms = np.array(rooms).reshape(len(rooms), most, 2)
+        self._origins = np.array([surface.patch.centre_m for surface in self.surfaces]).reshape(-1, 3)
+        self._axes = np.array([surface.patch.frame[:, 1:] for surface in self.surfaces]).reshape(-1, 3, 2)
         self._all = each
         self._all_normals = np.array([surface.patch.normal for surface in each]).reshape(-1, 3)
         self._all_offsets = np.array([surface.patch.normal @ surface.patch.centre_m for surface in each])
 
-    def near(self, point_m: Array, reach_m: float) -> list[int]:
+    def near(self, point_m: Array, reach_m: float) -> NDArray[np.int_]:
         """Those that face a point and may come within reach of it, in order."""
         away = point_m - self._centres
         heights = np.einsum("ij,ij->i", away, self._normals)
         close = np.linalg.norm(away, axis=1) - self._radii <= reach_m
-        return np.flatnonzero(close & (heights > 0.0) & (heights <= reach_m)).tolist()
+        return np.flatnonzero(close & (heights > 0.0) & (heights <= reach_m))
 
     def candidates(
         self, limb: Limb, shoulder_m: Array, toe_m: Array, count: int, window_m: float
@@ -47,20 +53,41 @@ class Footing:
 
         Only surfaces that face the shoulder, with nothing between it and the toe's place.
         """
-        found = []
-        for index in self.near(shoulder_m, limb.reach_m):
-            place = _place(self.surfaces[index], limb, shoulder_m, toe_m)
-            if place is not None:
-                found.append((float(np.linalg.norm(place - toe_m)), index, place))
-        found.sort(key=lambda item: item[:2])
+        indices, places = self._places(limb, shoulder_m, toe_m)
+        order = np.lexsort((indices, np.linalg.norm(places - toe_m, axis=1)))
         pieces = list[tuple[int, Patch]]()
-        for _, index, place in found:
+        for index, place in zip(indices[order].tolist(), places[order], strict=True):
             if len(pieces) == count:
                 break
             piece = None if self._hidden(place, shoulder_m) else self.surfaces[index].window(place, window_m)
             if piece is not None:
                 pieces.append((index, piece))
         return pieces
+
+    def _places(self, limb: Limb, shoulder_m: Array, toe_m: Array) -> tuple[NDArray[np.int_], Array]:
+        """The surfaces within reach, by index, and the place on each, shape (K, 3), for a wanted toe.
+
+        The nearest point, drawn towards the shoulder until well in reach.
+        """
+        near = self.near(shoulder_m, limb.reach_m)
+        if not len(near):
+            return near, np.zeros((0, 3))
+        feet, places = self._nearest(near, shoulder_m), self._nearest(near, toe_m)
+        arm, way, comfort = feet - shoulder_m, places - feet, COMFORT * limb.reach_m
+        gap = np.linalg.norm(arm, axis=1)
+        a, b, c = (way * way).sum(axis=1), (arm * way).sum(axis=1), (arm * arm).sum(axis=1) - comfort**2
+        share = (-b + np.sqrt(np.maximum(b * b - a * c, 0.0))) / np.maximum(a, 1e-300)  # ‖arm + s·way‖ = comfort
+        share = np.where(np.linalg.norm(places - shoulder_m, axis=1) <= comfort, 1.0, share)
+        places = np.where((share < 1.0)[:, None], feet + share[:, None] * way, places)
+        places = np.where((gap >= comfort)[:, None], feet, places)
+        return near[gap <= limb.reach_m], places[gap <= limb.reach_m]
+
+    def _nearest(self, chosen: NDArray[np.int_], point_m: Array) -> Array:
+        """The points of some surfaces, inside the margin, nearest to a point, shape (K, 3) [m]."""
+        origins, axes = self._origins[chosen], self._axes[chosen]
+        flat = np.matmul((point_m - origins)[:, None], axes)[:, 0]
+        on = nearest(self._rooms[chosen], flat)
+        return np.asarray(origins + np.matmul(on[:, None], axes.transpose(0, 2, 1))[:, 0])
 
     def _hidden(self, place_m: Array, shoulder_m: Array) -> bool:
         """Whether terrain lies between a shoulder and a place for its toe."""
@@ -88,21 +115,3 @@ class Footing:
             f"{where}: expected a surface within its reach of {limb.reach_m:g} m of its shoulder at ({place}), the "
             f"nearest is {gaps[best]:.3g} m away (terrain patch {self.numbers[best]}{told})"
         )
-
-
-def _place(surface: Surface, limb: Limb, shoulder_m: Array, toe_m: Array) -> Array | None:
-    """The place on a surface for a wanted toe: the nearest point, drawn towards the shoulder until well in reach.
-
-    None where the surface is out of the shoulder's reach.
-    """
-    foot, place = surface.nearest(shoulder_m), surface.nearest(toe_m)
-    gap, comfort = float(np.linalg.norm(foot - shoulder_m)), COMFORT * limb.reach_m
-    if gap > limb.reach_m:
-        return None
-    if gap >= comfort:
-        return foot
-    if np.linalg.norm(place - shoulder_m) <= comfort:
-        return place
-    way, arm = place - foot, foot - shoulder_m  # ‖arm + s·way‖ = comfort, 0 < s < 1
-    a, b, c = way @ way, arm @ way, arm @ arm - comfort**2
-    return np.asarray(foot + (-b + np.sqrt(b * b - a * c)) / a * way)

@@ -19,6 +19,9 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen, gathered
 from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
+from ..terrain.sole import sole_offsets, sole_region
+from .limits import StepLimits as StepLimits
+from .limits import Weights as Weights
 from .posture import GRAVITY_M_S2, TILT_LIMIT_RAD, Contact, PostureProblem
 
 MOST_FRAMES = 200
@@ -29,16 +32,25 @@ class Placement:
     """One toe put down: by ``limb``, at key frame ``frame``, on one of the candidates.
 
     toe_m: where the toe already stands, shape (3,) [m]; None where the planner chooses. candidates: at least one; a toe
-    that already stands has exactly one, the surface under it.
+    that already stands has exactly one, the surface under it. yaws_rad: of a sole on each candidate [rad]; () for 0.
+    The same patch with several yaws is several candidates. toe_m of a sole is its centre.
     """
 
     limb: str
     frame: int
     candidates: tuple[Patch, ...]
     toe_m: Array | None = None
+    yaws_rad: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         where = f"frame {self.frame}, limb {self.limb}"
+        if len(self.yaws_rad):
+            yaws = frozen(self.yaws_rad, (None,), f"{where}: yaws_rad")
+            if len(yaws) != len(self.candidates):
+                raise InvalidInput(
+                    f"{where}: yaws_rad: expected {len(self.candidates)}, one a candidate, got {len(yaws)}"
+                )
+            object.__setattr__(self, "yaws_rad", tuple(yaws.tolist()))
         if not self.candidates:
             raise InvalidInput(f"{where}: expected one or more candidate patches, got none within reach")
         object.__setattr__(self, "candidates", tuple(self.candidates))
@@ -54,48 +66,6 @@ class Stance:
 
     frame: int
     limbs: tuple[int, ...]
-
-
-@dataclass(frozen=True, kw_only=True)
-class StepLimits:
-    """Largest steps between neighbouring key frames (E11), and the least progress.
-
-    com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max. progress_m: the paper's least step is not
-    convex; in its place the COM moves at least this far along the straight line of its nominal path, where that moves.
-    """
-
-    com_m: float = 0.15
-    toe_m: float = 0.30
-    rotation_rad: float = 0.15
-    progress_m: float = 0.0
-
-    def __post_init__(self) -> None:
-        gathered(
-            *(lambda n=n: checked(getattr(self, n), f"steps.{n}", above=0.0) for n in ("com_m", "toe_m")),
-            lambda: checked(self.rotation_rad, "steps.rotation_rad", least=0.0),
-            lambda: checked(self.progress_m, "steps.progress_m", least=0.0),
-        )
-        if self.progress_m > self.com_m:
-            raise InvalidInput(
-                f"steps.progress_m: expected at most steps.com_m = {self.com_m:g}, the largest step, "
-                f"got {self.progress_m:g}"
-            )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Weights:
-    """Of the objective: squared distance of the last COM from the goal, squared steps, squared tilt; lengths in m.
-
-    The paper: "minimizes the distance of the planned final configuration to the goal and penalizes the step size".
-    """
-
-    goal: float = 1.0
-    com_step: float = 0.2
-    toe_step: float = 0.05
-    tilt: float = 0.05
-
-    def __post_init__(self) -> None:
-        gathered(*(lambda n=n: checked(getattr(self, n), f"weights.{n}", least=0.0) for n in self.__annotations__))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -119,8 +89,8 @@ class Course:
     com_nominal_m: Array
     com_radius_m: Array
     goal_m: Array
-    steps: StepLimits = StepLimits()
-    weights: Weights = Weights()
+    steps: StepLimits = field(default_factory=StepLimits)
+    weights: Weights = field(default_factory=Weights)
     tilt_limit_rad: float = TILT_LIMIT_RAD
     gravity_m_s2: float = GRAVITY_M_S2
     length_scale_m: float = 0.6
@@ -148,6 +118,7 @@ class Course:
         if np.any(self.force_min > np.minimum(self.force_max, 0.0)) or np.any(self.force_max < 0.0):
             raise InvalidInput("force_min, force_max: expected bounds that admit no force at all (a limb in the air)")
         _ = self.holds  # every limb stands on something from the first frame on
+        _ = self.regions
 
     @classmethod
     def of_posture(cls, problem: PostureProblem, name: str = "posture") -> Course:
@@ -160,15 +131,18 @@ class Course:
         bounds = np.array([[contact.force_min, contact.force_max] for contact in problem.contacts])
         if np.ptp(bounds, axis=0).max() > 0.0:
             raise InvalidInput("contacts: expected one force_min and force_max for all in a course, got several")
-        limbs = tuple(Limb(name=c.leg, shoulder_m=c.shoulder_m, reach_m=c.reach_m) for c in problem.contacts)
+        limbs = tuple(
+            Limb(name=c.leg, shoulder_m=c.shoulder_m, reach_m=c.reach_m, reach_rows=c.reach_rows, sole_m=c.sole_m)
+            for c in problem.contacts
+        )
         patches = tuple(contact.patch for contact in problem.contacts)
         return cls(
             name=name,
             robot=Robot(name="posture", mass_kg=problem.mass_kg, limbs=limbs),
             terrain=patches,
             placements=tuple(
-                Placement(limb=limb.name, frame=0, candidates=(patch,))
-                for limb, patch in zip(limbs, patches, strict=True)
+                Placement(limb=c.leg, frame=0, candidates=(c.patch,), yaws_rad=() if c.sole_m is None else (c.yaw_rad,))
+                for c in problem.contacts
             ),
             lifts=((),),
             com_nominal_m=problem.com_nominal_m[None],
@@ -206,6 +180,43 @@ class Course:
         return table
 
     @cached_property
+    def offsets_m(self) -> tuple[tuple[Array, ...], ...]:
+        """From the toe of each placement to the points that bear forces, on each candidate, shape (K, 3) [m]."""
+        soles = {limb.name: limb.sole_m for limb in self.robot.limbs}
+        point = np.zeros((1, 3))
+        return tuple(
+            tuple(
+                point if (sole := soles[put.limb]) is None else sole_offsets(sole, patch, yaw)
+                for patch, yaw in zip(put.candidates, put.yaws_rad or (0.0,) * len(put.candidates), strict=True)
+            )
+            for put in self.placements
+        )
+
+    @cached_property
+    def regions(self) -> tuple[tuple[Patch, ...], ...]:
+        """Where the toe of each placement may be on each candidate: the patch, or what a sole leaves of it.
+
+        Raises InvalidInput where a sole has no room.
+        """
+        if not self.has_soles:
+            return tuple(put.candidates for put in self.placements)
+        found = []
+        for index, (put, offsets) in enumerate(zip(self.placements, self.offsets_m, strict=True)):
+            regions = put.candidates
+            if len(offsets[0]) > 1:
+                try:
+                    regions = tuple(sole_region(*pair) for pair in zip(put.candidates, offsets, strict=True))
+                except InvalidInput as error:
+                    raise InvalidInput(f"placements[{index}]: frame {put.frame}, limb {put.limb}: {error}") from None
+            found.append(regions)
+        return tuple(found)
+
+    @property
+    def has_soles(self) -> bool:
+        """Whether any foot is a sole."""
+        return any(limb.sole_m is not None for limb in self.robot.limbs)
+
+    @cached_property
     def stances(self) -> tuple[Stance, ...]:
         """Every set of limbs that must carry the robot alone, by frame: after the move to the frame, before the next.
 
@@ -236,11 +247,14 @@ class Course:
         contacts = []
         for limb in stance.limbs:
             owner = self.robot.limbs[limb]
-            patch = self.patch(int(self.holds[stance.frame, limb]), choice)
+            placement = int(self.holds[stance.frame, limb])
+            yaws = self.placements[placement].yaws_rad
             contacts.append(
                 Contact(
-                    leg=owner.name, shoulder_m=owner.shoulder_m, reach_m=owner.reach_m, patch=patch,
-                    force_min=self.force_min, force_max=self.force_max,
+                    leg=owner.name, shoulder_m=owner.shoulder_m, reach_m=owner.reach_m,
+                    patch=self.patch(placement, choice), force_min=self.force_min, force_max=self.force_max,
+                    reach_rows=owner.reach_rows, sole_m=owner.sole_m,
+                    yaw_rad=yaws[int(choice[placement])] if yaws else 0.0,
                 )
             )  # fmt: skip
         return PostureProblem(
@@ -258,7 +272,10 @@ class Course:
         return replace(
             self,
             placements=tuple(
-                replace(placement, candidates=(placement.candidates[int(chosen)],))
+                replace(
+                    placement, candidates=(placement.candidates[int(chosen)],),
+                    yaws_rad=placement.yaws_rad[int(chosen) : int(chosen) + 1],
+                )
                 for placement, chosen in zip(self.placements, choice, strict=True)
             ),
         )

@@ -10,10 +10,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import InvalidInput
+from ..files.arrays import frozen
 from ..files.refusals import refusals
 from ..robot.model import Limb, Robot
+from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 from .course import Course, Placement, StepLimits, Weights
+from .posture import ReachRowsJson
 
 FORMAT = "stancekit/course/1"
 
@@ -32,10 +35,7 @@ def course_to_json(course: Course) -> dict[str, Any]:
         "robot": {
             "name": course.robot.name,
             "mass_kg": course.robot.mass_kg,
-            "limbs": [
-                {"name": limb.name, "shoulder_m": limb.shoulder_m.tolist(), "reach_m": limb.reach_m}
-                for limb in course.robot.limbs
-            ],
+            "limbs": [_limb_to_json(limb) for limb in course.robot.limbs],
         },
         "terrain": [_patch_to_json(patch) for patch in course.terrain],
         "placements": [
@@ -44,6 +44,7 @@ def course_to_json(course: Course) -> dict[str, Any]:
                 "frame": placement.frame,
                 "toe_m": None if placement.toe_m is None else placement.toe_m.tolist(),
                 "candidates": [_patch_to_json(patch) for patch in placement.candidates],
+                **({"yaws_rad": list(placement.yaws_rad)} if placement.yaws_rad else {}),
             }
             for placement in course.placements
         ],
@@ -99,10 +100,28 @@ class _Notes:
 
 
 def _robot(raw: _RobotJson) -> Robot:
-    limbs = tuple(
-        Limb(name=limb.name, shoulder_m=np.array(limb.shoulder_m), reach_m=limb.reach_m) for limb in raw.limbs
-    )
-    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=limbs)
+    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=tuple(_limb(limb) for limb in raw.limbs))
+
+
+def _limb(raw: _LimbJson) -> Limb:
+    try:
+        rows = None if raw.reach_rows is None else ReachRows(**raw.reach_rows.model_dump())
+    except InvalidInput as error:
+        raise InvalidInput(f"limb {raw.name}: {error}") from None
+    sole = None if raw.sole_m is None else frozen(raw.sole_m, (None, 2), f"limb {raw.name}: sole_m")
+    return Limb(
+        name=raw.name, shoulder_m=np.array(raw.shoulder_m), reach_m=raw.reach_m, reach_rows=rows, sole_m=sole
+    )  # fmt: skip
+
+
+def _limb_to_json(limb: Limb) -> dict[str, Any]:
+    return {
+        "name": limb.name,
+        "shoulder_m": limb.shoulder_m.tolist(),
+        "reach_m": limb.reach_m,
+        **({} if limb.reach_rows is None else {"reach_rows": limb.reach_rows.to_json()}),
+        **({} if limb.sole_m is None else {"sole_m": limb.sole_m.tolist()}),
+    }
 
 
 def _placement(raw: _PlacementJson, place: str, notes: _Notes) -> Placement | None:
@@ -111,7 +130,11 @@ def _placement(raw: _PlacementJson, place: str, notes: _Notes) -> Placement | No
     if len(candidates) < len(raw.candidates):
         return None
     toe_m = None if raw.toe_m is None else np.array(raw.toe_m)
-    return notes.made(place, lambda: Placement(limb=raw.limb, frame=raw.frame, candidates=candidates, toe_m=toe_m))
+    yaws = tuple(raw.yaws_rad)
+    return notes.made(
+        place,
+        lambda: Placement(limb=raw.limb, frame=raw.frame, candidates=candidates, toe_m=toe_m, yaws_rad=yaws),
+    )
 
 
 def _patch(raw: _PatchJson) -> Patch:
@@ -123,13 +146,15 @@ def _patch_to_json(patch: Patch) -> dict[str, Any]:
 
 
 class _Keys(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
 
 
 class _LimbJson(_Keys):
     name: str
     shoulder_m: list[float]
     reach_m: float
+    reach_rows: ReachRowsJson | None = None
+    sole_m: list[list[float]] | None = None
 
 
 class _RobotJson(_Keys):
@@ -150,6 +175,7 @@ class _PlacementJson(_Keys):
     frame: int
     toe_m: list[float] | None
     candidates: list[_PatchJson]
+    yaws_rad: list[float] = []
 
 
 class _StepsJson(_Keys):

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
 from ..robot.model import Limb, Robot, hexapod
+from ..robot.reach import ReachRows
+from ..terrain.sole import checked_sole
 from .course import MOST_FRAMES, StepLimits
 from .course_terrain import AnyTerrain, Length, Point, Positive
 from .posture import TILT_LIMIT_RAD
@@ -31,7 +33,26 @@ def _shape(value: Any) -> str:
 
 
 class _Keys(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
+
+
+class ReachRowsSpec(_Keys):
+    """A limb's workspace as half-spaces, see ``ReachRows``."""
+
+    normals: list[Point]
+    bounds_m: list[Length]
+
+    @model_validator(mode="after")
+    def _agree(self) -> ReachRowsSpec:
+        try:
+            self.rows()
+        except InvalidInput as error:
+            raise InvalidInput(str(error).removeprefix("reach_rows.")) from None
+        return self
+
+    def rows(self) -> ReachRows:
+        """The same as a limb wants it. Raises InvalidInput."""
+        return ReachRows(normals=np.array(self.normals).reshape(-1, 3), bounds_m=np.array(self.bounds_m))
 
 
 class LimbSpec(_Keys):
@@ -39,6 +60,25 @@ class LimbSpec(_Keys):
 
     shoulder_m: Point
     reach_m: Positive
+    reach_rows: ReachRowsSpec | None = None
+    sole_m: list[tuple[Length, Length]] | None = None
+
+    @field_validator("sole_m")
+    @classmethod
+    def _is_sole(cls, points: list[tuple[float, float]] | None) -> list[tuple[float, float]] | None:
+        try:
+            _ = points is None or checked_sole(np.array(points).reshape(-1, 2), "")
+        except InvalidInput as error:
+            raise InvalidInput(str(error).removeprefix(": ")) from None
+        return points
+
+    def make(self, name: str) -> Limb:
+        """The limb of this name."""
+        sole = None if self.sole_m is None else np.array(self.sole_m)
+        rows = None if self.reach_rows is None else self.reach_rows.rows()
+        return Limb(
+            name=name, shoulder_m=np.array(self.shoulder_m), reach_m=self.reach_m, reach_rows=rows, sole_m=sole
+        )  # fmt: skip
 
 
 class RobotSpec(_Keys):
@@ -91,11 +131,13 @@ class BodySpec(_Keys):
 
 class CandidateSpec(_Keys):
     """Which pieces of terrain a toe is offered: the ``count`` nearest surfaces, clipped to a square window about its
-    nominal place, ``margin_m`` away from every border of the surface."""
+    nominal place, ``margin_m`` away from every border of the surface. A sole is offered each with every one of
+    ``yaws_rad`` that it has room for, a window being larger by as much as the sole."""
 
     count: Annotated[int, Field(ge=1, le=16)] = 1
     window_m: Annotated[float, Field(ge=0.01, le=10.0)] = 0.26
     margin_m: Least = 0.02
+    yaws_rad: Annotated[list[Length], Field(min_length=1, max_length=16)] = [0.0]
 
 
 class StepSpec(_Keys):
@@ -185,10 +227,7 @@ class CourseSpec(_Keys):
             return contact_robot(model, workspaces_of(model))
         if isinstance(self.robot, str):
             return hexapod()
-        limbs = tuple(
-            Limb(name=name, shoulder_m=np.array(limb.shoulder_m), reach_m=limb.reach_m)
-            for name, limb in self.robot.limbs.items()
-        )
+        limbs = tuple(limb.make(name) for name, limb in self.robot.limbs.items())
         return Robot(name=self.robot.name, mass_kg=self.robot.mass_kg, limbs=limbs)
 
     def with_frames(self, frames: int) -> CourseSpec:

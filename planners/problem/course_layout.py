@@ -13,6 +13,7 @@ from ..files.arrays import Array
 from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
 from ..terrain.polygon import STEEP
+from ..terrain.sole import sole_offsets, sole_region
 from .candidates import Footing
 from .course import Course, Placement, Weights
 from .course_keys import CourseSpec, StanceSpec
@@ -61,7 +62,8 @@ def _placements(
     for frame, limb, until in _schedule(robot, lifts):
         shoulder = com_m[frame:until].mean(axis=0) + limb.shoulder_m
         toe = shoulder + _offset(limb, _stance(spec, int(passed[frame])))
-        found = footing.candidates(limb, shoulder, toe, spec.candidates.count, spec.candidates.window_m)
+        room = 0.0 if limb.sole_m is None else 2.0 * float(np.linalg.norm(limb.sole_m, axis=1).max())
+        found = footing.candidates(limb, shoulder, toe, spec.candidates.count, spec.candidates.window_m + room)
         if not found:
             raise InvalidInput(footing.refusal(frame, limb, shoulder))
         alone.pop(limb.name, None)
@@ -74,8 +76,35 @@ def _placements(
         if len(found) == 1:
             alone[limb.name] = found[0][0]
         placed.append((frame, footing.surfaces[found[0][0]].patch))
-        placements.append(Placement(limb=limb.name, frame=frame, candidates=tuple(patch for _, patch in found)))
+        patches = tuple(patch for _, patch in found)
+        placements.append(
+            Placement(limb=limb.name, frame=frame, candidates=patches)
+            if limb.sole_m is None
+            else _with_yaws(limb, limb.sole_m, frame, patches, spec.candidates.yaws_rad)
+        )
     return tuple(placements), placed
+
+
+def _with_yaws(
+    limb: Limb, sole_m: Array, frame: int, patches: Sequence[Patch], yaws: Sequence[float]
+) -> Placement:
+    """A sole put down on every patch with every yaw that it has room for. Raises InvalidInput where there is none."""
+    found = []
+    for patch, yaw in ((patch, yaw) for patch in patches for yaw in yaws):
+        try:
+            sole_region(patch, sole_offsets(sole_m, patch, yaw))
+        except InvalidInput:
+            continue
+        found.append((patch, yaw))
+    if not found:
+        raise InvalidInput(
+            f"frame {frame}, limb {limb.name}: expected room for its sole at one of {len(yaws)} yaws on the surfaces "
+            f"within reach, got none on {len(patches)}"
+        )
+    return Placement(
+        limb=limb.name, frame=frame, candidates=tuple(patch for patch, _ in found),
+        yaws_rad=tuple(yaw for _, yaw in found),
+    )  # fmt: skip
 
 
 def _corners(spec: CourseSpec) -> tuple[Array, Array]:

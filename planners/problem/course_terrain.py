@@ -44,7 +44,7 @@ class Terrain:
 class TerrainSpec(BaseModel, ABC):
     """What all kinds of terrain share: friction μ, and the answer to a path."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     friction: Friction = 1.0
 
     @abstractmethod
@@ -55,7 +55,7 @@ class TerrainSpec(BaseModel, ABC):
 class PolygonSpec(BaseModel):
     """One polygon: its corners in order; the normal by their order unless given; its own friction, where it has one."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
     vertices_m: Annotated[list[Point], Field(min_length=3)]
     normal: Point | None = None
     shear_reference: Point | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -13,7 +14,9 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen, gathered
 from ..files.refusals import refusals
 from ..robot.model import Robot, hexapod
+from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
+from ..terrain.sole import checked_sole, sole_offsets, sole_region
 
 FORMAT = "stancekit/posture/1"
 GRAVITY_M_S2 = 9.81
@@ -25,7 +28,9 @@ UP = (0.0, 0.0, 1.0)
 class Contact:
     """One limb on one patch.
 
-    shoulder_m: shoulder in the body frame, shape (3,) [m]; reach_m: workspace radius [m];
+    shoulder_m: shoulder in the body frame, shape (3,) [m]; reach_m: workspace radius [m]; reach_rows: half-spaces that
+    the toe is in, too; sole_m: points (forward, left) of a rigid flat foot, shape (K, 2) [m], on the patch with the yaw
+    yaw_rad [rad], whose centre is the toe (``terrain.sole``), None for a point foot;
     force_min, force_max: bounds on (f_n, f_y, f_z), in units of the problem's force scale, shape (3,).
     """
 
@@ -35,6 +40,9 @@ class Contact:
     patch: Patch
     force_min: Array
     force_max: Array
+    reach_rows: ReachRows | None = None
+    sole_m: Array | None = None
+    yaw_rad: float = 0.0
 
     def __post_init__(self) -> None:
         put = object.__setattr__
@@ -48,6 +56,23 @@ class Contact:
             raise InvalidInput(
                 f"force_min: expected at most force_max {self.force_max.tolist()}, got {self.force_min.tolist()}"
             )
+        put(self, "yaw_rad", checked(self.yaw_rad, "yaw_rad"))
+        if self.sole_m is not None:
+            put(self, "sole_m", checked_sole(self.sole_m, "sole_m"))
+
+    @cached_property
+    def offsets_m(self) -> Array:
+        """From the toe to the points that bear forces: its own place, or a sole's points, shape (K, 3) [m]."""
+        return np.zeros((1, 3)) if self.sole_m is None else sole_offsets(self.sole_m, self.patch, self.yaw_rad)
+
+    @property
+    def region(self) -> Patch:
+        """Where the toe may be: the patch, or the part of it from which a sole stays on it. Raises InvalidInput."""
+        return self.patch if self.sole_m is None else self._region
+
+    @cached_property
+    def _region(self) -> Patch:  # of soles alone: batches give copies of point feet other patches
+        return sole_region(self.patch, self.offsets_m)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -75,6 +100,12 @@ class PostureProblem:
             raise InvalidInput(f"contacts: expected every leg once, got {legs}")
         put = object.__setattr__
         put(self, "contacts", tuple(self.contacts))
+        for index, contact in enumerate(self.contacts):
+            if contact.sole_m is not None:
+                try:
+                    _ = contact.region
+                except InvalidInput as error:
+                    raise InvalidInput(f"contacts[{index}].sole_m: {error}") from None
         body = {name: getattr(self, name) for name in _BODY}
         for name, value in _checked_body(**body).items():
             put(self, name, value)
@@ -117,6 +148,8 @@ class PostureProblem:
                     "friction": contact.patch.friction,
                     "force_min": contact.force_min.tolist(),
                     "force_max": contact.force_max.tolist(),
+                    **({} if contact.reach_rows is None else {"reach_rows": contact.reach_rows.to_json()}),
+                    **_sole_to_json(contact),
                 }
                 for contact in self.contacts
             ],
@@ -169,14 +202,23 @@ def _checked_body(**values: Any) -> dict[str, Any]:
     return found
 
 
+def _sole_to_json(contact: Contact) -> dict[str, Any]:
+    return {} if contact.sole_m is None else {"sole_m": contact.sole_m.tolist(), "yaw_rad": contact.yaw_rad}
+
+
 def _contact(item: _ContactJson, index: int, robot: Robot) -> Contact:
     """One contact of the JSON form. Raises InvalidInput with everything that is wrong with it."""
     surface = item.model_dump(include={"vertices_m", "normal", "shear_reference", "friction"})
-    rest = item.model_dump(include={"leg", "shoulder_m", "reach_m", "force_min", "force_max"})
+    rest: dict[str, Any] = item.model_dump(exclude={*surface, "reach_rows"})
     patches = list[Patch]()
     wrong = []
+
+    def bounded() -> None:
+        rest["reach_rows"] = None if item.reach_rows is None else ReachRows(**item.reach_rows.model_dump())
+
     for check in (
         lambda: robot.select([item.leg]),
+        bounded,
         lambda: patches.append(Patch(**surface)),
         lambda: Contact(patch=cast(Patch, patches[:1]), **rest),  # the limb's own numbers, whatever the patch
     ):
@@ -189,8 +231,16 @@ def _contact(item: _ContactJson, index: int, robot: Robot) -> Contact:
     return Contact(patch=patches[0], **rest)
 
 
-class _ContactJson(BaseModel):
+class ReachRowsJson(BaseModel):
+    """Half-spaces in a file, see ``ReachRows``."""
+
     model_config = ConfigDict(extra="forbid", strict=True)
+    normals: list[list[float]]
+    bounds_m: list[float]
+
+
+class _ContactJson(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
     leg: str
     shoulder_m: list[float]
     reach_m: float
@@ -200,10 +250,13 @@ class _ContactJson(BaseModel):
     friction: float
     force_min: list[float]
     force_max: list[float]
+    reach_rows: ReachRowsJson | None = None
+    sole_m: list[list[float]] | None = None
+    yaw_rad: float = 0.0
 
 
 class _PostureJson(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
     format: Literal["stancekit/posture/1"]
     mass_kg: float
     gravity_m_s2: float

@@ -33,6 +33,8 @@ class PostureBatch:
 
     def __post_init__(self) -> None:
         count = len(self.like.contacts)
+        if any(contact.sole_m is not None for contact in self.like.contacts):
+            raise InvalidInput("like: expected point feet in a batch of posture problems, got soles")
         put = object.__setattr__
         put(self, "vertices_m", frozen(self.vertices_m, (None, count, None, 3), "vertices_m"))
         put(self, "normals", frozen(self.normals, (len(self), count, 3), "normals"))

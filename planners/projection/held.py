@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..equilibrium.gather import Of
+from ..equilibrium.gather import Fill, Of
 from ..equilibrium.layout import Layout
 from ..equilibrium.rows import ConicSolution, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
@@ -40,7 +40,7 @@ class FixToes:
         if hold_body:
             body.held()
         else:
-            body.reach(HeldToes(rows))
+            body.reach(HeldToes(rows), inner=True)
             body.limits()
             body.steps(None)
         self._hold_body, self._least = hold_body, least_moment
@@ -65,9 +65,11 @@ class FixForces:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
         body, toes, moments = Body(rows, layout), FreeToes(rows, layout, explicit=True), Moments(layout)
         _levers(moments, layout, toes)
+        if layout.points:
+            moments.shift(_sole_moments)
         moments.of_weight(body)
         rows.linear(moments.within(rows), 1.0)
-        body.reach(toes)
+        body.reach(toes, inner=True)
         body.limits()
         body.steps(toes)
 
@@ -116,7 +118,7 @@ class Linearised:
             rows.linear(residual, MOMENT_PRICE)
         forces.in_cones()
         forces.in_box(implied=False)
-        body.reach(toes)
+        body.reach(toes, inner=True)
         body.limits()
         body.steps(toes)
 
@@ -133,10 +135,23 @@ class Linearised:
 
 
 def _levers(moments: Moments, layout: Layout, toes: FreeToes) -> None:
-    """p × F̄ of every stance contact, linear in its toe: −[F̄]× p."""
+    """p × F̄ of every stance contact, linear in its toe: −[F̄]× p; of a sole F̄ is the sum over its points."""
     stance, _, foothold = layout.contacts
+    first = np.flatnonzero(layout.contact_points == 0)  # a row a foot
     assert toes.points is not None
-    moments.add(stance, toes.points[foothold], -Of("held_levers"))
+    levers: Of | Fill[Given] = -Of("held_levers")
+    if layout.points:
+        levers = lambda given: -np.add.reduceat(given.held_levers, first)  # noqa: E731
+    moments.add(stance[first], toes.points[foothold[first]], levers)
+
+
+def _sole_moments(given: Given) -> Array:
+    """Σ o × F̄ of every stance, o from the toe to the point that bears."""
+    scaled = given.scaled
+    total = np.zeros((len(scaled.layout.stances), 3))
+    arms = scaled.bearing_points(np.zeros_like(given.held.toes))
+    np.add.at(total, scaled.layout.contacts[0], np.cross(arms, scaled.in_world(given.held.forces)))
+    return total
 
 
 def _toes(solution: ConicSolution, scaled: Scaled) -> Array:

@@ -76,8 +76,8 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
     """The program in CasADi's form and how many of its rows are equations; the others are ≤ 0.
 
     x = (c, Θ, λ, f), frame by frame, vertex by vertex, contact by contact; parameters as ``parameters`` packs them.
-    Rows: Σ λ_u − 1 (P), net force and net moment (6 a stance), = 0; cones (B), reach (M·N), ball of c (M), steps of c
-    and Θ and progress (3 a step), steps of toes.
+    Rows: Σ λ_u − 1 (P), net force and net moment (6 a stance), = 0; cones (B), reach (M·N, and its half-spaces as they
+    are, bilinear in Θ and p_w − c), ball of c (M), steps of c and Θ and progress (3 a step), steps of toes.
     """
     frames, limbs, footholds, (stance, _, foothold) = layout.frames, layout.limbs, layout.footholds, layout.contacts
     steps, vertices, contacts = frames - 1, len(layout.vertex_footholds), len(stance)
@@ -85,6 +85,8 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
         "vertices": (3, vertices), "axes": (3, 3 * footholds), "friction": (1, footholds), "weight": (1, 1),
         "shoulders": (3, limbs), "reach": (1, limbs), "com": (3, frames), "com_radius": (1, frames),
         "limits": (3, 1), "direction": (3, steps), "progress": (1, steps), "goal": (3, 1), "aim": (4, 1),
+        "offsets": (3, len(stance) if layout.points else 0),
+        "row_normals": (3, len(layout.row_limbs)), "row_bounds": (1, len(layout.row_limbs)),
     }  # fmt: skip
     data = {name: cs.SX.sym(name, *size) for name, size in sizes.items()}
     com, rotation = cs.SX.sym("com", 3, frames), cs.SX.sym("rotation", 3, frames)
@@ -97,7 +99,8 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
         f = forces[:, b]
         f_w = data["axes"][:, 3 * p : 3 * (p + 1)] @ f  # Σ f_k F_k  (3)
         force[s] += f_w  # Σ f + F = 0  (5)
-        moment[s] += cs.cross(toes[p] - com[:, layout.stances[s][0]], f_w)  # Σ p × f = 0  (6)
+        point = toes[p] + data["offsets"][:, b] if layout.points else toes[p]
+        moment[s] += cs.cross(point - com[:, layout.stances[s][0]], f_w)  # Σ p × f = 0  (6)
         cones.append(f[1] ** 2 + f[2] ** 2 - (data["friction"][p] * f[0]) ** 2)  # ≤ 0  (10)
     reach = []
     for k in range(frames):
@@ -105,6 +108,9 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
             v = data["shoulders"][:, i]
             leg = toes[layout.holds[k][i]] - com[:, k] - v - cs.cross(rotation[:, k], v)
             reach.append(cs.sumsqr(leg) - data["reach"][i] ** 2)  # ≤ 0  (11)
+        for h, i in enumerate(layout.row_limbs.tolist()):
+            normal, leg = data["row_normals"][:, h], toes[layout.holds[k][i]] - com[:, k]
+            reach.append(cs.dot(normal + cs.cross(rotation[:, k], normal), leg) - data["row_bounds"][h])
     balls = [cs.sumsqr(com[:, k] - data["com"][:, k]) - data["com_radius"][k] ** 2 for k in range(frames)]
     moved, turned = com[:, 1:] - com[:, :-1], rotation[:, 1:] - rotation[:, :-1]
     walked = [toes[after] - toes[before] for before, after in layout.moves.tolist()]
@@ -137,7 +143,9 @@ def parameters(scaled: Scaled, start: Array) -> Array:
     return np.concatenate([
         scaled.vertices.ravel(), scaled.frames.transpose(0, 2, 1).ravel(), scaled.friction, [scaled.weight],
         scaled.shoulders.ravel(), scaled.reach, scaled.com.ravel(), scaled.com_radius, scaled.steps,
-        scaled.direction.ravel(), scaled.progress, scaled.goal, aim, start,
+        scaled.direction.ravel(), scaled.progress, scaled.goal, aim,
+        scaled.bearing_points(np.zeros((scaled.layout.footholds, 3))).ravel() if scaled.layout.points else [],
+        scaled.half_spaces.normals.ravel(), scaled.half_spaces.bounds, start,
     ])  # fmt: skip
 
 
@@ -153,14 +161,14 @@ def vector(scaled: Scaled, point: Point) -> Array:
 def point_of(scaled: Scaled, x: Array, *, converged: bool) -> Point:
     """The point of x and the largest component of its true net moments, inf where x is no answer."""
     layout = scaled.layout
-    stance, _, foothold = layout.contacts
+    stance = layout.contacts[0]
     com, rotation, weights, forces = np.split(x, np.cumsum([scaled.com.size, scaled.com.size, len(scaled.vertices)]))
     com, rotation, forces = (part.reshape(-1, 3) for part in (com, rotation, forces))
     weights = np.maximum(weights, 0.0)
     weights = weights / np.bincount(layout.vertex_footholds, weights)[layout.vertex_footholds]
     toes, moments = np.zeros((layout.footholds, 3)), np.zeros((len(layout.stances), 3))
     np.add.at(toes, layout.vertex_footholds, weights[:, None] * scaled.vertices)
-    arms = toes[foothold] - com[layout.stance_frames[stance]]
+    arms = scaled.bearing_points(toes) - com[layout.stance_frames[stance]]
     np.add.at(moments, stance, np.cross(arms, scaled.in_world(forces)))
     residual = float(np.abs(moments).max()) if converged and np.all(np.isfinite(x)) else float("inf")
     return Point(com=com, rotation=rotation, toes=toes, forces=forces, residual=residual)

@@ -229,13 +229,13 @@ class EnvelopeSet:
 
 
 class _EnvelopeJson(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
     low: list[list[float]]
     high: list[list[float]]
 
 
 class _EnvelopeSetJson(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
     format: Literal["stancekit/envelope/1"]
     problem_class: str
     legs: list[str] = Field(min_length=1)

@@ -15,12 +15,13 @@ in the place of squares.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import cvxpy as cp
 import numpy as np
 from cvxpy.atoms.affine.add_expr import AddExpression
 
+from ..equilibrium.equations import Vectors
 from ..equilibrium.layout import Index
 from ..equilibrium.scaled import Scaled
 from .envelope import Envelope
@@ -33,21 +34,38 @@ KNOTS = np.array([0.0, 0.01, 0.02, 0.04, 0.07, 0.11, 0.16, 0.23, 0.33, 0.5, 0.8,
 """Where tangents touch a square, either side, in length scales: up to .35 off, y² is at most .0025 above them."""
 
 
-class Cells:
-    """The grid over p and f of every contact, and m = p f on it: its breakpoints cut the sides of a domain evenly.
+class Breaks(NamedTuple):
+    """Breakpoints of every p_j and f_k, rows 3i + j and 3i + k for contact i, and products of each two, 9i + 3j + k.
 
-    counts: pieces of a p_j and of an f_k. Rows of α, β and w: 3i + j, 3i + k and 9i + 3j + k for contact i.
+    Numbers, or parameters in their place.
     """
 
-    def __init__(self, domain: Envelope, counts: tuple[int, int], encoding: Encoding) -> None:
-        contacts, ends = len(domain.low), (counts[0] + 1, counts[1] + 1)
-        self._counts, self._encoding = counts, encoding
-        self._breaks = [
-            np.linspace(low, high, end, axis=-1).reshape(3 * contacts, end)
-            for (low, high), end in zip((domain.position, domain.force), ends, strict=True)
-        ]
-        self._alpha, self._beta = (cp.Variable((3 * contacts, end), nonneg=True) for end in ends)
-        self._corners = cp.Variable((9 * contacts, ends[0] * ends[1]), nonneg=True)  # w_ab in column a (K_f + 1) + b
+    p: Vectors
+    f: Vectors
+    products: Vectors
+
+    @classmethod
+    def of(cls, domain: Envelope, counts: tuple[int, int]) -> Breaks:
+        """Those that cut the sides of a domain evenly."""
+        p, f = (
+            np.linspace(low, high, count + 1, axis=-1)
+            for (low, high), count in zip((domain.position, domain.force), counts, strict=True)
+        )
+        products = p[:, :, None, :, None] * f[:, None, :, None, :]
+        rows = 3 * len(p)
+        return cls(p.reshape(rows, -1), f.reshape(rows, -1), products.reshape(3 * rows, -1))
+
+
+class Cells:
+    """The grid over p and f of every contact, and m = p f on it.
+
+    counts: pieces of a p_j and of an f_k. Rows of α, β and w as those of the breakpoints.
+    """
+
+    def __init__(self, breaks: Breaks, counts: tuple[int, int], encoding: Encoding) -> None:
+        self._breaks, self._counts, self._encoding = breaks, counts, encoding
+        self._alpha, self._beta = (cp.Variable(ends.shape, nonneg=True) for ends in breaks[:2])
+        self._corners = cp.Variable(breaks.products.shape, nonneg=True)  # w_ab in column a (K_f + 1) + b
 
     def spread(self) -> cp.Expression:
         """Σ of α and β times the squared distance (in intervals) of their breakpoint from the middle one.
@@ -59,10 +77,9 @@ class Cells:
 
     def terms(self, position: cp.Variable, forces: cp.Variable, moments: cp.Variable) -> list[cp.Constraint]:
         """(p, f, m) lies in the envelope of one cell; p, f: shape (B, 3); m: shape (B, 9)."""
-        alpha, beta, corners, (p, f) = self._alpha, self._beta, self._corners, self._breaks
-        of_p, of_f = (np.arange(len(p)).repeat(3), np.arange(len(f)).reshape(-1, 3).repeat(3, axis=0).ravel())
-        products = (p[of_p][:, :, None] * f[of_f][:, None, :]).reshape(corners.shape)
-        ends = (p.shape[1], f.shape[1])
+        alpha, beta, corners = self._alpha, self._beta, self._corners
+        rows, ends = np.arange(alpha.shape[0]), (alpha.shape[1], beta.shape[1])
+        of_p, of_f = rows.repeat(3), rows.reshape(-1, 3).repeat(3, axis=0).ravel()
         found = [
             cp.sum(alpha, axis=1) == 1,
             cp.sum(beta, axis=1) == 1,
@@ -71,7 +88,8 @@ class Cells:
             *neighbouring(alpha, self._encoding),
             *neighbouring(beta, self._encoding),
         ]
-        for part, weights, breaks in ((position, alpha, p), (forces, beta, f), (moments, corners, products)):
+        parts, every = (position, forces, moments), (alpha, beta, corners)
+        for part, weights, breaks in zip(parts, every, self._breaks, strict=True):
             found.append(cp.vec(part, order="C") == cp.sum(cp.multiply(breaks, weights), axis=1))
         return found
 

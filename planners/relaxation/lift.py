@@ -9,6 +9,7 @@ relaxed; the centre of mass is not, since Σ f is fixed (``terms.Moments``). Ove
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Layout
@@ -27,12 +28,17 @@ class LiftAnswer(Relaxed):
 
     status: INFEASIBLE with multipliers that refute the relaxation, and so the problem. bound: on the least moment
     residual, or on the objective of a course: inf where infeasible, and 0 or −inf, which prove nothing, where the
-    solver gave up. multipliers: a certificate's row for it. Where there is a point its forces are f_u, (F, 3).
+    solver gave up. Where there is a point its forces are f_u, (F, 3).
     """
 
     status: ConicStatus
     bound: float
-    multipliers: Array
+    solution: ConicSolution
+
+    @cached_property
+    def multipliers(self) -> Array:
+        """A certificate's row for the bound."""
+        return multipliers(self.scaled.layout, self.solution)
 
     @property
     def solved(self) -> bool:
@@ -96,7 +102,7 @@ class LiftProgram:
             scaled=scaled,
             status=solution.status,
             bound=bound,
-            multipliers=multipliers(self.layout, solution),
+            solution=solution,
             com=solution.value("com"),
             rotation=solution.value("rotation"),
             weights=unit_shares(scaled, solution.value("weights")),

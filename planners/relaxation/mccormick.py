@@ -77,6 +77,7 @@ class McCormick:
     def __init__(self, layout: Layout, axes: Axes = "contact", soft: bool = True, boxes: int = 1) -> None:
         if soft and boxes > 1:
             raise InvalidInput(f"boxes: expected 1 for the signed margin, got {boxes}")
+        layout.check_point_feet("envelopes")
         self.layout, self._axes, self._soft = layout, axes, soft
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
         self._body, self._toes, self._forces = _terms(rows, layout, explicit=not soft)

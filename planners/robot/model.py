@@ -9,23 +9,31 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, frozen
+from ..terrain.sole import checked_sole
+from .reach import ReachRows
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Limb:
     """One limb: its shoulder in the body frame (paper E's v, E11) and the radius of its spherical workspace.
 
-    shoulder_m: p_BS, shape (3,) [m]; reach_m: Δ_FK of E11 [m].
+    shoulder_m: p_BS, shape (3,) [m]; reach_m: Δ_FK of E11 [m]. reach_rows: half-spaces that the toe is in, too;
+    where they alone should count, reach_m is that of a ball which holds them. sole_m: points (forward, left) of a rigid
+    flat foot about its centre, shape (K, 2) [m]; None for a point foot. Reach and steps are of the centre.
     """
 
     name: str
     shoulder_m: Array
     reach_m: float
+    reach_rows: ReachRows | None = None
+    sole_m: Array | None = None
 
     def __post_init__(self) -> None:
         checked_name(self.name, "limb name")
         object.__setattr__(self, "shoulder_m", frozen(self.shoulder_m, (3,), f"limb {self.name}: shoulder_m"))
         object.__setattr__(self, "reach_m", checked(self.reach_m, f"limb {self.name}: reach_m", above=0.0))
+        if self.sole_m is not None:
+            object.__setattr__(self, "sole_m", checked_sole(self.sole_m, f"limb {self.name}: sole_m"))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

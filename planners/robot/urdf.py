@@ -11,6 +11,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
+from ..errors import InvalidInput
 from ..files.arrays import Array, checked, gathered
 from .model import Limb, Robot
 
@@ -79,8 +80,10 @@ def hexapod_urdf(robot: Robot, servo: Servo = Servo(), *, rotors_in_links: bool 
     """The URDF of a robot with any number of limbs; links ``body``, ``LF_coxa``, …, ``LF_foot``.
 
     rotors_in_links: add the rotors' inertia to the links, about every axis so that a simulator takes it for a body's;
-    for those that know no inertia of rotors. URDF is in SI units.
+    for those that know no inertia of rotors. URDF is in SI units. Raises InvalidInput for feet that are soles.
     """
+    if any(limb.sole_m is not None for limb in robot.limbs):
+        raise InvalidInput(f"robot {robot.name}: expected point feet for a URDF of its own, got soles")
     rotor = servo.rotor_kg_m2 if rotors_in_links else 0.0
     shares = sum(LIMB_SHARES.values()) * len(robot.limbs)
     radius = 0.75 * max(float(np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in robot.limbs])), 0.04)

@@ -157,9 +157,7 @@ def plan_of(
 ) -> Plan:
     """Give a point on one choice of candidates its units back. scaled: as asked for, or chosen; choice: shape (P,)."""
     chosen = scaled.chosen(choice)
-    stance, limb, _ = chosen.layout.contacts
-    forces = np.zeros((len(chosen.layout.stances), chosen.layout.limbs, 3))
-    forces[stance, limb] = chosen.in_world(point.forces) * scaled.force_n
+    forces, soles = chosen.forces_si(point)
     return Plan(
         course=course,
         com_m=point.com * scaled.length_m,
@@ -167,6 +165,7 @@ def plan_of(
         toes_m=point.toes * scaled.length_m,
         choice=choice,
         forces_n=forces,
+        **soles,
         modes=modes,
         provenance=provenance,
     )

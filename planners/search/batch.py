@@ -1,14 +1,14 @@
-"""P exact for batches of posture problems: ``ExactPlanner``'s answers, what they have in common done at once.
+"""P exact for batches of posture problems: what they have in common is done at once, and witnesses are canonical.
 
-Solvers run problem by problem, so an answer depends on its own problem alone; scaling, data, certificates and witnesses
-are handled for the whole batch. Most problems are decided at the root, by the lift's certificate or at the lift's toes;
-the others go through the branch and bound one by one.
+A feasible problem is answered with one posture that follows from the problem alone: the toes that a fixed iteration
+comes to (``witness``), and with them held the middle of what is left (``centre``), whoever else is in the batch and
+whatever found the problem feasible. Only where the iteration comes to no end the toes are those that the search has
+found. The cheapest goes first: a short iteration, the lift's certificate, a long iteration, branch and bound.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -16,97 +16,139 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..answer.outcome import Certificate, Outcome, Posture, Status
-from ..equilibrium.batch import ScaledBatch
+from ..equilibrium.batch import PointBatch, ScaledBatch
+from ..equilibrium.programs import Programs
 from ..problem import PostureBatch
-from ..projection.project import SURFACE, project
-from ..relaxation.lift import solve_lift
+from ..projection.centre import centred
+from ..relaxation.lift import LiftAnswer, solve_lift
+from ..relaxation.mccormick import WithoutMoment
 from ..verify import check_certificates, check_postures
 from .exact import ExactPlanner
 from .witness import witnesses
 
 Index = NDArray[np.intp]
+SHORT, LONG = 96, 320
+"""Steps of the iteration before the lift is asked, and after: most feasible problems need fewer than the first."""
 
 
 def solve_all(planner: ExactPlanner, batch: PostureBatch) -> list[Outcome]:
-    """What ``planner.solve`` answers to every problem, but for ``residual_nm`` (NaN) of those decided at the root.
+    """Decide every problem as ``planner.solve`` does, with the same certificates and with canonical witnesses.
 
-    ``seconds`` are a share of what each stage took.
+    ``residual_nm`` is NaN but where the search decided; ``seconds`` are a share of what each stage took.
     """
-    root = _Root(planner, batch)
-    answers = root.refuted() | root.projected()
-    for k in range(len(batch)):
-        if k not in answers:
-            answer = planner.solve(batch.problems[k], root=root.lifts[k])
-            answers[k] = replace(answer, seconds=answer.seconds + root.seconds[k])
-    return [answers[k] for k in range(len(batch))]
+    work = _Batch(planner, batch)
+    work.find(SHORT)
+    work.refute()
+    work.find(LONG)
+    work.search()
+    return [work.answers[k] for k in range(len(batch))]
 
 
-def easily_feasible(batch: PostureBatch, tolerance: float) -> dict[int, tuple[Posture, float]]:
-    """Problems of a batch that Douglas–Rachford has a posture for, by index: the posture and its largest violation.
+def canonical(batch: PostureBatch, steps: int = LONG, *, tolerance: float = 1e-6) -> dict[int, tuple[Posture, float]]:
+    """Canonical postures of the problems that the iteration finds one for, by index, each with its largest violation.
 
     tolerance: as in ``Acceptance``. Problems that are not in it may be feasible all the same.
     """
-    claims = witnesses(ScaledBatch.of(batch))
-    worst = check_postures([batch.problem(k) for k in claims], list(claims.values()))
-    return {k: (claims[k], float(off)) for k, off in zip(claims, worst, strict=True) if off <= tolerance}
+    scaled = ScaledBatch.of(batch)
+    return _accepted(batch, *_centres(scaled, witnesses(scaled, steps)), tolerance)
 
 
-class _Root:
-    """The roots of the trees of a batch. lifts: of every problem; seconds: spent on every problem, shape (B,)."""
+def without_moments(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Posture]:
+    """Canonical points of P̄, which violate nothing but the balance of moments, by index; none where P̄ has none.
+
+    Where the iteration comes to no end, it is the point that the solver ends at.
+    """
+    scaled = ScaledBatch.of(batch)
+    found = _accepted(batch, *_centres(scaled, witnesses(scaled, LONG, moments=False), moments=False), tolerance, False)
+    postures = {k: posture for k, (posture, _) in found.items()}
+    for k in set(range(len(batch))) - set(postures):
+        point = programs.get(WithoutMoment, scaled.like.layout).solve(scaled.problem(k))
+        if point is not None:
+            posture = scaled.problem(k).posture(point)
+            worst = check_postures([batch.problems[k]], [posture], without=("moment_balance",))
+            postures |= {k: posture} if worst[0] <= tolerance else {}
+    return postures
+
+
+def _centres(
+    scaled: ScaledBatch, claims: tuple[Index, PointBatch], *, moments: bool = True
+) -> tuple[Index, list[Posture]]:
+    index, points = claims
+    some = scaled.select(index)
+    return index, some.postures(centred(some, points, moments=moments))
+
+
+def _accepted(
+    batch: PostureBatch, index: Index, postures: list[Posture], tolerance: float, moments: bool = True
+) -> dict[int, tuple[Posture, float]]:
+    """Those that the verifier accepts."""
+    without = () if moments else ("moment_balance",)
+    worst = check_postures([batch.problems[k] for k in index.tolist()], postures, without=without).tolist()
+    return {
+        k: (posture, off) for k, posture, off in zip(index.tolist(), postures, worst, strict=True) if off <= tolerance
+    }
+
+
+class _Batch:
+    """Problems that are decided together. answers: so far, by index."""
 
     def __init__(self, planner: ExactPlanner, batch: PostureBatch) -> None:
-        begin = time.perf_counter()
-        self._planner, self._accept = planner, planner.acceptance
-        self._scaled = ScaledBatch.of(batch).problems
-        self._problems = batch.problems
-        self.lifts = [solve_lift(planner.programs, scaled, least_moment=True) for scaled in self._scaled]
-        self.seconds = np.zeros(len(batch))
-        self._took(begin, np.arange(len(batch)))
+        self._planner, self._accept, self._batch = planner, planner.acceptance, batch
+        self._scaled = ScaledBatch.of(batch)
+        self._lifts: dict[int, LiftAnswer] = {}
+        self._seconds = np.zeros(len(batch))
+        self.answers: dict[int, Outcome] = {}
 
-    def refuted(self) -> dict[int, Outcome]:
-        """Answers to the problems that the lift refutes, by their index."""
-        begin, chosen = time.perf_counter(), _where(lift.bound > self._accept.gap for lift in self.lifts)
-        leaf = np.zeros((1, 5))
-        certificates = [Certificate(tree=leaf, multipliers=self.lifts[k].multipliers[None]) for k in chosen]
-        bounds = check_certificates([self._problems[k] for k in chosen], certificates)
-        self._took(begin, chosen)
-        return {
-            k: Outcome(status=Status.INFEASIBLE, certificate=certificate, lower_bound=bound, **self._told(k, solves=1))
-            for k, certificate, bound in zip(chosen.tolist(), certificates, bounds.tolist(), strict=True)
-            if bound > self._accept.gap
-        }
+    def find(self, steps: int) -> None:
+        """Answer what so many steps of the iteration find."""
+        begin, left = time.perf_counter(), self._left()
+        found = canonical(self._batch.select(left), steps, tolerance=self._accept.tolerance)
+        self._took(begin, left)
+        for k, (posture, off) in found.items():
+            told = self._told(int(left[k]), nodes=0.0)
+            self.answers[int(left[k])] = Outcome(status=Status.FEASIBLE, posture=posture, residual=off, **told)
 
-    def projected(self) -> dict[int, Outcome]:
-        """Answers to the problems that have a posture at the lift's toes, by their index."""
-        begin = time.perf_counter()
-        chosen = _where(lift.solved and lift.bound <= self._accept.gap for lift in self.lifts)
-        points = {
-            k: project(self._planner.programs, "fix-toes", self._scaled[k], self.lifts[k].rounded()[1])
-            for k in chosen.tolist()
-        }
-        postures = {
-            k: self._scaled[k].posture(point)
-            for k, point in points.items()
-            if point.residual <= max(SURFACE, 0.5 * self._accept.tolerance)
-        }
-        worst = check_postures([self._problems[k] for k in postures], list(postures.values()))
-        self._took(begin, chosen)
-        return {
-            k: Outcome(status=Status.FEASIBLE, posture=posture, residual=off, **self._told(k, solves=2))
-            for (k, posture), off in zip(postures.items(), worst.tolist(), strict=True)
-            if off <= self._accept.tolerance
-        }
+    def refute(self) -> None:
+        """Answer what the lift refutes."""
+        begin, left, gap = time.perf_counter(), self._left(), self._accept.gap
+        for k in left.tolist():
+            self._lifts[k] = solve_lift(self._planner.programs, self._scaled.problem(k), least_moment=True)
+        chosen, leaf = [k for k in left.tolist() if self._lifts[k].bound > gap], np.zeros((1, 5))
+        certificates = [Certificate(tree=leaf, multipliers=self._lifts[k].multipliers[None]) for k in chosen]
+        bounds = check_certificates([self._batch.problems[k] for k in chosen], certificates).tolist()
+        self._took(begin, left)
+        for k, certificate, bound in zip(chosen, certificates, bounds, strict=True):
+            if bound > gap:
+                told = self._told(k, nodes=1.0)
+                self.answers[k] = Outcome(
+                    status=Status.INFEASIBLE, certificate=certificate, lower_bound=bound, **told
+                )  # fmt: skip
 
-    def _told(self, k: int, *, solves: int) -> dict[str, Any]:
-        """What is said of every answer from a root."""
-        details = {"nodes": 1.0, "trivial": float(np.isinf(self.lifts[k].bound))}
-        seconds = float(self.seconds[k])
+    def search(self) -> None:
+        """Answer what is left by branch and bound, with the middle of what its toes leave."""
+        found = dict[int, Posture]()
+        for k in self._left().tolist():
+            answer = self._planner.solve(self._batch.problems[k], root=self._lifts[k])
+            self.answers[k] = replace(answer, seconds=answer.seconds + float(self._seconds[k]))
+            if answer.posture is not None:
+                found[k] = answer.posture
+        index = np.array(list(found), dtype=np.intp)
+        toes = np.array([posture.toes_m for posture in found.values()]).reshape(-1, *self._scaled.friction.shape[1:], 3)
+        held = self._scaled.select(index).held(toes / self._scaled.like.length_m)
+        claims = _centres(held, witnesses(held, LONG))
+        for k, (posture, off) in _accepted(self._batch.select(index), *claims, self._accept.tolerance).items():
+            self.answers[int(index[k])] = replace(self.answers[int(index[k])], posture=posture, residual=off)
+
+    def _left(self) -> Index:
+        return np.array([k for k in range(len(self._batch)) if k not in self.answers], dtype=np.intp)
+
+    def _told(self, k: int, *, nodes: float) -> dict[str, Any]:
+        """What is said of every answer before the search."""
+        lift = self._lifts.get(k)
+        details = {"nodes": nodes, "trivial": float(lift is not None and np.isinf(lift.bound))}
+        solves, seconds = int(lift is not None), float(self._seconds[k])
         return {"method": self._planner.name, "solves": solves, "seconds": seconds, "details": details}
 
     def _took(self, begin: float, chosen: Index) -> None:
         """Share out the time since ``begin`` among those that it was spent on."""
-        self.seconds[chosen] += (time.perf_counter() - begin) / max(len(chosen), 1)
-
-
-def _where(chosen: Iterable[bool]) -> Index:
-    return np.flatnonzero(np.fromiter(chosen, dtype=bool))
+        self._seconds[chosen] += (time.perf_counter() - begin) / max(len(chosen), 1)

@@ -24,8 +24,8 @@ from ..projection.descent import cost
 from ..projection.project import SURFACE
 from ..relaxation.lift import LiftAnswer, solve_lift
 from .clock import Clock
-from .cuts import LEAF
-from .farkas_cuts import FarkasCuts
+from .cuts import LEAF, alone
+from .farkas_cuts import MARGIN, FarkasCuts, of_stance
 from .nogoods import Nogoods
 
 WHOLE = 1e-4
@@ -40,11 +40,15 @@ Project = Callable[[Scaled, Point, bool], Point]
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Where a search stops. gap: relative to the best plan's objective; None stops at the first plan."""
+    """Where a search stops. gap: relative to the best plan's objective; None stops at the first plan.
+
+    share: of the time limit, for a search that has met a choice that P1 admits and P2 finds no plan for.
+    """
 
     max_nodes: int
     time_limit_s: float
     gap: float | None = None
+    share: float = 1.0
 
 
 class ChoiceSearch:
@@ -64,6 +68,7 @@ class ChoiceSearch:
         self.message = ""
         self._cuts, self._nogoods = FarkasCuts(scaled), Nogoods(programs, scaled, clock)
         self._tried: set[tuple[int, ...]] = set()
+        self._alone: set[tuple[int, ...]] = set()
         self._tree: list[tuple[float, ...]] = []
         self._leaves: list[Array] = []
         self._open_end = False
@@ -104,7 +109,8 @@ class ChoiceSearch:
 
     def _guess(self) -> None:
         """Try the first candidates that have friction, which are the nearest; then dive, unless the root is refuted."""
-        self._try(nearest(self._scaled))
+        guess = nearest(self._scaled)
+        self._try(guess)
         self.guessed = self.found is not None
         if self.found is not None or self._cuts.refuting(self._scaled.opened()) is not None:
             return
@@ -113,6 +119,8 @@ class ChoiceSearch:
             self._cuts.add(root.multipliers)
         if root.status is not ConicStatus.SOLVED:
             return
+        if self._cuts.rows:
+            self._blame_stances(guess)
         rng = np.random.default_rng(0)
         preference = _preference(self._scaled)
         for k in range(DIVES):
@@ -163,12 +171,12 @@ class ChoiceSearch:
         self.bound = bound if self.nodes == 1 else self.bound
         shares = lifted.scaled.by_candidate(lifted.shares, -1.0)
         choice = np.asarray(shares.argmax(axis=1), dtype=np.int_)
-        blamed = self._try(choice, lifted if shares.max(axis=1).min() > 1.0 - WHOLE else None)
+        self._try(choice, lifted if shares.max(axis=1).min() > 1.0 - WHOLE else None)
         nogood = self._nogoods.refuting(opened)
         if nogood is not None:
             self._prove(nogood, opened)
             return []
-        split = self._split(opened, shares, choice, blamed)
+        split = self._split(opened, shares, choice)
         if split is None or self._beaten(bound):
             ended.append(bound)
             self._open_end = self._open_end or (split is None and self.found is None)
@@ -180,16 +188,15 @@ class ChoiceSearch:
         on[p, r] = 1.0
         return [(bound, off), (bound, on)]
 
-    def _split(self, opened: Array, shares: Array, choice: Index, blamed: int | None) -> tuple[int, int] | None:
+    def _split(self, opened: Array, shares: Array, choice: Index) -> tuple[int, int] | None:
         """Foothold and candidate to branch on; None where every choice is made."""
         several = opened.sum(axis=1) > 1.0
         if not several.any():
             return None
-        if blamed is not None:
-            relief = np.where(several, self._cuts.relief(blamed, choice, opened), -1.0)
-            p = int(relief.argmax())
-            if relief[p] > 0.0:
-                return p, int(choice[p])
+        relief = np.where(several, self._cuts.relief(choice, opened), 0.0)
+        p = int(relief.argmax())
+        if relief[p] > 0.0:
+            return p, int(choice[p])
         nogood = self._nogoods.refuting(np.eye(self._scaled.options)[choice])
         loose = None if nogood is None else self._nogoods.blame(nogood, opened)
         p = loose if loose is not None else int(np.where(several, 1.0 - shares.max(axis=1), -1.0).argmax())
@@ -201,23 +208,35 @@ class ChoiceSearch:
         self._tree += tree
         self._leaves += multipliers
 
-    def _try(self, choice: Index, lifted: LiftAnswer | None = None) -> int | None:
-        """Look for a plan on one choice, unless it was looked at. Returns the cut that refutes the choice, or None.
+    def _try(self, choice: Index, lifted: LiftAnswer | None = None) -> None:
+        """Look for a plan on one choice, unless it was looked at.
 
         lifted: a point of the lift that makes this choice already.
         """
         key = tuple(int(r) for r in choice)
         only = np.eye(self._scaled.options)[choice]
-        cut = self._cuts.refuting(only)
-        if cut is not None or key in self._tried or self._nogoods.refuting(only) is not None:
-            return cut
+        if key in self._tried or self._cuts.refuting(only) is not None or self._nogoods.refuting(only) is not None:
+            return
         self._tried.add(key)
         lifted = lifted or self._solve(self._scaled.chosen(choice))
         if lifted.status is ConicStatus.INFEASIBLE:
-            return self._cuts.add(lifted.multipliers)
-        if lifted.solved:
+            self._cuts.add(lifted.multipliers)
+            if self._root is not None or self.nodes:
+                self._blame_stances(choice)
+        if lifted.status is ConicStatus.SOLVED:
             self._project(lifted)
-        return None
+
+    def _blame_stances(self, choice: Index) -> None:
+        """Learn cuts of single stances that the lift refutes on a choice: they say more than one over all frames."""
+        layout, chosen = self._scaled.layout, self._scaled.chosen(choice)
+        for stance, (frame, _) in enumerate(layout.stances):
+            key = (stance, *choice[list(layout.holds[frame])].tolist())
+            if key not in self._alone and not self._late():
+                self._alone.add(key)
+                lifted = solve_lift(self._programs, alone(chosen, stance)[0], least_moment=True)
+                self._clock.count(1, lifted.seconds)
+                if lifted.bound > MARGIN:
+                    self._cuts.add(of_stance(self._scaled, stance, lifted))
 
     def _project(self, lifted: LiftAnswer) -> None:
         self.tried += 1
@@ -225,7 +244,7 @@ class ChoiceSearch:
         chosen = self._scaled.chosen(choice)
         point = self._onto_surface(chosen, start, False)
         if not point.residual <= SURFACE:
-            if self._nogoods.learn(choice, self._limits.time_limit_s):
+            if self._nogoods.learn(choice, self._limits.share * self._limits.time_limit_s):
                 return
             point = self._onto_surface(chosen, start, True)
         if point.residual <= SURFACE and cost(chosen, point) < self.upper:
@@ -237,7 +256,8 @@ class ChoiceSearch:
         return gap is not None and self.found is not None and bound >= self.upper - gap * max(self.upper, LEAST)
 
     def _late(self) -> bool:
-        return self._clock.working() > self._limits.time_limit_s
+        share = self._limits.share if self.tried and self.found is None else 1.0
+        return self._clock.working() > share * self._limits.time_limit_s
 
     def _solve(self, scaled: Scaled) -> LiftAnswer:
         lifted = solve_lift(self._programs, scaled, least_moment=False)

@@ -147,7 +147,6 @@ class CutSearch:
         node.row, parts = branch(node.scaled, node.lift, bent=self._bent)
         return [self._node(part) for part in parts]
 
-
     @cached_property
     def _bent(self) -> Array:
         return bent_patches(self._whole, FLAT * (self._gap or WIDENED))
@@ -230,12 +229,13 @@ def alone(scaled: Scaled, stance: int) -> tuple[Scaled, Index, Index]:
     vertices = np.concatenate([np.flatnonzero(layout.vertex_footholds == p) for p in footholds])
     part = replace(
         scaled,
-        layout=Layout(
-            holds=(tuple(range(layout.limbs)),), stances=((0, limbs),),
+        layout=replace(
+            layout, holds=(tuple(range(layout.limbs)),), stances=((0, limbs),),
             corners=tuple(layout.corners[p] for p in footholds),
         ),
         which=tuple(scaled.which[p] for p in footholds),
         vertices=scaled.vertices[vertices], frames=scaled.frames[kept], friction=scaled.friction[kept],
+        offsets=scaled.offsets[kept] if layout.points else scaled.offsets,
         force_min=scaled.force_min[contacts], force_max=scaled.force_max[contacts],
         com=scaled.com[[frame]], com_radius=scaled.com_radius[[frame]],
         direction=np.zeros((0, 3)), progress=np.zeros(0),

@@ -32,7 +32,7 @@ class Positions:
         body = Body(self.rows, layout)
         toes = FreeToes(self.rows, layout, explicit=True)
         objective(self.rows, layout, body, toes)
-        body.reach(toes)
+        body.reach(toes, inner=True)
         body.limits()
         body.steps(toes)
 

@@ -244,7 +244,7 @@ def _most_gained(lift: LiftAnswer) -> int:
     """The stance contact at which the lift gains the most moment: by forces that its vertices spread."""
     part, layout = lift.scaled, lift.scaled.layout
     contact, vertex = layout.contact_vertices
-    share, points = lift.weights[vertex], part.vertices[vertex]
+    share, points = lift.weights[vertex], part.bearing_vertices
     world = np.matmul(part.frames[layout.vertex_candidates[vertex]], lift.by_vertex[..., None])[..., 0]
     starts = np.searchsorted(contact, np.arange(len(part.force_min)))
     toe, total = np.add.reduceat(share[:, None] * points, starts), np.add.reduceat(world, starts)

@@ -10,8 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from ..equilibrium.layout import Index
+from ..equilibrium.multipliers import multiplier_shapes
 from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array
+from ..relaxation.lift import LiftAnswer
 
 MARGIN = 1e-3
 """A bound above this, for multipliers of at most 1, is refused by no rounding and no tolerance of the verifier."""
@@ -42,16 +44,21 @@ class FarkasCuts:
         best = int(least.argmax())
         return best if least[best] > MARGIN else None
 
-    def relief(self, cut: int, choice: Index, opened: Array) -> Array:
-        """By how much other open candidates of every foothold would weaken a cut against a choice, shape (P,)."""
-        table = self.tables[cut]
-        best = np.where(opened > 0.0, table, np.inf).min(axis=1)
-        return np.asarray(table[np.arange(len(table)), choice] - best)
+    def relief(self, choice: Index, opened: Array) -> Array:
+        """By how much other open candidates of every foothold would weaken the cuts that refute a choice, shape (P,).
+
+        Each in shares of what it proves; zeros where none refutes the choice.
+        """
+        against = self.tables[:, np.arange(len(choice)), choice]
+        proved = against.sum(axis=1) + self.constants
+        refuting = proved > MARGIN
+        best = np.where(opened > 0.0, self.tables[refuting], np.inf).min(axis=2)
+        return np.asarray(((against[refuting] - best) / proved[refuting, None]).sum(axis=0))
 
     def _constant(self, parts: dict[str, Array]) -> float:
         """All of the bound but the toes."""
         scaled, layout, norm = self._scaled, self._scaled.layout, np.linalg.norm
-        reach, nu_M = parts["reach"], parts["nu_M"]
+        reach, nu_M = self._pulls(parts), parts["nu_M"]
         pull, twist = -reach.sum(axis=1), -np.cross(scaled.shoulders, reach).sum(axis=1)
         across = np.column_stack([nu_M[:, 1], -nu_M[:, 0], 0.0 * nu_M[:, 0]])  # −ν·(c × e_z) = (−e_z × ν)·c
         np.add.at(pull, layout.stance_frames, scaled.weight * across)
@@ -65,13 +72,20 @@ class FarkasCuts:
             - scaled.weight * parts["nu_F"][:, 2].sum()
             - norm(pull, axis=1) @ scaled.com_radius
             - scaled.tilt * np.abs(twist).sum()
-            - np.sum(reach * scaled.shoulders)
-            - norm(reach, axis=2).sum(axis=0) @ scaled.reach
+            - np.sum(parts["reach"] * scaled.shoulders)
+            - norm(parts["reach"], axis=2).sum(axis=0) @ scaled.reach
+            - parts["reach_rows"].sum(axis=0) @ scaled.half_spaces.outer_bounds
             - com_step * norm(parts["com_step"], axis=1).sum()
             - rotation_step * norm(parts["rotation_step"], axis=1).sum()
             - toe_step * norm(parts["toe_step"], axis=1).sum()
             + parts["progress"] @ scaled.progress
         )
+
+    def _pulls(self, parts: dict[str, Array]) -> Array:
+        """What reach pulls every toe with, its ball and its half-spaces, shape (M, N, 3)."""
+        limbs = self._scaled.layout.row_limbs[:, None] == np.arange(self._scaled.layout.limbs)
+        rows = parts["reach_rows"][:, :, None, None] * limbs[:, :, None] * self._scaled.half_spaces.normals[:, None]
+        return np.asarray(parts["reach"] + rows.sum(axis=1))
 
     def _table(self, parts: dict[str, Array]) -> Array:
         """The least that a toe and the forces on it contribute, by foothold and candidate, shape (P, options).
@@ -80,13 +94,13 @@ class FarkasCuts:
         """
         scaled, layout = self._scaled, self._scaled.layout
         pull = np.zeros((layout.footholds, 3))
-        np.add.at(pull, np.array(layout.holds).ravel(), parts["reach"].reshape(-1, 3))
+        np.add.at(pull, np.array(layout.holds).ravel(), self._pulls(parts).reshape(-1, 3))
         np.add.at(pull, layout.moves[:, 1], parts["toe_step"])
         np.add.at(pull, layout.moves[:, 0], -parts["toe_step"])
         value = np.sum(scaled.vertices * pull[layout.vertex_footholds], axis=1)
         contact, vertex = layout.contact_vertices
         stance, candidate = layout.contacts[0][contact], layout.vertex_candidates[vertex]
-        nu = parts["nu_F"][stance] + np.cross(parts["nu_M"][stance], scaled.vertices[vertex])  # ν·(v × F) = (ν × v)·F
+        nu = parts["nu_F"][stance] + np.cross(parts["nu_M"][stance], scaled.bearing_vertices)  # ν·(v × F) = (ν × v)·F
         slope = np.matmul(nu[:, None], scaled.frames[candidate])[:, 0]
         along = slope[:, 0] - scaled.friction[candidate] * np.hypot(slope[:, 1], slope[:, 2])  # of f_n, in the cone
         normal = np.stack([np.maximum(scaled.force_min[contact, 0], 0.0), scaled.force_max[contact, 0]])
@@ -95,14 +109,19 @@ class FarkasCuts:
         return scaled.by_candidate(np.minimum.reduceat(value, np.r_[0, ends[:-1]]), np.inf)
 
 
+def of_stance(scaled: Scaled, stance: int, lift: LiftAnswer) -> Array:
+    """A certificate's row with the multipliers of one stance alone (``cuts.alone``), and zeros for all others."""
+    row = np.zeros(sum(int(np.prod(shape)) for shape in multiplier_shapes(scaled.layout).values()))
+    whole, own = split(scaled, row), split(lift.scaled, lift.multipliers)
+    whole["nu_F"][stance], whole["nu_M"][stance] = own["nu_F"][0], own["nu_M"][0]
+    frame = scaled.layout.stances[stance][0]
+    whole["reach"][frame], whole["reach_rows"][frame] = own["reach"][0], own["reach_rows"][0]
+    return row
+
+
 def split(scaled: Scaled, row: Array) -> dict[str, Array]:
     """The groups of a certificate's row by name."""
-    layout = scaled.layout
-    stances, steps = (len(layout.stances), 3), layout.frames - 1
-    shapes: dict[str, tuple[int, ...]] = {
-        "nu_F": stances, "nu_M": stances, "reach": (layout.frames, layout.limbs, 3), "com_step": (steps, 3),
-        "rotation_step": (steps, 3), "progress": (steps,), "toe_step": (len(layout.moves), 3),
-    }  # fmt: skip
+    shapes = multiplier_shapes(scaled.layout)
     ends = np.cumsum([int(np.prod(shape)) for shape in shapes.values()])
     parts = np.split(row, ends[:-1])
     return {name: part.reshape(shape) for (name, shape), part in zip(shapes.items(), parts, strict=True)}

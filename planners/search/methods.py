@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
 from ..projection.project import Projection
-from ..relaxation.envelope import EnvelopeSet
-from ..relaxation.modes import Modes
 from .answer import Acceptance, CoursePlanner, Planner
-from .exact import ExactCoursePlanner, ExactPlanner
-from .posture import TwoStagePlanner
-from .two_stage import TwoStageCoursePlanner
+
+if TYPE_CHECKING:
+    from ..relaxation.envelope import EnvelopeSet
+    from ..relaxation.modes import Modes
 
 Method = Literal["exact", "p1", "lift", "two-stage", "nlp", "micp"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -20,6 +20,24 @@ CourseMethod = Literal["two-stage", "micp", "nlp", "decoupled", "exact"]
 COURSE_METHODS: tuple[CourseMethod, ...] = get_args(CourseMethod)
 Relaxation = Literal["lift", "envelope"]
 RELAXATIONS: tuple[Relaxation, ...] = get_args(Relaxation)
+
+
+_PLANNERS: dict[str, tuple[str, str, tuple[str, ...]]] = {  # module, class, the options that it takes
+    "exact": ("exact", "ExactPlanner", ("time_limit_s",)),
+    "p1": ("posture", "TwoStagePlanner", ("envelopes", "projection")),
+    "lift": ("posture", "TwoStagePlanner", ("projection",)),
+    "two-stage": ("posture", "TwoStagePlanner", ("envelopes", "projection")),
+    "nlp": ("nlp", "NlpPlanner", ("time_limit_s",)),
+    "micp": ("micp", "MicpPlanner", ("solver", "grid", "envelope", "time_limit_s")),
+}
+_COURSE_PLANNERS: dict[tuple[str, str], tuple[str, str, tuple[str, ...]]] = {  # by name and relaxation
+    ("two-stage", "lift"): ("two_stage", "TwoStageCoursePlanner", ("projection", "time_limit_s")),
+    ("two-stage", "envelope"): ("enveloped", "EnvelopeCoursePlanner", ("envelopes", "projection", "time_limit_s")),
+    ("micp", ""): ("micp", "MicpPlanner", ("solver", "grid", "envelope", "gap", "projection", "time_limit_s")),
+    ("nlp", ""): ("nlp", "NlpPlanner", ("time_limit_s",)),
+    ("decoupled", ""): ("decoupled", "DecoupledPlanner", ()),
+    ("exact", ""): ("exact", "ExactCoursePlanner", ("gap", "time_limit_s")),
+}
 
 
 def make_planner(
@@ -40,30 +58,20 @@ def make_planner(
     engine solves the convex programs.
     Raises InvalidInput for an unknown method, an envelope that is missing, or a solver that is not installed.
     """
-    if method == "exact":
-        return ExactPlanner(acceptance=acceptance, time_limit_s=time_limit_s, programs=programs)
+    if method not in _PLANNERS:
+        raise InvalidInput(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
     if method == "p1" and envelopes is None:
         raise InvalidInput("envelope: expected an envelope file for the method p1, got none")
-    if method in ("p1", "lift", "two-stage"):
-        return TwoStagePlanner(
-            envelopes=None if method == "lift" else envelopes,
-            projection=projection or ("scp" if method == "two-stage" else None),
-            acceptance=acceptance, programs=programs,
-        )  # fmt: skip
-    if method == "nlp":
-        from .nlp import NlpPlanner
-
-        return NlpPlanner(acceptance=acceptance, time_limit_s=time_limit_s, programs=programs)
+    if method == "micp" and envelopes is not None and len(envelopes.envelopes) > 1:
+        raise InvalidInput(f"envelope: expected one envelope for micp, got {len(envelopes.envelopes)}")
+    options: dict[str, Any] = {
+        "envelopes": envelopes, "envelope": envelopes, "solver": solver, "time_limit_s": time_limit_s,
+        "projection": projection or ("scp" if method == "two-stage" else None),
+    }  # fmt: skip
     if method == "micp":
-        from .micp import Grid, MicpPlanner
-
-        if envelopes is not None and len(envelopes.envelopes) > 1:
-            raise InvalidInput(f"envelope: expected one envelope for micp, got {len(envelopes.envelopes)}")
-        return MicpPlanner(
-            solver=solver, grid=Grid(intervals=intervals), envelope=envelopes, time_limit_s=time_limit_s,
-            acceptance=acceptance, programs=programs,
-        )  # fmt: skip
-    raise InvalidInput(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
+        options["grid"] = _grid(intervals=intervals)
+    planner: Planner = _made(_PLANNERS[method], options, acceptance, programs)
+    return planner
 
 
 def make_course_planner(
@@ -98,35 +106,35 @@ def make_course_planner(
         raise InvalidInput("envelopes: expected none for the lift, which has no use for them")
     if relaxation == "envelope" and envelopes is None:
         raise InvalidInput("envelopes: expected an envelope or modes for the relaxation envelope, got none")
-    if name == "two-stage" and envelopes is not None:
-        from .enveloped import EnvelopeCoursePlanner
-
-        return EnvelopeCoursePlanner(
-            envelopes, projection=projection, time_limit_s=time_limit_s, acceptance=acceptance, programs=programs
-        )
+    if envelopes is not None and name not in ("two-stage", "micp"):
+        raise InvalidInput(f"envelopes: expected none for {name}, which has no use for them")
+    options: dict[str, Any] = {
+        "envelopes": envelopes, "envelope": envelopes, "projection": projection, "solver": solver,
+        "time_limit_s": time_limit_s,
+    }  # fmt: skip
+    if gap is not None:
+        options["gap"] = gap
     if name == "micp":
-        from .micp import Grid, MicpPlanner
+        from ..relaxation.modes import Modes
 
         if isinstance(envelopes, Modes):
             raise InvalidInput("envelopes: expected one envelope for micp, got modes")
-        return MicpPlanner(
-            solver=solver, grid=Grid(intervals=intervals, envelope_use=envelope_use), envelope=envelopes, gap=gap,
-            projection=projection, time_limit_s=time_limit_s, acceptance=acceptance, programs=programs,
-        )  # fmt: skip
-    if envelopes is not None:
-        raise InvalidInput(f"envelopes: expected none for {name}, which has no use for them")
-    if name == "two-stage":
-        return TwoStageCoursePlanner(
-            projection=projection, time_limit_s=time_limit_s, acceptance=acceptance, programs=programs
-        )
-    if name == "nlp":
-        from .nlp import NlpPlanner
+        options["grid"] = _grid(intervals=intervals, envelope_use=envelope_use)
+    p1 = ("lift" if envelopes is None else "envelope") if name == "two-stage" else ""
+    planner: CoursePlanner = _made(_COURSE_PLANNERS[name, p1], options, acceptance, programs)
+    return planner
 
-        return NlpPlanner(time_limit_s=time_limit_s, acceptance=acceptance, programs=programs)
-    if name == "exact":
-        return ExactCoursePlanner(
-            gap=gap or 1e-3, time_limit_s=time_limit_s, acceptance=acceptance, programs=programs
-        )
-    from .decoupled import DecoupledPlanner
 
-    return DecoupledPlanner(acceptance=acceptance, programs=programs)
+def _made(
+    entry: tuple[str, str, tuple[str, ...]], options: dict[str, Any], acceptance: Acceptance, programs: Programs | None
+) -> Any:
+    """A planner of one of the tables; its module is imported now."""
+    module, name, takes = entry
+    kind = getattr(import_module(f".{module}", __package__), name)
+    return kind(**{each: options[each] for each in takes if each in options}, acceptance=acceptance, programs=programs)
+
+
+def _grid(**options: Any) -> Any:
+    from ..relaxation.micp import Grid  # cvxpy takes a second to import
+
+    return Grid(**options)

@@ -9,186 +9,27 @@ a point holds, and "infeasible" says nothing. Whatever a solver claims, its poin
 from __future__ import annotations
 
 import time
-import warnings
-from dataclasses import dataclass
-from importlib import import_module, util
-from typing import Any, Literal, get_args, overload
+from importlib import util
+from typing import Any, overload
 
-import cvxpy as cp
 import numpy as np
 
 from ..answer.outcome import Outcome
 from ..answer.plan import Plan, PlanOutcome
-from ..equilibrium.equations import mccormick
-from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
-from ..equilibrium.reference import coupled
-from ..equilibrium.scaled import Point, Scaled
+from ..equilibrium.scaled import Scaled
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked
+from ..files.arrays import checked
 from ..problem import PostureProblem
 from ..problem.course import Course
 from ..projection.project import PROJECTIONS, Projection, project
 from ..relaxation.boxes import boxes_of
 from ..relaxation.domain import domain_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
-from ..relaxation.grid import (
-    Cells,
-    Cones,
-    Encoding,
-    axes_of,
-    cell_error,
-    meet,
-    of_several_frames,
-    planes,
-    unit_domain,
-    without_squares,
-)
+from ..relaxation.grid import Breaks, axes_of, cell_error, meet, of_several_frames, unit_domain
+from ..relaxation.micp import SOLVERS, Grid, MicpProgram, cones_of, of_layout
 from .answer import Acceptance, plan_of
 from .clock import Clock
-
-_ANY = 1e9  # gap: the first point found ends the search, since a claim needs no best point
-_SOLVERS: dict[str, tuple[str, str, tuple[str, str], dict[str, Any]]] = {  # module, time limit, gaps, other options
-    "highs": ("highspy", "time_limit", ("mip_rel_gap", "mip_abs_gap"), {"threads": 1, "parallel": "off"}),
-    "scip": ("pyscipopt", "limits/time", ("limits/gap", "limits/absgap"), {}),
-    "gurobi": ("gurobipy", "TimeLimit", ("MIPGap", "MIPGapAbs"), {"Threads": 1}),
-}
-GUROBI_LIMITS = (
-    "gurobi ended without an answer: its free licence takes 2000 variables and 2000 rows, and 200 variables with cones"
-)
-ABSOLUTE_GAP = 1e-4
-"""Of the objective, in length scales squared: a hundredth of a length scale, 6 mm, off the goal."""
-Claim = Literal["feasible", "infeasible", "unknown"]
-Cut = Literal["both", "position"]
-Domain = Literal["course", "unit"]
-EnvelopeUse = Literal["rows", "shrink"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Grid:
-    """How m = p f is cut.
-
-    intervals: pieces of every p_j and f_k, a power of two for the encoding "log". cut: "position" leaves f in one
-    piece. domain: what is divided where no envelope shrinks it: bounds that the problem implies ("course"), or [−1, 1],
-    paper E's range of every p and f. envelope_use: "rows" adds an envelope's rows to the grid (paper E); "shrink"
-    divides the envelope, met with the problem's own bounds. cones: planes around ("outer") or inside them, or "exact";
-    None: planes around them for HiGHS, which has none, else exact.
-    """
-
-    intervals: int = 4
-    encoding: Encoding = "log"
-    cut: Cut = "both"
-    domain: Domain = "course"
-    envelope_use: EnvelopeUse = "rows"
-    cones: Cones | None = None
-
-    def __post_init__(self) -> None:
-        given = (self.encoding, self.cut, self.domain, self.envelope_use)
-        known = {"encoding": Encoding, "cut": Cut, "domain": Domain, "envelope_use": EnvelopeUse}
-        for (name, values), value in zip(known.items(), given, strict=True):
-            if value not in get_args(values):
-                raise InvalidInput(f"{name}: expected one of {', '.join(get_args(values))}, got {value!r}")
-        if self.intervals < 1 or (self.encoding == "log" and self.intervals & (self.intervals - 1)):
-            raise InvalidInput(f"intervals: expected 1 or more, and a power of two for 'log', got {self.intervals}")
-
-    @property
-    def counts(self) -> tuple[int, int]:
-        """Pieces of every p_j, and of every f_k."""
-        return self.intervals, self.intervals if self.cut == "both" else 1
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MicpAnswer:
-    """What the solver claims, its point where it has one with the candidates chosen in it, and its own time [s].
-
-    moments: net moments at that point with m = p f, where those of the grid are zero, shape (S, 3).
-    """
-
-    claim: Claim
-    seconds: float
-    point: Point | None = None
-    choice: Index | None = None
-    moments: Array | None = None
-    message: str = ""
-
-
-class MicpProgram:
-    """The mixed-integer program of one problem.
-
-    envelope: of the envelope rows, where there are any. gap: the relative one to which a course's objective is
-    minimised; None takes the first point found. The objective's squares become tangents where cones become planes.
-    """
-
-    def __init__(
-        self,
-        scaled: Scaled,
-        domain: Envelope,
-        grid: Grid = Grid(),
-        *,
-        solver: str = "highs",
-        envelope: Envelope | None = None,
-        gap: float | None = None,
-    ) -> None:
-        self._scaled, self._solver, self._gap = scaled, solver, gap
-        self._plan, self.products, terms = coupled(scaled, axes_of(scaled))
-        cells, cones = Cells(domain, grid.counts, grid.encoding), cones_of(grid, solver)
-        constraints = [*terms.values(), *cells.terms(*self.products.parts)]
-        if envelope is not None:
-            constraints += mccormick(self.products.parts, envelope).values()
-        if several := [k for k, p in enumerate(scaled.layout.candidate_footholds) if len(scaled.which[p]) > 1]:
-            constraints.append(self._plan.shares[several] == cp.Variable(len(several), boolean=True))
-        constraints = [plane for row in constraints for plane in planes(row, cones)]
-        cost = cells.spread() if gap is None else self._plan.objective()
-        if gap is not None and cones != "exact":
-            cost, tangents = without_squares(cost)
-            constraints += tangents
-        self.problem = cp.Problem(cp.Minimize(cost), constraints)
-        size, variables = self.problem.size_metrics, self.problem.variables()
-        self.figures = {
-            "binaries": float(sum(variable.size for variable in variables if variable.attributes["boolean"])),
-            "variables": float(size.num_scalar_variables),
-            "constraints": float(size.num_scalar_eq_constr + size.num_scalar_leq_constr),
-            "cell_error": cell_error(domain, grid.counts),
-        }
-
-    def solve(self, time_limit_s: float) -> MicpAnswer:
-        """Find a point of the grid."""
-        _, limit, gaps, options = _SOLVERS[self._solver]
-        options = options | {"solver": self._solver.upper(), limit: time_limit_s}
-        options |= dict(zip(gaps, (_ANY, _ANY) if self._gap is None else (self._gap, ABSOLUTE_GAP), strict=True))
-        if self._solver == "gurobi":  # in an environment of its own it does not print its licence
-            options["env"] = import_module("gurobipy").Env(params={"OutputFlag": 0})
-        begin = time.perf_counter()
-        try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)  # cvxpy's advice about time limits
-                self.problem.solve(warm_start=False, **options)
-        except cp.SolverError as error:  # a time-out without a point, or a licence too small for the program
-            told = GUROBI_LIMITS if self._solver == "gurobi" else str(error)
-            return MicpAnswer(claim="unknown", seconds=time.perf_counter() - begin, message=told)
-        status, seconds = self.problem.status, float(self.problem.solver_stats.solve_time)
-        if status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):  # a bounded objective: never unbounded
-            empty = status in (cp.INFEASIBLE, cp.settings.INFEASIBLE_OR_UNBOUNDED)
-            return MicpAnswer(claim="infeasible" if empty else "unknown", seconds=seconds)
-        return self._answer(seconds)
-
-    def _answer(self, seconds: float) -> MicpAnswer:
-        scaled, plan = self._scaled, self._plan
-        stance, _, foothold = scaled.layout.contacts
-        shares, largest = np.asarray(plan.shares.value), np.full(scaled.layout.footholds, -1, dtype=np.int_)
-        for candidate in np.argsort(shares, kind="stable"):
-            largest[scaled.layout.candidate_footholds[candidate]] = candidate
-        position, world = np.asarray(self.products.position.value), np.asarray(self.products.world.value)
-        frames = scaled.frames[largest[foothold]]
-        moments = np.zeros((len(scaled.layout.stances), 3))
-        np.add.at(moments, stance, np.cross(position, world))
-        point = Point(
-            com=np.asarray(plan.com.value), rotation=np.asarray(plan.rotation.value),
-            toes=np.asarray(plan.toes.value), residual=float("inf"),
-            forces=np.matmul(frames.transpose(0, 2, 1), world[..., None])[..., 0],
-        )  # fmt: skip
-        choice = np.concatenate(scaled.which)[largest]
-        return MicpAnswer(claim="feasible", seconds=seconds, point=point, choice=choice, moments=moments)
 
 
 class MicpPlanner:
@@ -214,9 +55,9 @@ class MicpPlanner:
         acceptance: Acceptance = Acceptance(),
         programs: Programs | None = None,
     ) -> None:
-        if solver not in _SOLVERS:
-            raise InvalidInput(f"solver: expected one of {', '.join(_SOLVERS)}, got {solver!r}")
-        if util.find_spec(_SOLVERS[solver][0]) is None:
+        if solver not in SOLVERS:
+            raise InvalidInput(f"solver: expected one of {', '.join(SOLVERS)}, got {solver!r}")
+        if util.find_spec(SOLVERS[solver][0]) is None:
             raise InvalidInput(f"solver: {solver} is not installed: pip install stancekit[exact]")
         cones_of(grid, solver)
         if projection not in PROJECTIONS:
@@ -241,9 +82,10 @@ class MicpPlanner:
         with clock.compiling():
             program = self.program(problem)
         begin = time.process_time()
-        answer = program.solve(self.time_limit_s)
+        answer = program.solve(scaled, self.time_limit_s)
         clock.count(1, answer.seconds)
         details = program.figures | {"solver_s": answer.seconds, "solver_cpu_s": time.process_time() - begin}
+        details["cell_error"] = cell_error(self.boxes(problem)[0], self.grid.counts)
         point, message = None, answer.message
         if answer.point is not None and answer.choice is not None and answer.moments is not None:
             details["claimed_residual"] = float(np.abs(answer.moments).max())
@@ -269,13 +111,24 @@ class MicpPlanner:
         return self.acceptance.plan_outcome(problem, method=self.name, clock=clock, plan=plan, **said)
 
     def program(self, problem: PostureProblem | Course) -> MicpProgram:
-        """The program of a problem."""
-        scaled, envelope = Scaled.of(problem), self.box(problem)
+        """The program of a problem; postures of one layout share one, which then has the numbers of this one."""
+        scaled, (domain, envelope) = Scaled.of(problem), self.boxes(problem)
+        breaks = Breaks.of(domain, self.grid.counts)
+        if isinstance(problem, PostureProblem) and envelope is None:
+            symbols, program = self._programs.get(of_layout, scaled.layout, self.grid, self.solver)
+            symbols.load(scaled, breaks)
+            return program
         gap = None if isinstance(problem, PostureProblem) else self.gap
+        axes = axes_of(scaled)
+        return MicpProgram(scaled, breaks, self.grid, solver=self.solver, axes=axes, envelope=envelope, gap=gap)
+
+    def boxes(self, problem: PostureProblem | Course) -> tuple[Envelope, Envelope | None]:
+        """The domain that the grid divides, and the box of the envelope rows, where there are any."""
+        scaled, envelope = Scaled.of(problem), self.box(problem)
         domain = domain_of(scaled, axes_of(scaled)) if self.grid.domain == "course" else unit_domain(scaled)
         if envelope is not None and self.grid.envelope_use == "shrink":
-            domain, envelope = meet(envelope, domain), None
-        return MicpProgram(scaled, domain, self.grid, solver=self.solver, envelope=envelope, gap=gap)
+            return meet(envelope, domain), None
+        return domain, envelope
 
     def box(self, problem: PostureProblem | Course) -> Envelope | None:
         """The envelope over the stance contacts of a problem. Raises InvalidInput where it was learned for others."""
@@ -298,11 +151,3 @@ class MicpPlanner:
         if self.envelope.contacts != contacts:
             raise InvalidInput(f"contacts: expected {self.envelope.contacts} for this envelope, got {contacts}")
         return self.envelope
-
-
-def cones_of(grid: Grid, solver: str) -> Cones:
-    """What becomes of second-order cones. Raises InvalidInput for what there is not."""
-    cones = grid.cones or ("outer" if solver == "highs" else "exact")
-    if cones not in ("outer", "inner") and not (cones == "exact" and solver != "highs"):
-        raise InvalidInput(f"cones: expected outer, inner, or exact for another solver than highs, got {cones!r}")
-    return cones

@@ -18,7 +18,7 @@ from ..equilibrium.scaled import Scaled
 from ..files.arrays import Array
 from .clock import Clock
 from .cuts import PROVABLE, CutSearch, Node, alone
-from .farkas_cuts import split
+from .farkas_cuts import of_stance
 
 NODES = 120
 """Most nodes of the search whether a stance can be held."""
@@ -86,19 +86,15 @@ class Nogoods:
 
     def rows(self, number: int, opened: Array) -> tuple[list[tuple[float, ...]], list[Array]]:
         """The subtree of a certificate that proves a nogood at a leaf with these open candidates, in preorder."""
-        entry, layout = self.entries[number], self._scaled.layout
-        part, footholds, contacts = alone(self._scaled, entry.stance)
-        frame, tree, multipliers = layout.stances[entry.stance][0], list[tuple[float, ...]](), list[Array]()
+        entry = self.entries[number]
+        _, footholds, contacts = alone(self._scaled, entry.stance)
+        tree, multipliers = list[tuple[float, ...]](), list[Array]()
 
         def walk(node: Node, left: Array) -> None:
             kind, i, j, first, second = node.row
             if kind == 0.0:
-                row = np.zeros(_width(self._scaled))
-                whole, own = split(self._scaled, row), split(part, node.lift.multipliers)
-                whole["nu_F"][entry.stance], whole["nu_M"][entry.stance] = own["nu_F"][0], own["nu_M"][0]
-                whole["reach"][frame] = own["reach"][0]
                 tree.append(node.row)
-                multipliers.append(row)
+                multipliers.append(of_stance(self._scaled, entry.stance, node.lift))
                 return
             p, r = int(i), int(j)
             if kind in (1.0, 2.0) and left[p, r] <= 0.0:  # nothing of it is here: one child covers the rest
@@ -150,10 +146,3 @@ class Nogoods:
     def _keep(self, nogood: Nogood) -> None:
         self.entries.append(nogood)
         self.masks = np.concatenate([self.masks, nogood.refuted[None]])
-
-
-def _width(scaled: Scaled) -> int:
-    """How many multipliers a leaf has."""
-    layout = scaled.layout
-    steps = layout.frames - 1
-    return 6 * len(layout.stances) + 3 * layout.frames * layout.limbs + 7 * steps + 3 * len(layout.moves)

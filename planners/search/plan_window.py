@@ -24,12 +24,14 @@ class Standing:
     """Where a robot stands at a key frame.
 
     com_m, rotation_rad: shape (3,); toes_m: shape (N, 3) [m], each on the patch of the same index.
+    yaws_rad: of soles [rad]; () for 0.
     """
 
     com_m: Array
     rotation_rad: Array
     toes_m: Array
     patches: tuple[Patch, ...]
+    yaws_rad: tuple[float, ...] = ()
 
     @classmethod
     def at_end(cls, plan: Plan) -> Standing:
@@ -39,7 +41,14 @@ class Standing:
             rotation_rad=plan.rotation_rad[-1],
             toes_m=plan.toes_at(plan.course.frames - 1),
             patches=tuple(plan.course.patch(int(index), plan.choice) for index in plan.course.holds[-1]),
+            yaws_rad=_yaws(plan) if plan.course.has_soles else (),
         )
+
+
+def _yaws(plan: Plan) -> tuple[float, ...]:
+    """Of every foot at the end of a plan [rad]."""
+    puts = [(plan.course.placements[index].yaws_rad, int(plan.choice[index])) for index in plan.course.holds[-1]]
+    return tuple(yaws[chosen] if yaws else 0.0 for yaws, chosen in puts)
 
 
 def course_window(course: Course, first: int, last: int, standing: Standing | None = None) -> Course:
@@ -50,6 +59,8 @@ def course_window(course: Course, first: int, last: int, standing: Standing | No
     asked for as far as a body that stands off its nominal path can make it.
     Raises InvalidInput for frames that there are not.
     """
+    if course.has_soles and standing is not None and not standing.yaws_rad:
+        raise InvalidInput("window: expected the yaws of the soles that stand, got none")
     if not 0 <= first <= last < course.frames or (standing is None and first > 0):
         raise InvalidInput(f"window: expected frames within 0 to {course.frames - 1}, got {first} to {last}")
     window, ends = slice(first, last + 1), last == course.frames - 1
@@ -59,8 +70,11 @@ def course_window(course: Course, first: int, last: int, standing: Standing | No
     if standing is not None:
         com_m[0], radius_m[0] = standing.com_m, STANDING_M
         steps = replace(steps, progress_m=min(steps.progress_m, _room(course, first, com_m, radius_m)))
-        each = zip(course.robot.limb_names, standing.toes_m, standing.patches, strict=True)
-        begun = [Placement(limb=limb, frame=0, candidates=(patch,), toe_m=toe) for limb, toe, patch in each]
+        each = enumerate(zip(course.robot.limb_names, standing.toes_m, standing.patches, strict=True))
+        begun = [
+            Placement(limb=limb, frame=0, candidates=(patch,), toe_m=toe, yaws_rad=standing.yaws_rad[i : i + 1])
+            for i, (limb, toe, patch) in each
+        ]
     kept = [
         replace(placement, frame=placement.frame - first)
         for placement in course.placements
@@ -93,6 +107,8 @@ def joined(course: Course, plans: Sequence[Plan]) -> Plan:
     plans: of windows from frame 0 on, each but the first begun from where the last one ended; what they say of their
     own first frames is left out. The first may be of frame 0 alone.
     """
+    if course.has_soles:
+        raise InvalidInput("windows: expected point feet to join plans of, got soles")
     names = course.robot.limb_names
     com, rotation = [plans[0].com_m], [plans[0].rotation_rad]
     toes, choice = dict[tuple[int, str], Array](), dict[tuple[int, str], int]()

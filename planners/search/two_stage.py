@@ -30,8 +30,8 @@ from .cuts import PROVABLE, CutSearch
 
 QUICK = 2
 """Linearised steps of SCP before anybody asks whether the stances can be held at all."""
-CHOICE_SHARE = 0.5
-"""Of the time limit that the search over choices may use; cuts in space get the rest."""
+CHOICE_SHARE = 0.75
+"""Of the time limit that the search over choices may use where cuts in space, which get the rest, are of use."""
 
 
 class TwoStageCoursePlanner:
@@ -74,7 +74,7 @@ class TwoStageCoursePlanner:
             "nodes": float(search.nodes), "guessed": float(search.guessed), "projected": float(search.tried),
             "dived": float(search.dived), "cuts": 0.0,
         }  # fmt: skip
-        if found is None and proof is None and self.cuts:
+        if found is None and proof is None and self.cuts and clock.working() < self.time_limit_s:
             found, proof, nodes = decide(self.programs, scaled, clock, self.max_nodes, self.time_limit_s)
             message, details["cuts"] = "" if found or proof else message, float(nodes)
         plan = None
@@ -89,7 +89,7 @@ class TwoStageCoursePlanner:
     def search(self, scaled: Scaled, clock: Clock) -> ChoiceSearch:
         """The search over the patches of one course, run."""
         share = CHOICE_SHARE if self.cuts else 1.0
-        limits = Limits(max_nodes=self.max_nodes, time_limit_s=share * self.time_limit_s, gap=self.gap)
+        limits = Limits(max_nodes=self.max_nodes, time_limit_s=self.time_limit_s, gap=self.gap, share=share)
 
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
             point = project(self.programs, self.projection, chosen, start, steps=STEPS if patient else QUICK)

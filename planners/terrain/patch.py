@@ -41,16 +41,11 @@ class Patch:
             lambda: put(self, "shear_reference", _unit(self.shear_reference, "shear_reference", any_length=True)),
             lambda: put(self, "friction", checked(self.friction, "friction", least=0.0)),
         )
-        if not 3 <= len(self.vertices_m) <= MOST_VERTICES:
-            told = "3 or more vertices" if len(self.vertices_m) < 3 else f"{MOST_VERTICES} vertices or fewer"
-            raise InvalidInput(f"vertices_m: expected {told}, got {len(self.vertices_m)}")
         if abs(self.normal @ self.shear_reference) > 1.0 - 5e-7:
             raise InvalidInput(
                 f"shear_reference: expected a direction not along the normal, got {self.shear_reference.tolist()}"
             )
-        defect = polygon_defect(self.vertices_m[None], self.frame[None])
-        if defect:
-            raise InvalidInput(defect[1])
+        self._check_polygon(self.vertices_m)
 
     @cached_property
     def frame(self) -> Array:
@@ -61,10 +56,27 @@ class Patch:
 
     def with_friction(self, friction: float) -> Patch:
         """The same surface with another friction; its geometry is not looked at again. Raises InvalidInput."""
+        return self._with("friction", checked(friction, "friction", least=0.0))
+
+    def with_vertices(self, vertices_m: Array) -> Patch:
+        """Another polygon in the same plane; nothing else is looked at again. Raises InvalidInput."""
+        vertices = frozen(vertices_m, (None, 3), "vertices_m")
+        self._check_polygon(vertices)
+        return self._with("vertices_m", vertices)
+
+    def _with(self, name: str, value: object) -> Patch:
         new = object.__new__(Patch)
         new.__dict__.update(self.__dict__)
-        object.__setattr__(new, "friction", checked(friction, "friction", least=0.0))
+        object.__setattr__(new, name, value)
         return new
+
+    def _check_polygon(self, vertices: Array) -> None:
+        if not 3 <= len(vertices) <= MOST_VERTICES:
+            told = "3 or more vertices" if len(vertices) < 3 else f"{MOST_VERTICES} vertices or fewer"
+            raise InvalidInput(f"vertices_m: expected {told}, got {len(vertices)}")
+        defect = polygon_defect(vertices[None], self.frame[None])
+        if defect:
+            raise InvalidInput(defect[1])
 
     @property
     def centre_m(self) -> Array:

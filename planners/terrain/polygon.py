@@ -6,8 +6,6 @@ are (normals, offsets), the points with normals · x ≤ offsets. Clipping only 
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..files.arrays import Array, cross
@@ -52,15 +50,20 @@ def shrunk(polygon: Array, margin_m: float) -> Array:
 
 
 def nearest(polygon: Array, point: Array) -> Array:
-    """The point of a convex polygon nearest to a point of the plane, shape (2,)."""
-    edges = polygon[_following(polygon)] - polygon
-    arms = point - polygon
-    turns = edges[:, 0] * arms[:, 1] - edges[:, 1] * arms[:, 0]
-    if np.all(turns >= 0.0) or np.all(turns <= 0.0):  # on the same side of every edge
-        return point
-    shares = np.einsum("ij,ij->i", arms, edges) / np.maximum(np.einsum("ij,ij->i", edges, edges), 1e-24)
-    feet = polygon + np.minimum(np.maximum(shares, 0.0), 1.0)[:, None] * edges
-    return np.asarray(feet[np.argmin(((feet - point) ** 2).sum(axis=1))])
+    """The point of a convex polygon nearest to a point of the plane, shapes (..., U, 2) and (..., 2).
+
+    A corner may be given several times in a row, so that polygons of different U can be asked at once.
+    """
+    edges = polygon[..., [*range(1, polygon.shape[-2]), 0], :] - polygon
+    arms = point[..., None, :] - polygon
+    turns = edges[..., 0] * arms[..., 1] - edges[..., 1] * arms[..., 0]
+    inside = np.all(turns >= 0.0, axis=-1, keepdims=True)  # on the same side of every edge
+    inside |= np.all(turns <= 0.0, axis=-1, keepdims=True)
+    shares = (arms * edges).sum(axis=-1) / np.maximum((edges * edges).sum(axis=-1), 1e-24)
+    feet = polygon + np.minimum(np.maximum(shares, 0.0), 1.0)[..., None] * edges
+    best = ((feet - point[..., None, :]) ** 2).sum(axis=-1).argmin(axis=-1)
+    foot = np.take_along_axis(feet, best[..., None, None], axis=-2)[..., 0, :]
+    return np.where(inside, point, foot)
 
 
 def _following(polygon: Array) -> list[int]:
@@ -84,11 +87,12 @@ def _below(polygon: Array, heights: Array) -> Array:
 
 
 def width(polygon: Array) -> float:
-    """Least width of a convex polygon [m]: that across one of its edges."""
-    normals, offsets = half_planes(polygon) if abs(signed_area(polygon)) > 0.0 else (np.zeros((0, 2)), np.zeros(0))
-    if not len(normals):
-        return 0.0
-    return float(np.min(offsets - np.min(normals @ polygon.T, axis=1)))
+    """Least width of a convex polygon [m]: that across one of its edges; 0 where it has none of a length."""
+    edges = polygon[_following(polygon)] - polygon
+    lengths = np.hypot(edges[:, 0], edges[:, 1])
+    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)[lengths > 1e-12] / lengths[lengths > 1e-12, None]
+    heights = normals @ polygon.T
+    return float((heights.max(axis=1) - heights.min(axis=1)).min()) if len(normals) else 0.0
 
 
 class Surface:
@@ -132,7 +136,7 @@ class Surface:
         """The part inside the margin and a square about ``centre_m`` along the shear axes; None where there is none."""
         axes = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
         piece = clipped(self.room, axes, axes @ self._flat(centre_m) + 0.5 * side_m)
-        return replace(self.patch, vertices_m=self._world(piece)) if len(piece) else None
+        return self.patch.with_vertices(self._world(piece)) if len(piece) else None
 
     def _flat(self, points_m: Array) -> Array:
         return np.asarray((points_m - self._origin) @ self._axes)

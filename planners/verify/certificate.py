@@ -19,7 +19,9 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course
+from .half_spaces import row_counts
 from .lagrangian import leaf_bounds
+from .soles import counts_of
 from .tree import Forest, Replayed
 
 GAP = 1e-4
@@ -82,9 +84,9 @@ def check_certificates(problems: Sequence[PostureProblem], certificates: Sequenc
     A problem is refuted where this exceeds the tolerance, not below 0. Problems may have any number of contacts.
     """
     bounds = np.zeros(len(problems))
-    counts = np.array([len(problem.contacts) for problem in problems])
-    for count in set(counts.tolist()):
-        rows = np.flatnonzero(counts == count).tolist()
+    kinds = [(row_counts(problem.contacts), counts_of(problem.contacts)) for problem in problems]
+    for kind in set(kinds):
+        rows = [row for row, its in enumerate(kinds) if its == kind]
         forest = Forest.of_postures([problems[row] for row in rows])
         replayed: dict[int, Replayed] = {}
         for q, row in enumerate(rows):

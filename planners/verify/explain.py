@@ -16,7 +16,8 @@ from ..problem import PostureProblem
 from ..problem.course import Course
 from .certificate import GAP, check_certificate, forest_of
 from .geometry import length
-from .lagrangian import Leaves, Multipliers, Numbers, body_pulls, leaf_bounds, least_lagrangians
+from .lagrangian import Leaves, Numbers, body_pulls, leaf_bounds, least_lagrangians
+from .multipliers import Multipliers
 
 FRICTION_CAP, REACH_CAP_M, FORCE_CAP, RADIUS_CAP_M, TILT_CAP_RAD = 10.0, 1.0, 10.0, 1.0, 0.5 * math.pi
 """``explain`` looks no further: largest friction and tilt, largest growth of reach, force (in its scale), radius."""
@@ -97,13 +98,15 @@ def _of_posture(problem: PostureProblem, numbers: Numbers, leaves: Leaves, least
     for i, contact in enumerate(problem.contacts):
         one = np.eye(len(problem.contacts))[i]
         outermost = np.zeros(leaves.upper.shape, dtype=bool)
-        outermost[:, i, 0] = leaves.upper[:, i, 0] == contact.force_max[0]
+        mine = numbers.schedule.limb == i
+        outermost[:, mine, 0] = leaves.upper[:, mine, 0] == contact.force_max[0]
 
         def friction(by: float, one: Array = one) -> Array:
             return leaf_bounds(replace(numbers, friction=numbers.friction + by * one), leaves)
 
         def reach(by: float, one: Array = one) -> Array:
-            return leaf_bounds(replace(numbers, reach=numbers.reach + by / unit_m * one), leaves)
+            rows = numbers.row_bounds + by / unit_m * one[numbers.schedule.row_limb]
+            return leaf_bounds(replace(numbers, reach=numbers.reach + by / unit_m * one, row_bounds=rows), leaves)
 
         def normal_force(by: float, outermost: NDArray[np.bool_] = outermost) -> Array:
             return leaf_bounds(numbers, replace(leaves, upper=leaves.upper + by / force * outermost))
@@ -178,7 +181,12 @@ def _limits(course: Course, numbers: Numbers, leaf: Leaves, value: float) -> tup
 def _lengths(course: Course, numbers: Numbers, leaf: Leaves, m: Multipliers, value: float) -> list[Relaxation]:
     """Every limit that the Lagrangian is linear in, where a change within reason lifts the proof."""
     unit_m, steps = course.length_scale_m, course.steps
-    pull, reach = length(body_pulls(numbers, leaf.problem, m)[0])[0], length(m.reach)[0]
+    gripped, reach = m.gripped(numbers.schedule, numbers.row_normals[leaf.problem]), length(m.reach)[0]
+    if gripped is not None:
+        for h, limb in enumerate(numbers.schedule.row_limb):
+            reach[:, limb] += m.reach_rows[0, :, h]
+    pulls = m.reach if gripped is None else m.reach + gripped
+    pull = length(body_pulls(numbers, leaf.problem, pulls, m)[0])[0]
     frame, limb = (int(i) for i in np.unravel_index(int(reach.argmax()), reach.shape))
     worst, owner = int(pull.argmax()), course.robot.limbs[limb]
     rows = (

@@ -12,6 +12,8 @@ balances of moments, whose largest component is off by ε, has
       + Σ_steps a·(c' − c) − Δ_c‖a‖ + t·(Θ' − Θ) − Δ_Θ‖t‖ + g (progress − d·(c' − c)) + Σ_toes b·(q' − q) − Δ_p‖b‖
       ≤  Σ_stances ‖ν_M‖₁ ε.
 
+Half-spaces of reach add terms of the form of r (``half_spaces``).
+
 (The moment about c is Σ q × C f − c × w e_z because Σ C f = w e_z; q and c are in the world frame; g ≥ 0.) Where the
 least value ℓ of the left side is positive, ε ≥ ℓ / Σ ‖ν_M‖₁. It separates: a ball for each c, a box for each Θ, and for
 each toe the least over its open slots and their vertices v of (Σ r + Σ b)·v + Σ_stances min {a·f : f in B and in the
@@ -31,7 +33,6 @@ the sum of these sizes over M frames. Ten times that, ``GUARD`` M of the sum, is
 from __future__ import annotations
 
 import itertools
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -40,6 +41,8 @@ from numpy.typing import NDArray
 
 from ..files.arrays import Array
 from .geometry import cross, length
+from .half_spaces import bending
+from .multipliers import Multipliers
 from .stances import Index, Schedule
 from .work import SLACK, least_works, misses_cone
 
@@ -72,6 +75,9 @@ class Numbers:
     steps: Array  # (3,)
     progress: Array  # (M − 1,)
     ahead: Array  # (M − 1, 3)
+    row_normals: Array  # (Q, H, 3), of the half-spaces of reach
+    row_bounds: Array  # (Q, H)
+    offsets: Array | None = None  # (Q, T, points, 3), from the toe to where a sole's forces act
 
     @cached_property
     def first_slot(self) -> Index:
@@ -103,43 +109,6 @@ class Leaves:
         return replace(self, **rows)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Multipliers:
-    """The multipliers of L leaves by group, in the order in which a row has them."""
-
-    nu_F: Array  # (L, S, 3)
-    nu_M: Array  # (L, S, 3)
-    reach: Array  # (L, M, N, 3)
-    com_step: Array  # (L, M − 1, 3)
-    rotation_step: Array  # (L, M − 1, 3)
-    progress: Array  # (L, M − 1)
-    toe_step: Array  # (L, moves, 3)
-
-    @classmethod
-    def of(cls, who: Schedule, rows: Array) -> Multipliers:
-        """Rows of a certificate, shape (L, count), by group."""
-        parts, begin = {}, 0
-        for name, shape in multiplier_shapes(who).items():
-            end = begin + math.prod(shape)
-            parts[name] = rows[:, begin:end].reshape(len(rows), *shape)
-            begin = end
-        return cls(**parts)
-
-
-def multiplier_shapes(who: Schedule) -> dict[str, tuple[int, ...]]:
-    """Shape of every group of a leaf's multipliers."""
-    (frames, limbs), stances = who.holds.shape, len(who.frame)
-    return {
-        "nu_F": (stances, 3), "nu_M": (stances, 3), "reach": (frames, limbs, 3), "com_step": (frames - 1, 3),
-        "rotation_step": (frames - 1, 3), "progress": (frames - 1,), "toe_step": (len(who.moves), 3),
-    }  # fmt: skip
-
-
-def multiplier_count(who: Schedule) -> int:
-    """How many multipliers a leaf has."""
-    return sum(math.prod(shape) for shape in multiplier_shapes(who).values())
-
-
 def leaf_bounds(numbers: Numbers, leaves: Leaves) -> Array:
     """Proved lower bound on the moment residual at every leaf, shape (L,); 0 where nothing is proved, inf where empty.
 
@@ -163,10 +132,7 @@ def least_lagrangians(numbers: Numbers, leaves: Leaves) -> tuple[Array, NDArray[
     chunk = np.cumsum(rows) // MOST_ROWS
     ends = [0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), len(rows)]
     with np.errstate(all="ignore"):
-        found = [
-            _least(numbers, leaves.part(begin, end), sizes[begin:end])
-            for begin, end in itertools.pairwise(ends)
-        ]
+        found = [_least(numbers, leaves.part(begin, end), sizes[begin:end]) for begin, end in itertools.pairwise(ends)]
     if len(found) == 1:
         return found[0]
     return np.concatenate([values for values, _ in found], axis=1), np.concatenate([empty for _, empty in found])
@@ -176,8 +142,10 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     """``least_lagrangians`` of leaves that are few enough; sizes: vertices of each slot, shape (L, T)."""
     who, q = numbers.schedule, leaves.problem
     m = Multipliers.of(who, leaves.multipliers)
-    toes = toe_pulls(who, m)
-    pull, twist = body_pulls(numbers, q, m)
+    gripped = m.gripped(who, numbers.row_normals[q])
+    pulls = m.reach if gripped is None else m.reach + gripped
+    toes = toe_pulls(who, pulls, m)
+    pull, twist = body_pulls(numbers, q, pulls, m)
     com, weight, shoulders, tilt = numbers.com[q], numbers.weight[q], numbers.shoulders[q], numbers.tilt[q]
     far_com = length(com) + numbers.com_radius[q] + SLACK  # ‖c‖, (L, M)
     most = length(np.maximum(np.abs(leaves.lower), np.abs(leaves.upper))) + 2.0 * SLACK  # ‖f‖, (L, B)
@@ -188,7 +156,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     leverage = (torque[:, who.stance] * most) @ who.on_placement  # Σ ‖ν_M‖ ‖f‖ at each placement, (L, P)
     slack = np.array([0.0, SLACK])[:, None]  # as the problem is, and widened
     off_patch = leaves.sag[leaves.pieces] * (leaves.pieces >= 0) + slack[..., None]
-    slots -= off_patch * (length(toes) + leverage)[:, numbers.slot]                   # ‖q − Σ λ v‖ ≤ off_patch
+    slots -= off_patch * (length(toes) + leverage)[:, numbers.slot]  # ‖q − Σ λ v‖ ≤ off_patch
     value = (
         np.vecdot(pull, com).sum(axis=1) - np.vecdot(numbers.com_radius[q], pulled)   # ‖c − c_nominal‖ ≤ com_radius
         - tilt * twisted                                                              # |Θ_k| ≤ tilt
@@ -210,12 +178,21 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     if len(who.holds) > 1:
         used = np.stack([length(group).sum(axis=1) for group in (m.com_step, m.rotation_step, m.toe_step)], axis=1)
         gained, most_com = m.progress.sum(axis=1), 2.0 * far_com.max(axis=1)
-        value += m.progress @ numbers.progress - used @ numbers.steps                 # d·(c' − c) ≥ progress, ≤ Δ
+        value += m.progress @ numbers.progress - used @ numbers.steps  # d·(c' − c) ≥ progress, ≤ Δ
         loose += used.sum(axis=1) + gained
         terms += used @ numbers.steps + (used[:, 0] + gained) * most_com
         terms += used[:, 1] * 2.0 * (tilt + SLACK) + used[:, 2] * 2.0 * far.max(axis=1)
         value = np.where((m.progress < 0.0).any(axis=1), -np.inf, value)
-    value -= GUARD * len(who.holds) * (1.0 + terms)
+    if gripped is not None:
+        used, bounds, bent = m.reach_rows.sum(axis=1), numbers.row_bounds[q], length(gripped).sum(axis=1)
+        value = value - np.vecdot(used, bounds)  # (a + Θ × a)·(q − c) ≤ b
+        value = value - bending(gripped, shoulders, tilt + slack, numbers.reach[q] + slack[..., None])
+        value = np.where((m.reach_rows < 0.0).any(axis=(1, 2)), -np.inf, value)
+        loose += used.sum(axis=1)
+        farthest = far.max(axis=1) + far_com.max(axis=1)
+        terms += np.vecdot(used, np.abs(bounds)) + 3.0 * used.sum(axis=1) * farthest
+        terms += 3.0 * np.vecdot(bent, arm)
+    value = value - GUARD * len(who.holds) * (1.0 + terms)
     return np.minimum.reduceat(slots, numbers.first_slot, axis=2).sum(axis=2) + value - slack * loose, empty
 
 
@@ -242,7 +219,8 @@ def _slots(
     bearing = who.by_placement[who.first_borne[place][row] + nth]
     leaf_row, stance = leaf[row], who.stance[bearing]
     problem, slot_row = leaves.problem[leaf_row], slot[row]
-    nu = m.nu_F[leaf_row, stance] + cross(m.nu_M[leaf_row, stance], v[row])  # ν·(v × F) = (ν × v)·F
+    acts = v[row] if numbers.offsets is None else v[row] + numbers.offsets[problem, slot_row, who.point[bearing]]
+    nu = m.nu_F[leaf_row, stance] + cross(m.nu_M[leaf_row, stance], acts)  # ν·(v × F) = (ν × v)·F
     a = (nu[:, None, :] @ numbers.frames[problem, slot_row])[:, 0]
     lower, upper = leaves.lower[leaf_row, bearing], leaves.upper[leaf_row, bearing]
     friction = numbers.friction[problem, slot_row]
@@ -255,17 +233,21 @@ def _slots(
         slots[:, there] = np.minimum.reduceat(work + np.vecdot(toes[leaf, place], v), begins, axis=1)
         gone[there] = missed[begins]
         far[there] = np.maximum.reduceat(length(v), begins)
+        far[there] += 0.0 if numbers.offsets is None else float(length(numbers.offsets).max())
     slots[:, gone] = np.inf
     empty = np.asarray(np.logical_and.reduceat(gone.reshape(shape), numbers.first_slot, axis=1).any(axis=1))
     farthest = np.maximum.reduceat(far.reshape(shape), numbers.first_slot, axis=1)
     return slots.reshape(2, *shape), farthest, empty
 
 
-def body_pulls(numbers: Numbers, problem: Index, m: Multipliers) -> tuple[Array, Array]:
-    """Slopes of the left side in every c and Θ of L leaves; problem: of each. Shapes (L, M, 3) and (L, M, 3)."""
+def body_pulls(numbers: Numbers, problem: Index, pulls: Array, m: Multipliers) -> tuple[Array, Array]:
+    """Slopes of the left side in every c and Θ of L leaves, shape (L, M, 3) each.
+
+    problem: of each leaf; pulls: r + α of every limb at every frame, (L, M, N, 3).
+    """
     who = numbers.schedule
-    pull = -m.reach.sum(axis=2)
-    twist = -cross(numbers.shoulders[problem][:, None], m.reach).sum(axis=2)
+    pull = -pulls.sum(axis=2)
+    twist = -cross(numbers.shoulders[problem][:, None], pulls).sum(axis=2)
     weight, first = numbers.weight[problem][:, None], np.searchsorted(who.frame, np.arange(len(who.holds)))
     moments = np.add.reduceat(m.nu_M, first, axis=1)
     pull[..., 0] += weight * moments[..., 1]  # −ν·(c × e_z) = (−e_z × ν)·c
@@ -278,10 +260,10 @@ def body_pulls(numbers: Numbers, problem: Index, m: Multipliers) -> tuple[Array,
     return pull, twist
 
 
-def toe_pulls(who: Schedule, m: Multipliers) -> Array:
-    """Slopes of the left side in every toe of L leaves, moments left out, shape (L, P, 3)."""
-    leaves = len(m.reach)
-    toes = np.add.reduceat(m.reach.reshape(leaves, -1, 3)[:, who.standing], who.first_standing, axis=1)
+def toe_pulls(who: Schedule, pulls: Array, m: Multipliers) -> Array:
+    """Slopes of the left side in every toe of L leaves, moments left out, shape (L, P, 3); pulls: as ``body_pulls``."""
+    leaves = len(pulls)
+    toes = np.add.reduceat(pulls.reshape(leaves, -1, 3)[:, who.standing], who.first_standing, axis=1)
     before, after = who.moves.T
     toes[:, after] += m.toe_step  # a placement is moved to once at most, and from once
     toes[:, before] -= m.toe_step

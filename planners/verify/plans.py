@@ -10,6 +10,7 @@ earlier frame has a stance (c, Θ, f) of some of these limbs, the later one (c',
 both, the forces sum up to the weight everywhere, so Σ (p − c) × f = Σ p × f + c × m g is linear in (c, f), and zero at
 both ends. Cones, bounds (which admit a zero force), reach with the linearised rotation, tilt box and the interpolated
 ball about the nominal COM are convex. So every point between is a posture, too. Five of them are recomputed anyway.
+Half-spaces of reach are bilinear in Θ and c; their largest value on the way is worked out (``half_spaces.bowed``).
 """
 
 from __future__ import annotations
@@ -21,11 +22,15 @@ import numpy as np
 
 from ..answer.plan import Plan
 from ..errors import InvalidInput
-from ..files.arrays import LARGEST, Array
+from ..files.arrays import Array
+from ..terrain.patch import Patch
+from .defects import plan_defect
 from .geometry import contact_frames, cross, length, patch_distances
+from .half_spaces import beyond, bowed, reach_rows
 from .postures import NOTHING, worst_groups
-from .report import PLAN_GROUPS, GroupViolation, Report, plan_shapes, refused
-from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, violations, worst_of
+from .report import PLAN_GROUPS, GroupViolation, Report, refused
+from .soles import counts_of, off_sole, sole_points
+from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 
 BETWEEN = tuple(k / 6.0 for k in range(1, 6))
 """Shares of the way from one frame to the next at which it is recomputed."""
@@ -38,7 +43,7 @@ def check_plan(plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, bet
     weight, moments in their product and angles in rad. joints: ask inverse kinematics, too. between: recompute points
     between the frames; without them, what convexity proves of the way is taken as proved.
     """
-    defect, frame, limb = _plan_defect(plan)
+    defect, frame, limb = plan_defect(plan)
     if defect:
         return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
     angles = check_joints(plan) if joints else {"verdict": "not asked for"}
@@ -75,18 +80,37 @@ class _Sweep:
         self._who = Schedule.of_course(plan.course)
         self._shoulders = np.array([limb.shoulder_m for limb in plan.course.robot.limbs])
         self._reach = np.array([limb.reach_m for limb in plan.course.robot.limbs])
+        self._rows = reach_rows(plan.course.robot.limbs)
         self._patches = [
             put.candidates[int(chosen)] for put, chosen in zip(plan.course.placements, plan.choice, strict=True)
         ]
-        self._off_patch = patch_distances([patch.vertices_m for patch in self._patches], plan.toes_m)
+        regions = [row[int(chosen)] for row, chosen in zip(plan.course.regions, plan.choice, strict=True)]
+        self._off_patch = patch_distances([region.vertices_m for region in regions], plan.toes_m)
+        self._points = counts_of(plan.course.robot.limbs)
+        self._forces, self._offsets = plan.forces_n[:, :, None], np.zeros((len(plan.toes_m), 1, 3))
+        if self._points:
+            self._on_soles(regions)
         length_m = min(plan.course.length_scale_m, LARGEST_UNIT_M)
         self._units = {"m": length_m, "N": plan.course.weight_n, "rad": 1.0, "": 1.0}
         self._found = dict(NOTHING)
+
+    def _on_soles(self, regions: list[Patch]) -> None:
+        """Forces are those at the points of soles, and these where yaw and centre put them, near to what is claimed."""
+        plan, soles = self._plan, {limb.name: limb.sole_m for limb in self._course.robot.limbs}
+        assert plan.points_m is not None
+        assert plan.point_forces_n is not None
+        self._forces, self._offsets = plan.point_forces_n, np.zeros_like(plan.points_m)
+        for p, (put, patch) in enumerate(zip(self._course.placements, self._patches, strict=True)):
+            yaw = put.yaws_rad[int(plan.choice[p])] if put.yaws_rad else 0.0
+            its = sole_points(soles[put.limb], patch, yaw)
+            self._offsets[p, : len(its)] = its
+            self._off_patch[p] = off_sole(patch, regions[p], its, plan.toes_m[p], plan.points_m[p])
 
     def report(self, tolerance: float, joints: dict[str, Any], shares: tuple[float, ...]) -> Report:
         """The report on all groups."""
         ways = self._ways()
         between = self._stances(ways, shares)
+        self._bowed(ways)
         self._idle()
         self._steps()
         bent, exact_m = self._linearisation()
@@ -116,7 +140,13 @@ class _Sweep:
         limbs = [limbs for *_, limbs in ways for _ in shares]
         owner = np.concatenate([who.stance, np.repeat(stances + np.arange(len(limbs)), [len(own) for own in limbs])])
         limb = np.concatenate([who.limb, np.array([i for own in limbs for i in own], dtype=np.intp)])
-        at = self._points(frame, share, owner, limb, (before, after))
+        point = who.point
+        if self._points:
+            of_stances = len(who.limb)
+            nth, more = expanded(limb[of_stances:], self._points)
+            owner = np.concatenate([who.stance, owner[of_stances:][nth]])
+            limb, point = np.concatenate([who.limb, limb[of_stances:][nth]]), np.concatenate([point, more])
+        at = self._measured(frame, share, owner, limb, point, (before, after))
         found = violations(at)
         self._found |= worst_groups(at, found, frame, share, limb, self._names)
         if not len(limbs):
@@ -124,8 +154,8 @@ class _Sweep:
         along = worst_of(at, found)[stances:]
         return float(along.max())
 
-    def _points(
-        self, frame: Index, share: Array, owner: Index, limb: Index, rows: tuple[Index, Index]
+    def _measured(
+        self, frame: Index, share: Array, owner: Index, limb: Index, point: Index, rows: tuple[Index, Index]
     ) -> Stances:
         """Points ``share`` of the way from each frame to the next, from the forces in one row to those in another."""
         course, plan, t = self._course, self._plan, share[:, None]
@@ -134,7 +164,8 @@ class _Sweep:
         axes = np.array([(patch.normal, patch.shear_reference) for patch in self._patches])
         friction = np.array([patch.friction for patch in self._patches])
         before, after = rows
-        forces = (1.0 - t[owner]) * plan.forces_n[before[owner], limb] + t[owner] * plan.forces_n[after[owner], limb]
+        start, end = (self._forces[row[owner], limb, point if self._points else 0] for row in (before, after))
+        forces = (1.0 - t[owner]) * start + t[owner] * end
         each = np.ones(len(frame))
 
         def way(values: Array) -> Array:
@@ -149,8 +180,13 @@ class _Sweep:
             length_m=self._units["m"] * each, force_n=self._units["N"] * each, toes_m=plan.toes_m[placement],
             forces_n=forces, frames=contact_frames(axes[:, 0], axes[:, 1])[placement], friction=friction[placement],
             shoulders_m=self._shoulders[limb], reach_m=self._reach[limb], force_min_n=bounds[0], force_max_n=bounds[1],
-            off_patch_m=self._off_patch[placement],
+            off_patch_m=self._off_patch[placement], rows=self._rows_of(limb),
+            offsets_m=self._offsets[placement, point] if self._points else None,
         )  # fmt: skip
+
+    def _rows_of(self, limb: Index) -> tuple[Array, Array] | None:
+        """Half-spaces of reach of these limbs."""
+        return None if self._rows is None else (self._rows[0][limb], self._rows[1][limb])
 
     def _ways(self) -> list[tuple[int, int, int, list[int]]]:
         """Somebody carries at every frame and on every way between two.
@@ -182,6 +218,15 @@ class _Sweep:
             found.append((k, before, after, limbs))
         return found
 
+    def _bowed(self, ways: list[tuple[int, int, int, list[int]]]) -> None:
+        """Half-spaces of reach on the ways, which are not convex in the share of the way."""
+        for k, _, _, limbs in ways if self._rows is not None else []:
+            limb, ends, plan = np.array(limbs), slice(k, k + 2), self._plan
+            legs = plan.toes_m[self._who.holds[k, limb]] - plan.com_m[ends, None]
+            rows = self._rows_of(limb)
+            assert rows is not None
+            self._note("reach", bowed(plan.rotation_rad[ends], legs, rows), np.full(len(limb), k), limb)
+
     def _idle(self) -> None:
         """Toes that stood stay there; who carries nowhere at a frame is in place and in reach, and does not push."""
         course, plan, who = self._course, self._plan, self._who
@@ -194,14 +239,17 @@ class _Sweep:
         bears = np.zeros(plan.forces_n.shape[:2], dtype=bool)
         bears[who.stance, who.limb] = True
         row, limb = np.nonzero(~bears)
-        self._note("idle_force", length(plan.forces_n[row, limb]), who.frame[row], limb)
+        self._note("idle_force", length(self._forces[row, limb]).max(axis=-1), who.frame[row], limb)
         carries = np.zeros(who.holds.shape, dtype=bool)
         np.logical_or.at(carries, who.frame, bears)
         frame, limb = np.nonzero(~carries)
         toes, v = plan.toes_m[who.holds[frame, limb]], self._shoulders[limb]
         to_toe = toes - plan.com_m[frame] - v - cross(plan.rotation_rad[frame], v)
         self._note("patch", self._off_patch[who.holds[frame, limb]], frame, limb)
-        self._note("reach", length(to_toe) - self._reach[limb], frame, limb)
+        out = beyond(
+            length(to_toe) - self._reach[limb], plan.rotation_rad[frame], toes - plan.com_m[frame], self._rows_of(limb)
+        )
+        self._note("reach", out, frame, limb)
 
     def _steps(self) -> None:
         """Steps and progress between neighbouring frames (E11)."""
@@ -244,26 +292,3 @@ class _Sweep:
         to_toe = self._plan.toes_m[self._who.holds] - self._plan.com_m[:, None] - exact
         beyond = float((length(to_toe) - self._reach).max())
         return float(length(exact - v - once).max()), max(0.0, beyond)
-
-
-def _plan_defect(plan: Plan) -> tuple[str, int, str]:
-    """What keeps the plan from being one at all, with its frame and limb; empty when nothing does."""
-    course = plan.course
-    for name, shape in plan_shapes(course).items():
-        array = getattr(plan, name)
-        if array is None and name == "modes":
-            continue
-        if array.shape != shape:
-            return f"{name}: expected shape {shape}, got {array.shape}", -1, ""
-        if not np.isfinite(array).all():
-            return f"{name}: expected finite numbers", -1, ""
-        if np.abs(array).max(initial=0) > LARGEST:
-            return f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}", -1, ""
-    for put, chosen in zip(course.placements, plan.choice, strict=True):
-        if not 0 <= chosen < len(put.candidates):
-            most = len(put.candidates) - 1
-            return (
-                f"choice: frame {put.frame}, limb {put.limb}: expected a candidate from 0 to {most}, got {chosen}",
-                put.frame, put.limb,
-            )  # fmt: skip
-    return "", -1, ""

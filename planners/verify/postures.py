@@ -13,9 +13,12 @@ import numpy as np
 from ..answer.outcome import Posture
 from ..files.arrays import Array
 from ..problem import PostureProblem
+from .defects import posture_defect
 from .geometry import length
+from .half_spaces import row_counts
 from .report import GROUPS, PLAN_GROUPS, GroupViolation, Report, refused
-from .stances import BALANCES, OF_CONTACTS, Index, Stances, units_of, violations, worst_of
+from .soles import counts_of
+from .stances import BALANCES, OF_CONTACTS, Index, Schedule, Stances, units_of, violations, worst_of
 
 PARTS = {
     "force_balance": ("x", "y", "z"),
@@ -34,13 +37,14 @@ def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float
     tolerance: largest violation allowed in any group, with lengths in the length scale, forces in the force scale,
     moments in their product and angles in rad. The two balances are judged by the Euclidean norm of what is left over.
     """
-    defect = _posture_defect(problem, posture)
+    defect = posture_defect(problem, posture)
     if defect:
         return refused(problem, posture, tolerance, defect)
     with np.errstate(all="ignore"):
         at = Stances.of_postures((problem,), (posture,))
-        zeros = np.zeros(len(problem.contacts), dtype=np.intp)
-        groups = worst_groups(at, violations(at), zeros, zeros, np.arange(len(zeros)), problem.legs)
+        limb = Schedule.of_posture(row_counts(problem.contacts), counts_of(problem.contacts)).limb
+        zeros = np.zeros(len(limb), dtype=np.intp)
+        groups = worst_groups(at, violations(at), zeros, zeros, limb, problem.legs)
     worst = max(group.worst for group in groups.values())
     if not math.isfinite(worst):
         return refused(problem, posture, tolerance, "the numbers overflow")
@@ -59,7 +63,7 @@ def check_postures(
     P̄. Who has the numbers as arrays can ask ``worst_of`` a ``Stances``.
     """
     worst = np.full(len(problems), np.inf)
-    whole = [not _posture_defect(*pair) for pair in zip(problems, postures, strict=True)]
+    whole = [not posture_defect(*pair) for pair in zip(problems, postures, strict=True)]
     rows = np.flatnonzero(whole).tolist()
     if rows:
         with np.errstate(all="ignore"):
@@ -94,15 +98,3 @@ def worst_groups(
             PARTS[group][column] if group in PARTS else "", float(share[stance]),
         )  # fmt: skip
     return worst
-
-
-def _posture_defect(problem: PostureProblem, posture: Posture) -> str:
-    """What keeps the posture from being one at all; empty when nothing does."""
-    rows = len(problem.contacts)
-    for name, shape in (("com_m", (3,)), ("rotation_rad", (3,)), ("toes_m", (rows, 3)), ("forces_n", (rows, 3))):
-        array = getattr(posture, name)
-        if array.shape != shape:
-            return f"{name}: expected shape {shape}, got {array.shape}"
-        if not np.isfinite(array).all():
-            return f"{name}: expected finite numbers"
-    return ""

@@ -177,12 +177,17 @@ def plan_shapes(course: Course) -> dict[str, tuple[int, ...]]:
     """The shape that each array of a plan over a course has, by name."""
     frames, limbs = course.frames, len(course.robot.limbs)
     placed, stances = len(course.placements), len(course.stances)
+    soles: dict[str, tuple[int, ...]] = {}
+    if course.has_soles:
+        points = max(1 if limb.sole_m is None else len(limb.sole_m) for limb in course.robot.limbs)
+        soles = {"points_m": (placed, points, 3), "point_forces_n": (stances, limbs, points, 3)}
     return {
         "com_m": (frames, 3),
         "rotation_rad": (frames, 3),
         "toes_m": (placed, 3),
         "choice": (placed,),
         "forces_n": (stances, limbs, 3),
+        **soles,
         "modes": (frames,),
     }
 

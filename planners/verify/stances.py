@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 
 from ..answer.outcome import Posture
 from ..files.arrays import Array
-from ..problem import PostureProblem
+from ..problem import Contact, PostureProblem
 from ..problem.course import Course
 from .geometry import contact_frames, cross, length, patch_distances
+from .half_spaces import beyond, reach_rows, row_counts
 from .report import GROUPS
+from .soles import counts_of, off_sole, sole_points
 
 LARGEST_UNIT_M = 1.0
 """Violations are measured in the problem's scales, but in no more than this length and the robot's weight: a file that
@@ -37,6 +39,8 @@ class Schedule:
     frame: Index  # (S,), of each stance, ascending; every frame has one
     stance: Index  # (B,), ascending
     limb: Index  # (B,)
+    point: Index  # (B,), of its foot
+    row_limb: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # (H,), of each half-space of reach
 
     @cached_property
     def placement(self) -> Index:
@@ -83,10 +87,15 @@ class Schedule:
 
     @staticmethod
     @lru_cache(maxsize=64)
-    def of_posture(contacts: int) -> Schedule:
-        """That of a posture."""
-        limbs, zeros = np.arange(contacts), np.zeros(contacts, dtype=np.intp)
-        return Schedule(holds=limbs[None], frame=zeros[:1], stance=zeros, limb=limbs)
+    def of_posture(rows: tuple[int, ...], points: tuple[int, ...] = ()) -> Schedule:
+        """That of a posture. rows: how many half-spaces of reach each contact has; points: of its foot, () for 1."""
+        limbs = np.arange(len(rows))
+        bearing, point = expanded(limbs, points)
+        zeros = np.zeros(len(bearing), dtype=np.intp)
+        return Schedule(
+            holds=limbs[None], frame=zeros[:1], stance=zeros, limb=bearing, point=point,
+            row_limb=np.repeat(limbs, rows),
+        )  # fmt: skip
 
     @staticmethod
     def of_course(course: Course) -> Schedule:
@@ -96,12 +105,28 @@ class Schedule:
         for p in sorted(range(len(course.placements)), key=lambda p: course.placements[p].frame):
             holds[course.placements[p].frame :, names.index(course.placements[p].limb)] = p
         limbs = [stance.limbs for stance in course.stances]
+        limb, stance = np.array([i for row in limbs for i in row]), np.repeat(np.arange(len(limbs)), [*map(len, limbs)])
+        row, point = expanded(limb, counts_of(course.robot.limbs))
         return Schedule(
             holds=holds,
             frame=np.array([stance.frame for stance in course.stances]),
-            stance=np.repeat(np.arange(len(limbs)), [len(row) for row in limbs]),
-            limb=np.array([i for row in limbs for i in row]),
+            stance=stance[row],
+            limb=limb[row],
+            point=point,
+            row_limb=np.repeat(np.arange(len(names)), row_counts(course.robot.limbs)),
         )
+
+
+def expanded(limb: Index, counts: tuple[int, ...]) -> tuple[Index, Index]:
+    """A row for every point of the foot of each of some limbs: which of them, and which point.
+
+    counts: how many points each limb's foot has, () for one.
+    """
+    if not counts:
+        return np.arange(len(limb)), np.zeros(len(limb), dtype=np.intp)
+    each = np.array(counts)[limb]
+    row = np.repeat(np.arange(len(limb)), each)
+    return row, np.arange(len(row)) - (np.cumsum(each) - each)[row]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,6 +156,8 @@ class Stances:
     force_min_n: Array  # (K, 3)
     force_max_n: Array  # (K, 3)
     off_patch_m: Array  # (K,)
+    offsets_m: Array | None = None  # (K, 3), from the toe to where the force acts, on a sole
+    rows: tuple[Array, Array] | None = None  # half-spaces of reach [m], see ``reach_rows``, or none at all
 
     @staticmethod
     def of_postures(problems: Sequence[PostureProblem], postures: Sequence[Posture]) -> Stances:
@@ -155,15 +182,44 @@ class Stances:
         )  # fmt: skip
         toes = np.concatenate([posture.toes_m for posture in postures])
         bounds = rest[:, 1:] * scale[owner][:, None, None]
-        return Stances(
+        whole = Stances(
             owner=owner, com_m=pose[:, 0], rotation_rad=pose[:, 1], com_nominal_m=pose[:, 2], com_radius_m=radius,
             tilt_limit_rad=tilt, weight_n=weight, length_m=np.minimum(length_m, LARGEST_UNIT_M),
             force_n=np.minimum(scale, weight), toes_m=toes,
             forces_n=np.concatenate([posture.forces_n for posture in postures]),
             frames=contact_frames(axes[:, 0], axes[:, 1]), friction=numbers[:, 0], shoulders_m=rest[:, 0],
             reach_m=numbers[:, 1], force_min_n=bounds[:, 0], force_max_n=bounds[:, 1],
-            off_patch_m=patch_distances([contact.patch.vertices_m for contact in contacts], toes),
+            off_patch_m=patch_distances([contact.region.vertices_m for contact in contacts], toes),
+            rows=reach_rows(contacts),
         )  # fmt: skip
+        counts = counts_of(tuple(contacts))
+        return whole._on_soles(contacts, counts, postures) if counts else whole
+
+    def _on_soles(self, contacts: Sequence[Contact], counts: tuple[int, ...], postures: Sequence[Posture]) -> Stances:
+        """The same with a row for every point of every foot."""
+        row = expanded(np.arange(len(contacts)), counts)[0]
+        offsets, forces, off = [], [], []
+        claims = [claim for posture in postures for claim in _claims(posture)]
+        for contact, toe, whole, claim in zip(contacts, self.toes_m, self.forces_n, claims, strict=True):
+            its = sole_points(contact.sole_m, contact.patch, contact.yaw_rad)
+            offsets.append(its)
+            forces.append(whole[None] if claim is None else claim[1][: len(its)])
+            own = toe + its if claim is None else claim[0]
+            off.append(off_sole(contact.patch, contact.region, its, toe, own))
+        return replace(
+            self, owner=self.owner[row], toes_m=self.toes_m[row], forces_n=np.concatenate(forces),
+            frames=self.frames[row], friction=self.friction[row], shoulders_m=self.shoulders_m[row],
+            reach_m=self.reach_m[row], force_min_n=self.force_min_n[row], force_max_n=self.force_max_n[row],
+            off_patch_m=np.array(off)[row], offsets_m=np.concatenate(offsets),
+            rows=None if self.rows is None else (self.rows[0][row], self.rows[1][row]),
+        )  # fmt: skip
+
+
+def _claims(posture: Posture) -> list[tuple[Array, Array] | None]:
+    """Where the points of every foot are claimed to be, and the forces at them; None of a posture on point feet."""
+    if posture.points_m is None or posture.point_forces_n is None:
+        return [None] * len(posture.toes_m)
+    return list(zip(posture.points_m, posture.point_forces_n, strict=True))
 
 
 def violations(at: Stances) -> dict[str, Array]:
@@ -174,17 +230,18 @@ def violations(at: Stances) -> dict[str, Array]:
     """
     owner, starts = at.owner, np.searchsorted(at.owner, np.arange(len(at.com_m)))
     arms = at.toes_m - at.com_m[owner]
+    levers = arms if at.offsets_m is None else arms + at.offsets_m
     net = np.add.reduceat(at.forces_n, starts)
     net[:, 2] -= at.weight_n
-    f = (at.forces_n[:, None, :] @ at.frames)[:, 0]                                   # f_n, f_y, f_z            (3)
-    to_toe = arms - at.shoulders_m - cross(at.rotation_rad[owner], at.shoulders_m)    # p_w − c − (I + [Θ]×) v  (11)
+    f = (at.forces_n[:, None, :] @ at.frames)[:, 0]  # f_n, f_y, f_z            (3)
+    to_toe = arms - at.shoulders_m - cross(at.rotation_rad[owner], at.shoulders_m)  # p_w − c − (I + [Θ]×) v  (11)
     return {
         "patch": at.off_patch_m,                                                      # p_w = Σ λ v              (1)
         "force_balance": net,                                                         # Σ f + m g = 0            (5)
-        "moment_balance": np.add.reduceat(cross(arms, at.forces_n), starts),          # Σ (p_w − c) × f = 0      (6)
+        "moment_balance": np.add.reduceat(cross(levers, at.forces_n), starts),          # Σ (p_w − c) × f = 0      (6)
         "friction": length(f[:, 1:]) - at.friction * f[:, 0],                         # ‖f_t‖ ≤ μ f_n           (10)
         "force_bounds": np.maximum(at.force_min_n - f, f - at.force_max_n),           # f_min ≤ f ≤ f_max
-        "reach": length(to_toe) - at.reach_m,                                         # ‖·‖ ≤ reach             (11)
+        "reach": beyond(length(to_toe) - at.reach_m, at.rotation_rad[owner], arms, at.rows),  # ‖·‖ ≤ reach     (11)
         "tilt": np.abs(at.rotation_rad) - at.tilt_limit_rad[:, None],                 # |Θ_i| ≤ tilt limit
         "com": length(at.com_m - at.com_nominal_m) - at.com_radius_m,                 # ‖c − c_nominal‖ ≤ radius
     }  # fmt: skip

@@ -12,7 +12,10 @@ from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course
 from .geometry import contact_frames, cut, sag
-from .lagrangian import Leaves, Numbers, multiplier_count
+from .half_spaces import row_counts, scaled_half_spaces
+from .lagrangian import Leaves, Numbers
+from .multipliers import multiplier_count
+from .soles import counts_of, sole_points
 from .stances import Index, Schedule
 
 Node = tuple[Index, Array, Array]
@@ -47,8 +50,9 @@ class Forest:
         who = Schedule.of_course(course)
         patches = [patch for put in course.placements for patch in put.candidates]
         stands = [put.toe_m for put in course.placements for _ in put.candidates]
+        regions = [region for row in course.regions for region in row]
         points = [
-            patch.vertices_m if toe is None else toe[None] for patch, toe in zip(patches, stands, strict=True)
+            region.vertices_m if toe is None else toe[None] for region, toe in zip(regions, stands, strict=True)
         ]  # fmt: skip
         axes = np.array([(patch.normal, patch.shear_reference) for patch in patches])
         ahead = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
@@ -69,12 +73,14 @@ class Forest:
             steps=np.array([steps.com_m / length, steps.rotation_rad, steps.toe_m / length]),
             progress=np.where(ahead.any(axis=1), steps.progress_m / length, 0.0),
             ahead=ahead,
+            **scaled_half_spaces([limbs], np.array([length])),
+            offsets=_offsets(course) / length if course.has_soles else None,
         )
         return Forest(numbers, [vertices / length for vertices in points])
 
     @staticmethod
     def of_postures(problems: Sequence[PostureProblem]) -> Forest:
-        """Posture problems with equally many contacts."""
+        """Posture problems with equally many contacts, each with as many half-spaces of reach."""
         contacts = [contact for problem in problems for contact in problem.contacts]
         count, many = len(problems[0].contacts), len(problems)
         lengths = np.array([problem.length_scale_m for problem in problems])
@@ -87,9 +93,11 @@ class Forest:
             ]
         ).reshape(many, count, 5, 3)
         scalars = np.array([(c.patch.friction, c.reach_m) for c in contacts]).reshape(many, count, 2)
+        points = counts_of(problems[0].contacts)
+        who = Schedule.of_posture(row_counts(problems[0].contacts), points)
         numbers = Numbers(
-            schedule=Schedule.of_posture(count),
-            slot=Schedule.of_posture(count).limb,
+            schedule=who,
+            slot=who.holds[0],
             frames=contact_frames(vectors[:, :, 0], vectors[:, :, 1]),
             friction=scalars[..., 0],
             shoulders=vectors[:, :, 2] / lengths[:, None, None],
@@ -98,14 +106,18 @@ class Forest:
             com_radius=(body[:, 0] / lengths)[:, None],
             tilt=body[:, 1],
             weight=body[:, 2] * lengths,
-            force_min=vectors[:, :, 3],
-            force_max=vectors[:, :, 4],
+            force_min=vectors[:, who.limb, 3],
+            force_max=vectors[:, who.limb, 4],
             steps=np.zeros(3),
             progress=np.zeros(0),
             ahead=np.zeros((0, 3)),
-        )
-        whole = np.concatenate([contact.patch.vertices_m for contact in contacts])
-        sizes = [len(contact.patch.vertices_m) for contact in contacts]
+            **scaled_half_spaces([problem.contacts for problem in problems], lengths),
+            offsets=None if not points else _padded(
+                [sole_points(c.sole_m, c.patch, c.yaw_rad) for c in contacts]
+            ).reshape(many, count, -1, 3) / lengths[:, None, None, None],
+        )  # fmt: skip
+        whole = np.concatenate([contact.region.vertices_m for contact in contacts])
+        sizes = [len(contact.region.vertices_m) for contact in contacts]
         whole /= np.repeat(np.repeat(lengths, count), sizes)[:, None]
         ends = np.cumsum(sizes).tolist()
         return Forest(numbers, [whole[end - size : end] for end, size in zip(ends, sizes, strict=True)])
@@ -225,6 +237,26 @@ class Forest:
         if root not in self._sags:
             self._sags[root] = sag(self._pieces[root])
         return self._sags[root]
+
+
+def _offsets(course: Course) -> Array:
+    """From the toe to the points of its foot, by slot, shape (1, T, K, 3) [m]."""
+    soles = {limb.name: limb.sole_m for limb in course.robot.limbs}
+    return _padded(
+        [
+            sole_points(soles[put.limb], patch, yaw)
+            for put in course.placements
+            for patch, yaw in zip(put.candidates, put.yaws_rad or [0.0] * len(put.candidates), strict=True)
+        ]
+    )[None]
+
+
+def _padded(each: list[Array]) -> Array:
+    """Points of feet, with zeros where one has fewer, shape (T, K, 3)."""
+    table = np.zeros((len(each), max(len(points) for points in each), 3))
+    for row, points in zip(table, each, strict=True):
+        row[: len(points)] = points
+    return table
 
 
 def _index(value: float, count: int, where: str) -> int:

@@ -154,3 +154,15 @@ def test_it_starts_without_what_only_some_verbs_need():
     code = f"import sys, stancekit.cli.main; print([name for name in {HEAVY!r} if name in sys.modules])"
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert run.stdout == "[]\n"
+
+
+def test_a_plan_takes_nothing_that_is_slow_to_import_and_has_no_part_in_it(tmp_path):
+    slow = ("cvxpy", "scipy", "matplotlib", "typeguard", "asyncio", "numpy.f2py", "stancekit.cli.gait")
+    code = (
+        "import sys; from stancekit.cli.main import parse\n"
+        f"assert parse(['plan', 'icy-walls', '--out', {str(tmp_path / 'plan.json')!r}]).run() == 0\n"
+        f"assert 'clarabel' in sys.modules; print([name for name in {slow!r} if name in sys.modules])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.endswith("[]\n")
+    assert (tmp_path / "plan.json").exists()

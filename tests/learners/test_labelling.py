@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from stancekit.envs.distributions.postures import PostureDistribution, distribution
@@ -26,6 +27,7 @@ from stancekit.learners.ledger import LabelPlan
 from stancekit.learners.shards import LabellingFailed, samples
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.search.batch import canonical
 from stancekit.planners.search.exact import ExactPlanner
 
 PLAN = LabelPlan(distribution="wall-3", feasible=18, infeasible=14, shard_size=6, seed=5)
@@ -123,19 +125,60 @@ def test_no_row_depends_on_where_a_block_begins(
             assert contents(tmp_path / f"{plan.natural}-{size}") == contents(whole)
 
 
-def test_rows_hold_what_the_exact_planner_answers_to_each_problem_alone(natural: Path) -> None:
+def test_rows_hold_what_the_exact_planner_proves_of_each_problem_alone(natural: Path) -> None:
     exact = ExactPlanner(max_nodes=NATURAL.max_nodes, time_limit_s=math.inf)
     kinds = set()
     for row in Dataset.open(natural):
         alone = exact.solve(row.problem)
         kinds.add(row.kind)
-        assert (row.status, row.lower_bound, row.solves) == (alone.status, alone.lower_bound, alone.solves)
-        if row.posture is not None and alone.posture is not None:
-            for name in ("com_m", "rotation_rad", "toes_m", "forces_n"):
-                assert getattr(row.posture, name).tobytes() == getattr(alone.posture, name).tobytes()
+        assert (row.status, row.lower_bound) == (alone.status, alone.lower_bound)
         if row.certificate is not None and alone.certificate is not None:
+            assert row.solves == alone.solves
             assert row.certificate.to_json() == alone.certificate.to_json()
     assert kinds == {"feasible", "infeasible", "trivial"}
+
+
+def test_rows_hold_the_canonical_posture_of_each_problem_alone(natural: Path) -> None:
+    drawn = distribution("wall-3")
+    batches = [drawn.batch(ledger_stream(shard), 20) for shard in range(2)]
+    looked_at = 0
+    for row in Dataset.open(natural):
+        alone = canonical(batches[row.shard].select(np.array([row.sample]))).get(0)
+        if row.posture is None:
+            assert alone is None
+        elif alone is not None:
+            looked_at += 1
+            for name in ("com_m", "rotation_rad", "toes_m", "forces_n"):
+                assert getattr(row.posture, name).tobytes() == getattr(alone[0], name).tobytes()
+    assert looked_at >= 0.9 * len(Dataset.open(natural).feasible) > 5
+
+
+def ledger_stream(shard: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(NATURAL.seed, spawn_key=(shard,)))
+
+
+def test_a_set_of_the_older_witnesses_is_read_but_not_continued(tmp_path: Path) -> None:
+    """Without the key ``witness`` the digest is that of before, so older shards belong to their header."""
+    plan = replace(PLAN, feasible=4, infeasible=0, shard_size=2)
+    label(plan, tmp_path)
+    header = json.loads((tmp_path / "header.json").read_text())
+    assert header.pop("witness") == "canonical/1"
+    (tmp_path / "header.json").write_text(json.dumps(header))
+    before = ledger.read_header(tmp_path).model_dump_json(exclude={"software", "witness"})
+    bare = hashlib.sha256(before.encode()).hexdigest()  # as the version without the key has it
+    assert ledger.read_header(tmp_path).digest == bare
+    for shard in range(plan.shards):  # as an older version has written them
+        path = tmp_path / f"shard-{shard:05d}.parquet"
+        table = pq.read_table(path)
+        tally = json.loads(table.schema.metadata[b"stancekit"]) | {"dataset": bare}
+        pq.write_table(table.replace_schema_metadata({"stancekit": json.dumps(tally)}), path, write_page_checksum=True)
+    data = Dataset.open(tmp_path)
+    assert (data.header.witness, len(data), recheck(data).accepted) == (None, 4, True)
+    assert label(plan, tmp_path).rows.total == 4  # nothing is missing
+    (tmp_path / "shard-00001.parquet").unlink()
+    with pytest.raises(InvalidInput) as error:
+        label(plan, tmp_path)
+    assert str(error.value) == f"{tmp_path}/header.json: witness: expected 'canonical/1' to go on with, got None"
 
 
 def start(path: Path, *, workers: int = 1, function: str = "", calls: int = 0) -> subprocess.Popen[str]:

@@ -3,7 +3,7 @@ the lift of a course written a second time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -14,9 +14,11 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
+from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course, Placement, StepLimits
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.model import Limb, Robot
+from stancekit.planners.robot.reach import ReachRows
 from stancekit.planners.terrain import Patch
 
 STEP_M, HEIGHT_M = 0.03, 0.2
@@ -187,6 +189,11 @@ def _written_course(course: Course) -> tuple[cp.Problem, list[list[cp.Variable]]
         for limb in robot.limbs:
             shoulder = com[k] + limb.shoulder_m - _times(limb.shoulder_m) @ turn[k]  # Θ × v = −v × Θ
             rows.append(cp.norm(toes[standing[k, limb.name]] - shoulder) <= limb.reach_m)
+            if limb.reach_rows is not None:  # where the body does not turn these are as they are
+                assert course.tilt_limit_rad == 0.0
+                rows.append(
+                    limb.reach_rows.normals @ (toes[standing[k, limb.name]] - com[k]) <= limb.reach_rows.bounds_m
+                )
     for stance in course.stances:
         force, moment = np.array([0.0, 0.0, -1.0]), _times(np.array([0.0, 0.0, -1.0])) @ com[stance.frame] * -1.0
         for i in stance.limbs:
@@ -228,6 +235,60 @@ def ragged() -> Callable[..., Course]:
     toe of the first frame already stands where frames > 1. Some seeds have a plan and some do not.
     """
     return cache(_ragged)
+
+
+@pytest.fixture(scope="session")
+def bounded() -> Callable[..., PostureProblem | Course]:
+    """``bounded(subject, seed, room_m=0.1, of=None)``: every limb, or these, in a polytope about its nominal toe.
+
+    Six half-spaces to random sides, each ``room_m`` from where the first toe lies from the nominal COM, or less.
+    """
+    return _bounded
+
+
+def _bounded(
+    subject: PostureProblem | Course, seed: int, room_m: float = 0.1, of: Sequence[str] | None = None
+) -> PostureProblem | Course:
+    rng = np.random.default_rng(seed)
+
+    def rows(name: str, toe: np.ndarray, com: np.ndarray) -> ReachRows | None:
+        normals = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        normals, size = np.vstack([normals, -normals]), rng.uniform(0.5, 2.0, 6)
+        bounds = normals @ (toe - com) + room_m * rng.uniform(0.6, 1.0, 6)
+        return ReachRows(normals=size[:, None] * normals, bounds_m=size * bounds) if of is None or name in of else None
+
+    if isinstance(subject, PostureProblem):
+        each = [(c, rows(c.leg, c.patch.centre_m, subject.com_nominal_m)) for c in subject.contacts]
+        return replace(subject, contacts=tuple(replace(contact, reach_rows=its) for contact, its in each))
+    limbs = []
+    for limb, first in zip(subject.robot.limbs, subject.holds[0], strict=True):
+        toe = subject.placements[first].candidates[0].centre_m
+        limbs.append(replace(limb, reach_rows=rows(limb.name, toe, subject.com_nominal_m[0])))
+    return replace(subject, robot=replace(subject.robot, limbs=tuple(limbs)))
+
+
+@pytest.fixture(scope="session")
+def soled() -> Callable[..., PostureProblem | Course]:
+    """``soled(subject, seed)``: every second foot a small sole of three or four points, at its candidate's own yaw."""
+    return _soled
+
+
+def _soled(subject: PostureProblem | Course, seed: int) -> PostureProblem | Course:
+    rng = np.random.default_rng(seed)
+
+    def sole(i: int) -> np.ndarray | None:
+        corners = np.array([[6e-3, 3e-3], [5e-3, -3e-3], [-4e-3, -3e-3], [-4e-3, 3e-3]])
+        return corners[: 3 + (i // 2) % 2] if i % 2 == 0 else None
+
+    if isinstance(subject, PostureProblem):
+        contacts = (
+            replace(contact, sole_m=sole(i), yaw_rad=float(rng.uniform(-3.0, 3.0)))
+            for i, contact in enumerate(subject.contacts)
+        )
+        return replace(subject, contacts=tuple(contacts))
+    limbs = tuple(replace(limb, sole_m=sole(i)) for i, limb in enumerate(subject.robot.limbs))
+    puts = (replace(put, yaws_rad=tuple(rng.uniform(-3.0, 3.0, len(put.candidates)))) for put in subject.placements)
+    return replace(subject, robot=replace(subject.robot, limbs=limbs), placements=tuple(puts))
 
 
 @pytest.fixture(scope="session")

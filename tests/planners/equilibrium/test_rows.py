@@ -8,6 +8,7 @@ import clarabel
 import cvxpy as cp
 import numpy as np
 import pytest
+import scipy.sparse as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -198,7 +199,8 @@ def test_infeasible_data_comes_with_a_farkas_ray_from_either(seed, keep):
     data = Blend.data(seed)
     data |= {"low": data["centres"] + 1.0}  # all of the floor is outside the balls
     program = Blend(keep)
-    _, _, a, b = program.rows.load(data)
+    _, _, matrix, b = program.rows.load(data)
+    a = sp.csc_matrix((matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape)
     for solution in (
         program.rows.solve(data),
         Blend.model(data).solve_as(program.rows.columns, program.rows.groups),

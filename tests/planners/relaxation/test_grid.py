@@ -15,6 +15,7 @@ from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.grid import (
     KNOTS,
+    Breaks,
     Cells,
     axes_of,
     cell_error,
@@ -42,7 +43,7 @@ def test_weight_goes_to_two_neighbours_only(encoding, count):
 @pytest.mark.parametrize("encoding", ["log", "unary"])
 def test_over_a_cell_the_products_reach_as_far_as_the_four_planes_of_mccormick(encoding):
     domain = Envelope(low=[[-1.0, 0.0, 0.2, -0.5, 0.1, -1.0]], high=[[1.0, 0.8, 0.6, 0.7, 0.9, 1.0]])
-    cells = Cells(domain, (2, 2), encoding)
+    cells = Cells(Breaks.of(domain, (2, 2)), (2, 2), encoding)
     parts = cp.Variable((1, 3)), cp.Variable((1, 3)), cp.Variable((1, 9))
     rng, terms = np.random.default_rng(0), cells.terms(*parts)
     for _ in range(6):

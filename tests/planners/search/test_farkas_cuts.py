@@ -8,7 +8,8 @@ from stancekit.planners.answer.outcome import Certificate
 from stancekit.planners.equilibrium.rows import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.search.farkas_cuts import MARGIN, FarkasCuts, split
+from stancekit.planners.search.cuts import alone
+from stancekit.planners.search.farkas_cuts import MARGIN, FarkasCuts, of_stance, split
 from stancekit.planners.verify import check_certificate
 
 TORN = {"regions": 2, "ice": 0.5}
@@ -40,19 +41,44 @@ def test_a_cut_refutes_exactly_the_parts_for_which_the_verifier_accepts_it(climb
     assert min(agreed.values()) > 5
 
 
-def test_relief_is_what_the_kindest_candidates_take_from_a_cut(climb, programs):
+def test_relief_is_the_share_that_the_kindest_candidates_take_from_every_cut_that_refutes_a_choice(climb, programs):
     course = climb(5, **TORN)
     scaled = Scaled.of(course)
     lifted = solve_lift(programs, scaled, least_moment=False)
     assert lifted.status is ConicStatus.INFEASIBLE
     cuts = FarkasCuts(scaled)
+    opened, choice = scaled.opened(), np.zeros(scaled.layout.footholds, dtype=int)
+    np.testing.assert_array_equal(cuts.relief(choice, opened), 0.0)
     cuts.add(lifted.multipliers)
-    table, opened = cuts.tables[0], scaled.opened()
-    choice = np.zeros(len(table), dtype=int)
-    relief = cuts.relief(0, choice, opened)
-    np.testing.assert_allclose(relief, table[:, 0] - table.min(axis=1))
+    cuts.add(1e-5 * lifted.multipliers)  # proves less than the margin, and counts for nothing
+    table = cuts.tables[0]
+    share = (table[:, 0] - table.min(axis=1)) / (table[:, 0].sum() + cuts.constants[0])
+    assert share.max() > 1e-6
+    np.testing.assert_allclose(cuts.relief(choice, opened), share)
+    cuts.add(2.0 * lifted.multipliers)
+    np.testing.assert_allclose(cuts.relief(choice, opened), 2.0 * share)
     closed = opened * [1.0, 0.0]
-    np.testing.assert_array_equal(cuts.relief(0, choice, closed), 0.0)
+    np.testing.assert_array_equal(cuts.relief(choice, closed), 0.0)
+
+
+def test_what_refutes_one_stance_alone_refutes_the_course(climb, programs):
+    refuted = 0
+    for seed in range(4):
+        course = climb(seed, **TORN)
+        scaled = Scaled.of(course)
+        for choice in np.random.default_rng(seed).integers(2, size=(3, len(course.placements))):
+            cuts = FarkasCuts(scaled)
+            for stance in range(len(course.stances)):
+                lifted = solve_lift(programs, alone(scaled.chosen(choice), stance)[0], least_moment=True)
+                if lifted.bound > MARGIN:
+                    row = of_stance(scaled, stance, lifted)
+                    proof = Certificate(tree=LEAF, multipliers=row[None])
+                    assert check_certificate(course.with_choice(choice), proof).accepted
+                    cuts.add(row)
+                    refuted += 1
+            only = np.eye(2)[choice]
+            assert (cuts.refuting(only) is not None) == bool(cuts.rows)
+    assert refuted > 5
 
 
 def test_on_odd_polygons_with_toes_that_stand_and_several_candidates_it_is_never_bolder_than_the_verifier(
@@ -89,5 +115,6 @@ def test_the_groups_of_a_row_are_those_of_the_certificate(climb):
     assert shapes == {
         "nu_F": (stances, 3), "nu_M": (stances, 3), "reach": (frames, limbs, 3), "com_step": (frames - 1, 3),
         "rotation_step": (frames - 1, 3), "progress": (frames - 1,), "toe_step": (moves, 3),
+        "reach_rows": (frames, 0),
     }  # fmt: skip
     np.testing.assert_array_equal(np.concatenate([part.ravel() for part in parts.values()]), np.arange(count))

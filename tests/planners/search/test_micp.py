@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.util
+import warnings
 from dataclasses import replace
 
+import cvxpy as cp
 import numpy as np
 import pytest
 
@@ -17,8 +19,10 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.grid import Breaks, cell_error
+from stancekit.planners.relaxation.micp import Grid, MicpProgram
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.micp import Grid, MicpPlanner, MicpProgram
+from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.verify import check_plan, check_posture
 
 NEEDS_SCIP = pytest.mark.skipif(importlib.util.find_spec("pyscipopt") is None, reason="needs the exact extra")
@@ -72,7 +76,7 @@ def asked(problem, grid=TWO, **options):
     """The program of a posture over the domain that it implies, and that domain."""
     scaled = Scaled.of(problem)
     domain = domain_of(scaled, "contact")
-    return MicpProgram(scaled, domain, grid, **options), domain
+    return MicpProgram(scaled, Breaks.of(domain, grid.counts), grid, **options), domain
 
 
 def coordinates(point):
@@ -134,7 +138,7 @@ def test_one_piece_of_the_domain_is_the_mccormick_relaxation(scenes):
     claims = []
     for problem, _ in scenes:
         program, domain = asked(problem, Grid(intervals=1))
-        claims.append(program.solve(60.0).claim)
+        claims.append(program.solve(Scaled.of(problem), 60.0).claim)
         if claims[-1] == "infeasible":  # its cones are wider, so what it refuses the relaxation refuses, too
             answer = p1(Scaled.of(problem), domain, soft=True).solve()
             assert answer.status is ConicStatus.INFEASIBLE or answer.objective > 0.0
@@ -146,13 +150,13 @@ def test_a_point_of_the_grid_lies_on_the_surface_up_to_its_cells(feasible):
     gaps = []
     for intervals in (1, 2, 4):
         program, domain = asked(problem, Grid(intervals=intervals))
-        answer = program.solve(60.0)
+        answer = program.solve(Scaled.of(problem), 60.0)
         p, f = coordinates(answer.point)[0, :, :3], answer.point.forces
         gap = np.abs(program.products.moments.value - (p[:, :, None] * f[:, None, :]).reshape(3, 9))
         (p_low, p_high), (f_low, f_high) = domain.position, domain.force
         cell = ((p_high - p_low)[:, :, None] * (f_high - f_low)[:, None, :]).reshape(3, 9) / intervals**2
         assert np.all(gap <= 0.25 * cell + 1e-6)  # McCormick's largest gap over a cell
-        assert gap.max() <= program.figures["cell_error"] + 1e-6
+        assert gap.max() <= cell_error(domain, (intervals, intervals)) + 1e-6
         gaps.append(gap.max())
     assert gaps[0] > 1e-4
 
@@ -162,7 +166,7 @@ def test_both_encodings_make_the_same_claim(scenes, cut):
     claims = []
     for problem, _ in scenes[:6]:
         log, unary = (
-            asked(problem, Grid(intervals=2, encoding=encoding, cut=cut))[0].solve(60.0).claim
+            asked(problem, Grid(intervals=2, encoding=encoding, cut=cut))[0].solve(Scaled.of(problem), 60.0).claim
             for encoding in ("log", "unary")
         )
         assert log == unary
@@ -181,7 +185,7 @@ def test_binaries_are_a_variable_and_not_a_cell(scenes):
 def test_binaries_grow_with_the_limbs_that_carry():
     course = read_course("walls", frames=4)
     scaled = Scaled.of(course)
-    program = MicpProgram(scaled, domain_of(scaled, "contact"))
+    program = MicpProgram(scaled, Breaks.of(domain_of(scaled, "contact"), Grid().counts))
     carrying = sum(len(stance.limbs) for stance in course.stances)
     assert program.figures["binaries"] == 12 * carrying == 252
 
@@ -192,7 +196,7 @@ def test_with_an_envelope_the_claimed_point_of_a_posture_lies_in_it(feasible, us
     for problem, outcome in feasible[:4]:
         envelope = Envelope.around(witness(problem, outcome)).widened(0.1)
         planner = MicpPlanner(grid=Grid(intervals=2, envelope_use=use), envelope=envelope)
-        answer = planner.program(problem).solve(60.0)
+        answer = planner.program(problem).solve(Scaled.of(problem), 60.0)
         assert envelope.contains(coordinates(answer.point), margin=1e-6).all()
         outcome = planner.solve(problem)
         assert outcome.claim == "feasible"
@@ -205,7 +209,7 @@ def test_an_envelope_confines_the_point_of_a_course(use, walls, learned):
     scaled = Scaled.of(walls)
     planner = MicpPlanner(envelope=learned, grid=Grid(envelope_use=use))
     box = planner.box(walls)
-    answer = planner.program(walls).solve(60.0)
+    answer = planner.program(walls).solve(Scaled.of(walls), 60.0)
     assert answer.claim == "feasible"
     frame, limbs = scaled.layout.stances[0]
     p = answer.point.toes[[walls.holds[frame, limb] for limb in limbs]] - answer.point.com[frame]
@@ -216,7 +220,7 @@ def test_an_envelope_confines_the_point_of_a_course(use, walls, learned):
 def test_a_finer_grid_leaves_less_of_the_moments(walls, learned):
     for intervals in (1, 8):
         planner = MicpPlanner(envelope=learned, grid=Grid(envelope_use="shrink", intervals=intervals))
-        box, answer = planner.box(walls), planner.program(walls).solve(60.0)
+        box, answer = planner.box(walls), planner.program(walls).solve(Scaled.of(walls), 60.0)
         width = float(np.max(box.high - box.low) / intervals)
         assert answer.claim == "feasible"
         # |m − p f| ≤ (cell of p)(cell of f)/4, and six such products make a component of the moments of three limbs
@@ -294,10 +298,26 @@ def test_an_answer_does_not_depend_on_the_ones_before_it(feasible):
     np.testing.assert_array_equal(one.posture.forces_n, again.posture.forces_n)
 
 
+def test_the_program_that_postures_share_is_the_one_written_for_each_of_them(scenes):
+    planner = MicpPlanner(grid=TWO)
+    for problem, _ in scenes[:4]:
+        shared, (own, _) = planner.program(problem), asked(problem)
+        assert shared is planner.program(problem)
+        assert shared.figures == own.figures
+        with warnings.catch_warnings(action="ignore", category=UserWarning):  # cvxpy's, on arrays of three dimensions
+            ours, theirs = (each.problem.get_problem_data(cp.HIGHS, solver_opts={})[0] for each in (shared, own))
+        assert ours.keys() == theirs.keys()
+        np.testing.assert_allclose(ours["A"].toarray(), theirs["A"].toarray(), atol=1e-14)
+        for name in ("b", "c"):
+            np.testing.assert_allclose(ours[name], theirs[name], atol=1e-14)
+        assert ours["bool_vars_idx"] == theirs["bool_vars_idx"]
+
+
 @NEEDS_SCIP
 def test_scip_with_true_cones_agrees_with_highs(scenes):
     for problem, _ in scenes[:4]:
-        mine, theirs = (asked(problem, solver=solver)[0].solve(60.0).claim for solver in ("scip", "highs"))
+        programs = [asked(problem, solver=solver)[0] for solver in ("scip", "highs")]
+        mine, theirs = (program.solve(Scaled.of(problem), 60.0).claim for program in programs)
         assert mine == theirs or (mine, theirs) == ("infeasible", "feasible")  # HiGHS' cones are wider
 
 

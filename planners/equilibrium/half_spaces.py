@@ -1,0 +1,108 @@
+"""Half-spaces of reach: their numbers, and the rows that stand in for a·R(Θ)ᵀ(p − c) ≤ b (``robot.reach``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..files.arrays import Array
+from ..problem import Contact
+from ..robot.model import Limb
+from ..robot.reach import ReachRows, turned_most
+from .gather import Of
+from .layout import Index, Layout
+from .rows import Rows
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class HalfSpaces:
+    """Non-dimensional numbers of H half-spaces, by limb.
+
+    normals: a; bounds: b. Of the inner sets levers: a × z; arms: t(a) [a]×; offsets: t(a) a × z. Of the outer ones
+    outer_levers: a × s; outer_bounds: b + t(a) (ρ + t(s)).
+    """
+
+    normals: Array  # (H, 3)
+    bounds: Array  # (H,)
+    levers: Array  # (H, 3)
+    arms: Array  # (H, 3, 3)
+    offsets: Array  # (H, 3)
+    outer_levers: Array  # (H, 3)
+    outer_bounds: Array  # (H,)
+
+    @classmethod
+    def of(cls, limbs: Sequence[Limb | Contact], length_m: float, tilt_rad: float) -> HalfSpaces:
+        """Those of some limbs."""
+        parts = [
+            (rows.normals, rows.bounds_m, np.tile([*limb.shoulder_m, limb.reach_m, *_centre(limb, rows)], (count, 1)))
+            for limb, count in zip(limbs, cls.counts(limbs), strict=False)
+            if (rows := limb.reach_rows) is not None
+        ]
+        if not parts:
+            return cls.none()
+        normals, bounds, owners = (np.concatenate(part) for part in zip(*parts, strict=True))
+        bounds, owners, turned = bounds / length_m, owners / length_m, turned_most(normals, tilt_rad)
+        shoulders, reach, levers = owners[:, :3], owners[:, 3], np.cross(normals, owners[:, 4:])
+        return cls(
+            normals=normals, bounds=bounds, levers=levers, offsets=turned[:, None] * levers,
+            arms=turned[:, None, None] * np.cross(normals[:, None], np.eye(3)).transpose(0, 2, 1),
+            outer_levers=np.cross(normals, shoulders),
+            outer_bounds=bounds + turned * (reach + turned_most(shoulders, tilt_rad)),
+        )  # fmt: skip
+
+    @classmethod
+    def none(cls) -> HalfSpaces:
+        """No half-spaces."""
+        line, vectors = np.zeros(0), np.zeros((0, 3))
+        return cls(
+            normals=vectors, bounds=line, levers=vectors, arms=np.zeros((0, 3, 3)), offsets=vectors,
+            outer_levers=vectors, outer_bounds=line,
+        )  # fmt: skip
+
+    @staticmethod
+    def counts(limbs: Sequence[Limb | Contact]) -> tuple[int, ...]:
+        """How many each limb has; () where none has any."""
+        found = tuple(0 if limb.reach_rows is None else len(limb.reach_rows.bounds_m) for limb in limbs)
+        return found if any(found) else ()
+
+
+def _centre(limb: Limb | Contact, rows: ReachRows) -> Array:
+    """z: the middle of the half-spaces, drawn into the ball."""
+    out = rows.centre_m - limb.shoulder_m
+    return limb.shoulder_m + out * min(1.0, limb.reach_m / max(float(np.linalg.norm(out)), 1e-12))
+
+
+def within_half_spaces(
+    rows: Rows[Any],
+    layout: Layout,
+    com: Index,
+    rotation: Index,
+    put_toes: Callable[[Index, Index, float], None],
+    inner: bool,
+) -> None:
+    """a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)), the outer set, or a·d + Θ·(a × z) + t(a) ‖a × (d − z)‖ ≤ b, the inner one.
+
+    com, rotation: columns of c and Θ, (M, 3); put_toes: see ``terms.Toes``. The rows are all half-spaces, frame by
+    frame; d = p_w − c has columns of its own.
+    """
+    each = layout.frames * layout.limbs
+    leg, is_leg = rows.variable("leg", each, 3), rows.equal("leg", each, 3)
+    rows.put(is_leg, leg, 1.0)
+    rows.put(is_leg, np.repeat(com, layout.limbs, axis=0), 1.0)
+    put_toes(is_leg, np.array(layout.holds, dtype=np.int_).ravel(), -1.0)
+    count = len(layout.row_limbs)
+    own = leg.reshape(layout.frames, layout.limbs, 3)[:, layout.row_limbs].reshape(-1, 3)
+    row = np.tile(np.arange(count), layout.frames)
+    if inner:
+        cone = rows.cones("reach_rows", len(row), 4)
+        at, levers, bounds = cone[:, 0], "levers", "bounds"
+        rows.put(cone[:, 1:, None], own[:, None], -Of("scaled.half_spaces.arms", row))
+        rows.right(cone[:, 1:], -Of("scaled.half_spaces.offsets", row))
+    else:
+        at, levers, bounds = rows.at_most("reach_rows", len(row)), "outer_levers", "outer_bounds"
+    rows.put(at[:, None], own, Of("scaled.half_spaces.normals", row))
+    rows.put(at[:, None], np.repeat(rotation, count, axis=0), Of(f"scaled.half_spaces.{levers}", row))
+    rows.right(at, Of(f"scaled.half_spaces.{bounds}", row))

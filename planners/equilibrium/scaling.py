@@ -1,0 +1,107 @@
+"""From a posture problem or a course to its non-dimensional numbers (E3, E4), by the rows of its layout."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..files.arrays import Array
+from ..problem import PostureProblem
+from ..problem.course import Course
+from .half_spaces import HalfSpaces
+from .layout import Layout
+from .scaled import Scaled
+
+
+def of_posture(problem: PostureProblem) -> Scaled:
+    """A posture: one frame, one stance, a foothold of one candidate a contact."""
+    length_m, force_n = problem.length_scale_m, float(problem.force_scale_n or 1.0)
+    contacts, nothing = problem.contacts, np.zeros((0, 3))
+    feet = tuple(range(len(contacts)))
+    regions = [contact.region for contact in contacts]
+    corners = tuple((len(region.vertices_m),) for region in regions)
+    points, offsets = _offsets([contact.offsets_m for contact in contacts], length_m)
+    bearing = np.repeat(np.arange(len(contacts)), points or 1)
+    return Scaled(
+        layout=Layout(
+            holds=(feet,), stances=((0, feet),), corners=corners, reach_rows=HalfSpaces.counts(contacts), points=points
+        ),
+        options=1,
+        which=((0,),) * len(contacts),
+        vertices=np.concatenate([region.vertices_m for region in regions]) / length_m,
+        frames=np.array([contact.patch.frame for contact in contacts]),
+        friction=np.array([contact.patch.friction for contact in contacts]),
+        shoulders=np.array([contact.shoulder_m for contact in contacts]) / length_m,
+        reach=np.array([contact.reach_m for contact in contacts]) / length_m,
+        force_min=np.array([contact.force_min for contact in contacts])[bearing],
+        force_max=np.array([contact.force_max for contact in contacts])[bearing],
+        weight=problem.weight_n / force_n,
+        com=problem.com_nominal_m[None] / length_m,
+        com_radius=np.array([problem.com_radius_m / length_m]),
+        tilt=problem.tilt_limit_rad,
+        steps=(0.0, 0.0, 0.0), direction=nothing, progress=np.zeros(0),
+        goal=problem.com_nominal_m / length_m, weights=None,
+        length_m=length_m,
+        force_n=force_n,
+        half_spaces=HalfSpaces.of(contacts, length_m, problem.tilt_limit_rad),
+        offsets=offsets,
+    )  # fmt: skip
+
+
+def of_course(course: Course) -> Scaled:
+    """A course, with every candidate open."""
+    scale, limbs, limits = course.length_scale_m, course.robot.limbs, course.steps
+    patches = [patch for placement in course.placements for patch in placement.candidates]
+    borders = [
+        patch.vertices_m if placement.toe_m is None else placement.toe_m[None]
+        for placement, regions in zip(course.placements, course.regions, strict=True)
+        for patch in regions
+    ]
+    points, offsets = _offsets([each for row in course.offsets_m for each in row] if course.has_soles else [], scale)
+    sizes = iter(len(border) for border in borders)
+    layout = Layout(
+        holds=tuple(tuple(row) for row in course.holds.tolist()),
+        stances=tuple((stance.frame, stance.limbs) for stance in course.stances),
+        corners=tuple(tuple(next(sizes) for _ in placement.candidates) for placement in course.placements),
+        reach_rows=HalfSpaces.counts(limbs),
+        points=tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs) if points else (),
+    )
+    direction = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
+    carrying = len(layout.contact_points)
+    return Scaled(
+        layout=layout,
+        options=max(len(placement.candidates) for placement in course.placements),
+        which=tuple(tuple(range(len(placement.candidates))) for placement in course.placements),
+        vertices=np.concatenate(borders) / scale,
+        frames=np.array([patch.frame for patch in patches]),
+        friction=np.array([patch.friction for patch in patches]),
+        shoulders=np.array([limb.shoulder_m for limb in limbs]) / scale,
+        reach=np.array([limb.reach_m for limb in limbs]) / scale,
+        force_min=np.tile(course.force_min, (carrying, 1)),
+        force_max=np.tile(course.force_max, (carrying, 1)),
+        weight=1.0,
+        com=course.com_nominal_m / scale,
+        com_radius=course.com_radius_m / scale,
+        tilt=course.tilt_limit_rad,
+        steps=(limits.com_m / scale, limits.toe_m / scale, limits.rotation_rad),
+        direction=direction,
+        progress=np.where(np.linalg.norm(direction, axis=1) > 0.0, limits.progress_m / scale, 0.0),
+        goal=course.goal_m / scale,
+        weights=course.weights,
+        length_m=scale,
+        force_n=course.weight_n,
+        half_spaces=HalfSpaces.of(limbs, scale, course.tilt_limit_rad),
+        offsets=offsets,
+    )
+
+
+def _offsets(each: Sequence[Array], length_m: float) -> tuple[tuple[int, ...], Array]:
+    """How many points each has, () where all have one, and ``Scaled.offsets``."""
+    counts = tuple(len(offsets) for offsets in each)
+    if max(counts, default=1) == 1:
+        return (), np.zeros((0, 1, 3))
+    table = np.zeros((len(each), max(counts), 3))
+    for row, offsets in zip(table, each, strict=True):
+        row[: len(offsets)] = offsets / length_m
+    return counts, table

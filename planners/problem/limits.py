@@ -1,0 +1,50 @@
+"""What limits the steps of a course, and what its objective weighs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import InvalidInput
+from ..files.arrays import checked, gathered
+
+
+@dataclass(frozen=True, kw_only=True)
+class StepLimits:
+    """Largest steps between neighbouring key frames (E11), and the least progress.
+
+    com_m, toe_m, rotation_rad: Δp_max of the COM and of a toe, ΔΘ_max. progress_m: the paper's least step is not
+    convex; in its place the COM moves at least this far along the straight line of its nominal path, where that moves.
+    """
+
+    com_m: float = 0.15
+    toe_m: float = 0.30
+    rotation_rad: float = 0.15
+    progress_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        gathered(
+            *(lambda n=n: checked(getattr(self, n), f"steps.{n}", above=0.0) for n in ("com_m", "toe_m")),
+            lambda: checked(self.rotation_rad, "steps.rotation_rad", least=0.0),
+            lambda: checked(self.progress_m, "steps.progress_m", least=0.0),
+        )
+        if self.progress_m > self.com_m:
+            raise InvalidInput(
+                f"steps.progress_m: expected at most steps.com_m = {self.com_m:g}, the largest step, "
+                f"got {self.progress_m:g}"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Weights:
+    """Of the objective: squared distance of the last COM from the goal, squared steps, squared tilt; lengths in m.
+
+    The paper: "minimizes the distance of the planned final configuration to the goal and penalizes the step size".
+    """
+
+    goal: float = 1.0
+    com_step: float = 0.2
+    toe_step: float = 0.05
+    tilt: float = 0.05
+
+    def __post_init__(self) -> None:
+        gathered(*(lambda n=n: checked(getattr(self, n), f"weights.{n}", least=0.0) for n in self.__annotations__))

@@ -1,0 +1,74 @@
+"""A limb's workspace as half-spaces, beside the ball about its shoulder: the polytopes of kinematic planners.
+
+Rows a·R(Θ)ᵀ(p − c) ≤ b, p the toe, c the centre of mass, R(Θ) = I + [Θ]× as in E11, so that they are
+(a + Θ × a)·d ≤ b with d = p − c, bilinear in Θ and d. Convex sets stand in for them, exact where the tilt limit is 0
+(s the shoulder, ρ the ball's radius, z any point, and t(x) the largest ‖Θ × x‖ within the tilt limit):
+
+* inner, for plans:              a·d + Θ·(a × z) + t(a) ‖a × (d − z)‖ ≤ b;
+* outer, for bounds and proofs:  a·d + Θ·(a × s) ≤ b + t(a) (ρ + t(s)).
+
+The inner one leaves out Θ·(a × (d − z)), at most t(a) ‖a × (d − z)‖: z is in the middle of the half-spaces. The outer
+one leaves out Θ·(a × (d − s)), and ‖d − s‖ ≤ ρ + t(s) by the ball.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, frozen
+
+MOST_ROWS = 256
+CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [1.0, -1.0, -1.0]])
+"""Of the box |Θ_i| ≤ 1, one of each opposite pair."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ReachRows:
+    """Half-spaces normals · (p − c) ≤ bounds_m in the body frame, where the body is not turned.
+
+    normals: a, shape (K, 3), of any length but 0, are made unit and bounds_m, shape (K,) [m], with them. The set may be
+    unbounded, since the ball about the shoulder holds, too, and need not hold the origin.
+    Raises InvalidInput for a normal of no length, and for rows that leave no room.
+    """
+
+    normals: Array
+    bounds_m: Array
+
+    def __post_init__(self) -> None:
+        normals = frozen(self.normals, (None, 3), "reach_rows.normals")
+        bounds = frozen(self.bounds_m, (len(normals),), "reach_rows.bounds_m")
+        if not 1 <= len(normals) <= MOST_ROWS:
+            raise InvalidInput(f"reach_rows.normals: expected 1 to {MOST_ROWS} half-spaces, got {len(normals)}")
+        length = np.linalg.norm(normals, axis=1)
+        if length.min() < 1e-9:
+            raise InvalidInput(f"reach_rows.normals[{int(length.argmin())}]: expected a non-zero vector, got none")
+        scaled = np.abs(length - 1.0) > 1e-12  # rows that are unit stay as they are, to the last bit
+        normals = np.where(scaled[:, None], normals / length[:, None], normals)
+        bounds = np.where(scaled, bounds / length, bounds)
+        object.__setattr__(self, "normals", frozen(normals, (None, 3), "reach_rows.normals"))
+        object.__setattr__(self, "bounds_m", frozen(bounds, (len(normals),), "reach_rows.bounds_m"))
+        _ = self.centre_m
+
+    def to_json(self) -> dict[str, list[object]]:
+        """JSON-ready lists."""
+        return {"normals": self.normals.tolist(), "bounds_m": self.bounds_m.tolist()}
+
+    @cached_property
+    def centre_m(self) -> Array:
+        """Centre of a largest ball inside, up to 1 m wide, shape (3,) [m]. Raises InvalidInput where there is none."""
+        from scipy.optimize import linprog  # slow to import
+
+        rows, free = np.column_stack([self.normals, np.ones(len(self.normals))]), (None, None)
+        found = linprog([0.0, 0.0, 0.0, -1.0], A_ub=rows, b_ub=self.bounds_m, bounds=[free, free, free, (None, 0.5)])
+        if found.x is None or found.x[3] <= 0.0:
+            raise InvalidInput("reach_rows.bounds_m: expected half-spaces that leave room for a toe, got an empty set")
+        return np.asarray(found.x[:3])
+
+
+def turned_most(vectors: Array, tilt_rad: float) -> Array:
+    """Largest ‖Θ × x‖ of vectors of shape (..., 3) over |Θ_i| ≤ tilt; convex, so at a corner. Shape (...)."""
+    return np.asarray(tilt_rad * np.linalg.norm(np.cross(CORNERS, vectors[..., None, :]), axis=-1).max(axis=-1))

@@ -1,0 +1,60 @@
+"""What keeps a posture or a plan from being one at all: arrays that lack, of other shapes, or of no numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..answer.outcome import Posture
+from ..answer.plan import Plan
+from ..files.arrays import LARGEST
+from ..problem import PostureProblem
+from .report import plan_shapes
+from .soles import counts_of, forces_defect
+
+
+def posture_defect(problem: PostureProblem, posture: Posture) -> str:
+    """What keeps the posture from being one at all; empty when nothing does."""
+    rows, counts = len(problem.contacts), counts_of(problem.contacts)
+    shapes: dict[str, tuple[int, ...]] = {
+        "com_m": (3,), "rotation_rad": (3,), "toes_m": (rows, 3), "forces_n": (rows, 3)
+    }  # fmt: skip
+    if counts:
+        shapes |= {name: (rows, max(counts), 3) for name in ("points_m", "point_forces_n")}
+    for name, shape in shapes.items():
+        array = getattr(posture, name)
+        if array is None:
+            return f"{name}: expected shape {shape}, got nothing"
+        if array.shape != shape:
+            return f"{name}: expected shape {shape}, got {array.shape}"
+        if not np.isfinite(array).all():
+            return f"{name}: expected finite numbers"
+    if counts and posture.point_forces_n is not None:
+        return forces_defect(posture.forces_n, posture.point_forces_n, counts)
+    return ""
+
+
+def plan_defect(plan: Plan) -> tuple[str, int, str]:
+    """What keeps the plan from being one at all, with its frame and limb; empty when nothing does."""
+    course = plan.course
+    for name, shape in plan_shapes(course).items():
+        array = getattr(plan, name)
+        if array is None and name == "modes":
+            continue
+        if array is None:
+            return f"{name}: expected shape {shape}, got nothing", -1, ""
+        if array.shape != shape:
+            return f"{name}: expected shape {shape}, got {array.shape}", -1, ""
+        if not np.isfinite(array).all():
+            return f"{name}: expected finite numbers", -1, ""
+        if np.abs(array).max(initial=0) > LARGEST:
+            return f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}", -1, ""
+    for put, chosen in zip(course.placements, plan.choice, strict=True):
+        if not 0 <= chosen < len(put.candidates):
+            most = len(put.candidates) - 1
+            return (
+                f"choice: frame {put.frame}, limb {put.limb}: expected a candidate from 0 to {most}, got {chosen}",
+                put.frame, put.limb,
+            )  # fmt: skip
+    if course.has_soles and plan.point_forces_n is not None:
+        return forces_defect(plan.forces_n, plan.point_forces_n, counts_of(course.robot.limbs)), -1, ""
+    return "", -1, ""

@@ -1,0 +1,400 @@
+"""Soles from a file to an answer: the support polygon in closed form, yaws that are chosen, proofs, forged answers."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.answer_file import answer_from_json
+from stancekit.planners.answer.outcome import Certificate, Posture, Status
+from stancekit.planners.answer.plan_file import check_file, read_plan, write_plan
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem import Contact, PostureProblem
+from stancekit.planners.problem.course import Course, Placement
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.course_json import course_from_json, course_to_json
+from stancekit.planners.projection.project import PROJECTIONS, SURFACE, project
+from stancekit.planners.relaxation.lift import solve_lift
+from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.robot.model import Limb, Robot
+from stancekit.planners.robot.urdf import hexapod_urdf
+from stancekit.planners.search.decoupled import DecoupledPlanner
+from stancekit.planners.search.exact import ExactCoursePlanner, ExactPlanner
+from stancekit.planners.search.plan_window import Standing
+from stancekit.planners.search.replan import replan
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.terrain import Patch
+from stancekit.planners.verify import check_certificate, check_certificates, check_plan, check_posture, check_postures
+
+HEIGHT_M, HALF_M, BALL_M = 0.3, (0.1, 0.05), 1e-4
+SOLE = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]]) * HALF_M
+STAIRS = """
+name: stairs-of-a-biped
+robot:
+  name: biped
+  mass_kg: 56.0
+  limbs:
+    LF:
+      shoulder_m: [0.0, 0.095, -0.1]
+      reach_m: 0.85
+      sole_m: &sole [[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]
+      reach_rows:
+        normals: &sides
+          [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1], [1, 0, 1], [-1, 0, 1]]
+        bounds_m: [0.45, 0.45, 0.3, 0.0, -0.55, 0.88, -0.2, -0.2]
+    RF:
+      shoulder_m: [0.0, -0.095, -0.1]
+      reach_m: 0.85
+      sole_m: *sole
+      reach_rows: {normals: *sides, bounds_m: [0.45, 0.45, 0.0, 0.3, -0.55, 0.88, -0.2, -0.2]}
+frames: 9
+gait: [[LF], [], [RF], []]
+start_m: [0.1, 0.24, 0.8]
+goal_m: [0.8, 0.24, 0.98]
+stance: {limbs: {LF: [0.0, 0.0, -0.68], RF: [0.0, 0.0, -0.68]}}
+body: {com_radius_m: 0.16, first_radius_m: 0.16, last_radius_m: 0.16, tilt_limit_rad: 0.05}
+steps: {com_m: 0.3, toe_m: 0.7}
+candidates: {count: 3, window_m: 0.5, margin_m: 0.01, yaws_rad: [1.5707963, 0.0, 0.4]}
+terrain:
+  kind: polygons
+  friction: 0.5
+  polygons:
+    - {vertices_m: [[0.25, 1.0, 0.0], [-1.8, 1.0, 0.0], [-1.8, -1.0, 0.0], [0.25, -1.0, 0.0]]}
+    - {vertices_m: [[0.3, 0.6, 0.1], [0.3, -0.16, 0.1], [0.6, -0.16, 0.1], [0.6, 0.6, 0.1]]}
+    - {vertices_m: [[0.6, 0.6, 0.2], [0.6, -0.16, 0.2], [0.9, -0.16, 0.2], [0.9, 0.6, 0.2]]}
+    - {vertices_m: [[0.9, 0.6, 0.3], [0.9, -0.16, 0.3], [1.2, -0.16, 0.3], [1.2, 0.6, 0.3]]}
+"""
+
+
+@pytest.fixture(scope="module")
+def planner(programs):
+    return ExactPlanner(programs=programs, max_nodes=300, time_limit_s=10.0)
+
+
+def ground(size_m: float = 1.0) -> Patch:
+    square = size_m * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    return Patch(vertices_m=square, normal=[0.0, 0.0, 1.0], shear_reference=[1.0, 0.0, 0.0], friction=0.5)
+
+
+def on_one_sole(away_m: float, direction: float, yaw: float = 0.0, sole=SOLE) -> PostureProblem:
+    """A sole whose centre is held at the origin, and a fixed COM above a point so far away in that direction."""
+    com = np.array([away_m * np.cos(direction), away_m * np.sin(direction), HEIGHT_M])
+    contact = Contact(
+        leg="RF", shoulder_m=-com, reach_m=BALL_M, patch=ground(), force_min=[0.0, -1.0, -1.0], force_max=np.ones(3),
+        sole_m=sole, yaw_rad=yaw,
+    )  # fmt: skip
+    return PostureProblem(contacts=(contact,), mass_kg=50.0, com_nominal_m=com, com_radius_m=0.0, tilt_limit_rad=0.0)
+
+
+@pytest.mark.parametrize(("direction", "yaw"), [(0.0, 0.0), (0.5 * np.pi, 0.0), (0.0, 0.5 * np.pi), (2.0, 0.7)])
+def test_the_com_is_over_the_sole_and_nowhere_else(planner, direction, yaw):
+    """The edge of a rectangle at this yaw, in this direction: a quarter turn swaps length and width."""
+    turned = direction - yaw
+    edge = min(
+        half / max(abs(part), 1e-12) for half, part in zip(HALF_M, (np.cos(turned), np.sin(turned)), strict=True)
+    )
+    inside, outside = on_one_sole(edge - 3e-4, direction, yaw), on_one_sole(edge + 5e-4, direction, yaw)
+    found, refuted = planner.solve(inside), planner.solve(outside)
+    assert found.status is Status.FEASIBLE
+    assert refuted.status is Status.INFEASIBLE
+    assert check_posture(inside, found.posture).accepted
+    assert check_certificate(outside, refuted.certificate).accepted
+    assert not check_certificate(inside, refuted.certificate).accepted
+    assert planner.solve(on_one_sole(0.01, direction, sole=None)).status is Status.INFEASIBLE  # a point foot tips
+
+
+def test_forces_at_the_points_are_in_their_cones_and_add_up(planner):
+    problem = on_one_sole(0.06, 0.4, 0.2)
+    posture = planner.solve(problem).posture
+    patch = problem.contacts[0].patch
+    each = posture.point_forces_n[0] @ patch.frame
+    assert np.all(np.hypot(each[:, 1], each[:, 2]) <= patch.friction * each[:, 0] + 1e-5)
+    np.testing.assert_allclose(posture.point_forces_n.sum(axis=1), posture.forces_n, atol=1e-9)
+    pressure = each[:, 0] @ posture.points_m[0] / each[:, 0].sum()
+    np.testing.assert_allclose(pressure[:2], problem.com_nominal_m[:2], atol=1e-5)
+
+
+@pytest.fixture(scope="module")
+def stood(planner):
+    problem = on_one_sole(0.03, 0.4, 0.2)
+    return problem, planner.solve(problem).posture
+
+
+def forged(posture: Posture, **changes: np.ndarray) -> Posture:
+    return replace(posture, **changes)
+
+
+def test_soles_that_are_bent_stretched_turned_or_moved_are_refused(stood):
+    problem, posture = stood
+    points, toe = posture.points_m, posture.toes_m[0]
+    assert check_posture(problem, posture).accepted
+    turned = 0.1 * np.cross([0.0, 0.0, 1.0], points - toe)
+    bent = points.copy()
+    bent[0, 0, 2] += 1e-3
+    for wrong in (bent, toe + 1.02 * (points - toe), points + turned, np.add(points, [1e-3, 0.0, 0.0])):
+        report = check_posture(problem, forged(posture, points_m=wrong))
+        assert not report.accepted
+        assert max(report.groups, key=lambda group: group.worst).group == "patch"
+        assert check_postures([problem], [forged(posture, points_m=wrong)])[0] > 1e-4
+    yawed = replace(problem, contacts=(replace(problem.contacts[0], yaw_rad=0.25),))
+    assert not check_posture(yawed, posture).accepted
+    small = replace(ground(), vertices_m=ground().vertices_m * [0.09, 1.0, 1.0])
+    with pytest.raises(InvalidInput, match=r"contacts\[0\].sole_m: expected room for a sole on the patch"):
+        replace(problem, contacts=(replace(problem.contacts[0], patch=small),))
+
+
+def test_forces_that_do_not_add_up_and_arrays_that_lack_are_refused(stood):
+    problem, posture = stood
+    more = posture.point_forces_n.copy()
+    more[0, 0] += 1.0
+    for changes, message in (
+        ({"point_forces_n": more}, "rejected: point_forces_n: expected forces that add up to forces_n"),
+        ({"point_forces_n": None}, "rejected: point_forces_n: expected shape (1, 4, 3), got nothing"),
+        ({"points_m": posture.points_m[:, :3]}, "rejected: points_m: expected shape (1, 4, 3), got (1, 3, 3)"),
+    ):
+        assert check_posture(problem, replace(posture, **changes)).message == message
+    shifted = more.copy()
+    shifted[0, 1] -= 1.0
+    report = check_posture(problem, replace(posture, point_forces_n=shifted))
+    assert not report.accepted
+
+
+def test_answers_and_problems_come_back_from_their_files(stood):
+    problem, posture = stood
+    again = PostureProblem.from_json(json.loads(json.dumps(problem.to_json())))
+    assert again.to_json() == problem.to_json()
+    assert check_posture(again, answer_from_json(json.loads(json.dumps(posture.to_json())))).accepted
+    assert "sole_m" not in json.dumps(on_one_sole(0.01, 0.0, sole=None).to_json())
+
+
+@pytest.mark.parametrize("name", PROJECTIONS)
+def test_every_projection_comes_to_the_surface_of_soles(programs, soled, drawn, name):
+    """From the lift's point, or near it; what the program calls balanced the verifier calls a posture."""
+    arrived = 0
+    for seed in range(10):
+        problem = soled(drawn("wall-5", seed), seed) if seed != 3 else on_one_sole(0.03, 0.1)
+        scaled = Scaled.of(problem)
+        lift = solve_lift(programs, scaled, least_moment=True)
+        if lift.bound > 1e-9:
+            continue
+        start = project(programs, "fix-toes", scaled, lift.rounded()[1]) if name == "fix-f" else lift.rounded()[1]
+        point = project(programs, name, scaled, start)
+        if point.residual <= SURFACE:
+            assert check_posture(problem, scaled.posture(point)).accepted
+            arrived += 1
+    assert arrived > 2
+
+
+def test_a_sole_holds_whatever_a_point_foot_at_its_centre_holds(planner, soled, drawn):
+    """The centre is a convex combination of the points, and forces of no bound that matters are shared out by it."""
+    wide = {"force_min": np.array([0.0, -9.0, -9.0]), "force_max": np.full(3, 9.0)}
+    feasible = refuted = 0
+    for seed in range(24):
+        problem = soled(drawn("wall-3", seed), seed)
+        soles = tuple(replace(contact, **wide) for contact in problem.contacts)
+        points = tuple(replace(c, sole_m=None, patch=c.region, **wide) for c in problem.contacts)
+        one, other = (planner.solve(replace(problem, contacts=some)).status for some in (soles, points))
+        assert one is Status.FEASIBLE or other is not Status.FEASIBLE
+        assert one is not Status.INFEASIBLE or other is Status.INFEASIBLE
+        feasible, refuted = feasible + (other is Status.FEASIBLE), refuted + (one is Status.INFEASIBLE)
+    assert min(feasible, refuted) > 2
+
+
+def test_proofs_with_soles_are_no_proofs_of_what_can_be_held(planner, soled, drawn):
+    rng, tried, proofs = np.random.default_rng(4), 0, []
+    for seed in range(24):
+        problem = soled(drawn("wall-3", seed), seed)
+        outcome = planner.solve(problem)
+        assert outcome.status is not Status.UNDECIDED
+        proofs += [] if outcome.certificate is None else [(problem, outcome.certificate)]
+        if outcome.status is Status.FEASIBLE and proofs:
+            foreign = proofs[int(rng.integers(len(proofs)))][1]
+            for scale in (0.0, 0.1, 1.0):
+                noise = rng.normal(scale=scale, size=foreign.multipliers.shape)
+                fake = Certificate(tree=foreign.tree, multipliers=foreign.multipliers + noise)
+                assert not check_certificate(problem, fake).accepted
+                tried += 1
+    assert tried > 10
+    bounds = check_certificates(*zip(*proofs, strict=True))
+    np.testing.assert_allclose(bounds, [check_certificate(*pair).lower_bound for pair in proofs])
+
+
+def test_courses_with_soles_and_half_spaces_get_plans_or_proofs_that_no_other_course_takes(
+    programs, ragged, bounded, soled
+):
+    """Over several candidates, whose trees and nogoods carry all multipliers."""
+    courses = TwoStageCoursePlanner(programs=programs, max_nodes=60, time_limit_s=4.0)
+    plans, proofs = [], []
+    for seed in range(10):
+        rough = replace(ragged(seed, frames=2, ice=0.1), tilt_limit_rad=0.05)
+        course = soled(bounded(rough, seed, 0.15), seed)
+        outcome = courses.solve(course)
+        plans += [] if outcome.plan is None else [course]
+        proofs += [] if outcome.certificate is None else [outcome.certificate]
+        if outcome.certificate is not None:
+            assert check_certificate(course, outcome.certificate).accepted
+    assert min(len(plans), len(proofs)) > 1
+    for course in plans:
+        assert not any(check_certificate(course, proof).accepted for proof in proofs)
+
+
+def beam_course(com_y: float, yaws=(0.0, 0.5 * np.pi)) -> Course:
+    """One foot of a robot that has to lean to its side, at one of two yaws, as a course of one frame."""
+    problem = on_one_sole(com_y, 0.5 * np.pi)
+    limb = Limb(name="RF", shoulder_m=problem.contacts[0].shoulder_m, reach_m=BALL_M, sole_m=SOLE)
+    return Course(
+        name="lean", robot=Robot(name="monopod", mass_kg=50.0, limbs=(limb,)), terrain=(ground(),),
+        placements=(Placement(limb="RF", frame=0, candidates=(ground(),) * len(yaws), yaws_rad=yaws),), lifts=((),),
+        com_nominal_m=problem.com_nominal_m[None], com_radius_m=np.zeros(1), goal_m=problem.com_nominal_m,
+        tilt_limit_rad=0.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("make", [TwoStageCoursePlanner, ExactCoursePlanner])
+def test_the_yaw_that_carries_is_chosen_and_where_none_does_there_is_a_proof(make):
+    for com_y, chosen in ((0.03, None), (0.08, 1)):
+        outcome = make().solve(beam_course(com_y))
+        assert outcome.status is Status.FEASIBLE
+        assert chosen is None or outcome.plan.choice.tolist() == [chosen]
+    course = beam_course(0.12)
+    outcome = make().solve(course)
+    assert outcome.status is Status.INFEASIBLE
+    assert check_certificate(course, outcome.certificate).accepted
+    assert not check_certificate(beam_course(0.08), outcome.certificate).accepted
+
+
+def test_decoupled_plans_with_soles_or_says_that_it_cannot():
+    outcome = DecoupledPlanner().solve(beam_course(0.03, (0.0,)))
+    assert outcome.status is Status.FEASIBLE
+
+
+@pytest.fixture(scope="module")
+def climbed(tmp_path_factory):
+    """A biped with soles and polytopic reach up two steps: course and plan."""
+    path = tmp_path_factory.mktemp("soles") / "stairs.yaml"
+    path.write_text(STAIRS)
+    course = read_course(path)
+    return course, TwoStageCoursePlanner().solve(course)
+
+
+def test_a_biped_with_soles_and_polytopes_climbs_and_its_plan_is_verified(climbed, tmp_path):
+    course, outcome = climbed
+    assert outcome.status is Status.FEASIBLE
+    plan, report = outcome.plan, check_plan(outcome.plan)
+    assert report.accepted
+    assert report.between <= 1e-6
+    assert plan.toes_m[:, 2].max() > 0.15  # two steps up
+    yaws = [put.yaws_rad[chosen] for put, chosen in zip(course.placements, plan.choice, strict=True)]
+    for k, put in enumerate(course.placements):  # all corners on one step, by hand
+        c, s = np.cos(yaws[k]), np.sin(yaws[k])
+        corners = plan.toes_m[k, :2] + np.array([[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]) @ [
+            [c, s],
+            [-s, c],
+        ]
+        np.testing.assert_allclose(plan.points_m[k, :, :2], corners, atol=1e-9)
+        low, high = put.candidates[plan.choice[k]].vertices_m[:, :2].min(axis=0), None
+        high = put.candidates[plan.choice[k]].vertices_m[:, :2].max(axis=0)
+        assert np.all((corners >= low - 1e-6) & (corners <= high + 1e-6))
+    for index, stance in enumerate(course.stances):  # the COM over the soles that carry
+        f = plan.point_forces_n[index, list(stance.limbs)].reshape(-1, 3)
+        p = plan.points_m[course.holds[stance.frame, list(stance.limbs)]].reshape(-1, 3)
+        moment = np.cross(p - plan.com_m[stance.frame], f).sum(axis=0)
+        assert np.linalg.norm(moment) < 1e-5 * course.weight_n
+    path = tmp_path / "plan.json"
+    write_plan(path, plan, report)
+    again, _ = read_plan(path)
+    assert np.array_equal(again.point_forces_n, plan.point_forces_n)
+    assert check_file(path, joints=False).accepted
+    data = json.loads(json.dumps(course_to_json(course)))
+    assert course_to_json(course_from_json(data)) == data
+
+
+def test_forged_plans_with_soles_are_refused(climbed):
+    _, outcome = climbed
+    plan = outcome.plan
+    bent, moved = plan.points_m.copy(), plan.points_m.copy()
+    bent[3, 1, 2] += 1e-3
+    moved[3] += [1e-3, 0.0, 0.0]
+    other = plan.choice.copy()
+    put = plan.course.placements[3]
+    same = [r for r, patch in enumerate(put.candidates) if patch is put.candidates[other[3]] and r != other[3]]
+    other[3] = same[0]
+    forces = plan.point_forces_n.copy()
+    forces[0, :, 0] += [0.0, 0.0, 5.0]
+    forces[0, :, 1] -= [0.0, 0.0, 5.0]
+    for changes in ({"points_m": bent}, {"points_m": moved}, {"choice": other}, {"point_forces_n": forces}):
+        assert not check_plan(replace(plan, **changes)).accepted
+    report = check_plan(replace(plan, points_m=bent))
+    worst = max(report.groups, key=lambda group: group.worst)
+    assert (worst.group, worst.limb) == ("patch", put.limb)
+    assert check_plan(replace(plan, points_m=None)).message == (
+        f"rejected: points_m: expected shape {plan.points_m.shape}, got nothing"
+    )
+
+
+def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
+    course, outcome = climbed
+    plan = outcome.plan
+    begin = replan(None, course, horizon=4)
+    assert begin.status is Status.FEASIBLE
+    standing = Standing.at_end(begin.plan)
+    assert len(standing.yaws_rad) == 2
+    rest = replan(standing, course, frame=4)
+    assert rest.status is Status.FEASIBLE
+    np.testing.assert_allclose(rest.plan.points_m[:2], begin.plan.points_m[begin.plan.course.holds[-1]], atol=1e-9)
+    with pytest.raises(InvalidInput, match="expected the yaws of the soles that stand, got none"):
+        replan(replace(standing, yaws_rad=()), course, frame=4)
+    assert len(plan.course.placements) == 6
+
+
+def test_plans_with_soles_are_not_executed(climbed):
+    from stancekit.runner.acceptance import proven
+
+    plan = climbed[1].plan
+    with pytest.raises(InvalidInput) as refused:
+        proven(plan, check_plan(plan).digest, "plan.json")
+    assert str(refused.value) == "plan.json: expected point feet, which can be executed, got soles"
+    with pytest.raises(InvalidInput, match="robot biped: expected point feet for a URDF of its own, got soles"):
+        hexapod_urdf(plan.course.robot)
+    assert check_plan(plan, joints=True).joints["verdict"] == "not checked"
+
+
+def test_envelopes_are_for_point_feet(planner, soled, drawn):
+    scaled = Scaled.of(soled(drawn("wall-3", 1), 1))
+    with pytest.raises(InvalidInput) as refused:
+        Programs().get(McCormick, scaled.layout)
+    assert str(refused.value) == "envelopes: expected point feet, got soles, which the lift can plan for"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("&sole [[0.11, 0.05], [0.11, -0.05]", "&sole [[0.11, 0.05], [0.11, 0.05]"), ""),
+        (("&sole [[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]", "&sole [[0.11, 0.05], [0.0, 0.0]]"),
+         "robot.limbs.LF.sole_m.expected 3 to 16 points of a sole, got 2"),
+        (("[[1, 0, 0], [-1, 0, 0]", "[[0, 0, 0], [-1, 0, 0]"),
+         "robot.limbs.LF.reach_rows.normals[0]: expected a non-zero vector, got none"),
+        (("-0.55, 0.88", "-0.55, 0.38"),
+         "robot.limbs.LF.reach_rows.bounds_m: expected half-spaces that leave room for a toe, got an empty set"),
+        (("[1.5707963, 0.0, 0.4]", "[]"), "candidates.yaws_rad: List should have at least 1 item"),
+        (("0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]",
+          "9.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]"),
+         "frame 0, limb LF: expected room for its sole at one of 3 yaws on the surfaces within reach, got none on 3"),
+    ],
+)  # fmt: skip
+def test_bad_files_are_refused_in_one_line(tmp_path, change, message):
+    path = tmp_path / "bad.yaml"
+    assert change[0] in STAIRS
+    path.write_text(STAIRS.replace(*change, 1))
+    if not message:
+        assert read_course(path).has_soles  # a corner given twice changes nothing
+        return
+    with pytest.raises(InvalidInput) as refused:
+        read_course(path)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
