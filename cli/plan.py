@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -112,6 +112,8 @@ class PlanCourse:
         course, model = read_course(self.course, self.frames, self.robot), read_robot(self.course, self.robot)
         with progress(f"plan {course.name} by {self.planner}") as bar:
             outcome = plan_with_reserve(planner, course) if self._reserved() else planner.solve(course)
+            if model is not None and outcome.certificate is not None:
+                course, outcome = self._refuted(planner, course, outcome)
             bar(1, 1)
         report = None if outcome.plan is None else self._write(outcome.plan)
         joints = None if outcome.plan is None or model is None else plan_postures(model, outcome.plan)
@@ -133,6 +135,21 @@ class PlanCourse:
             if self.proof is not None:
                 complain(f"wrote {self.proof}" if proved else f"{self.proof}: not written, since nothing is proved")
         return int(report is None or not report.accepted or (joints is not None and not joints.reached))
+
+    def _refuted(self, planner: CoursePlanner, course: Course, outcome: PlanOutcome) -> tuple[Course, PlanOutcome]:
+        """A course and what is proved of it: that there is no plan within what the legs surely reach says nothing of
+        the robot, that there is none within what they might reach does."""
+        from stancekit.planners.answer.outcome import Status
+        from stancekit.planners.problem.course_file import read_course
+
+        around = read_course(self.course, self.frames, self.robot, "outer")
+        second = planner.solve(around)
+        if second.certificate is not None:
+            return around, second
+        message = "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
+        return course, replace(
+            outcome, status=Status.UNDECIDED, certificate=None, bound=math.nan, message=message, claim=""
+        )
 
     def _reserved(self) -> bool:
         return self.reserve and self.planner == "two-stage"

@@ -20,14 +20,18 @@ from .posture import FORMAT as POSTURE
 from .posture import PostureProblem
 
 if TYPE_CHECKING:
+    from ..robot.contact_robot import Sets
     from ..robot.robot_model import RobotModel
 
 
-def read_course(course: str | Path, frames: int | None = None, robot: str | None = None) -> Course:
+def read_course(
+    course: str | Path, frames: int | None = None, robot: str | None = None, sets: Sets = "inner"
+) -> Course:
     """The course of a built-in name, of a YAML file, or of a JSON file that holds it, or one posture, explicitly.
 
     frames: M, where another one is wanted than the file says; not for JSON files, whose placements are fixed. robot: in
     place of the file's, a built-in name, a .urdf file or a .yaml file that names one; not for JSON files either.
+    sets: of the legs of a robot's file, what they surely reach, for plans, or what they might, for proofs.
     Raises InvalidInput with every key that is wrong, or with the frame and the limb that have no place to stand.
     """
     if Path(course).suffix == ".json":
@@ -44,7 +48,7 @@ def read_course(course: str | Path, frames: int | None = None, robot: str | None
             raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
     spec = read_spec(course, robot)
     try:
-        return lay_out(spec if frames is None else spec.with_frames(frames), Path(course).parent)
+        return lay_out(spec if frames is None else spec.with_frames(frames), Path(course).parent, sets)
     except InvalidInput as error:
         raise InvalidInput(f"{course}: {error}") from None
 

@@ -19,6 +19,7 @@ from .course_terrain import AnyTerrain, Length, Point, Positive
 from .posture import TILT_LIMIT_RAD
 
 if TYPE_CHECKING:
+    from ..robot.contact_robot import Sets
     from ..robot.robot_model import RobotModel
 
 Least = Annotated[float, Field(ge=0.0, le=LARGEST)]
@@ -218,13 +219,13 @@ class CourseSpec(_Keys):
         limbs = {limb.name: tuple(offset.tolist()) for limb, offset in zip(robot.limbs, offsets, strict=True)}
         return self.model_copy(update={"stance": StanceSpec(limbs=limbs)})
 
-    def make_robot(self, model: RobotModel | None = None) -> Robot:
-        """The robot of the course; model: what ``robot_model`` gives."""
+    def make_robot(self, model: RobotModel | None = None, sets: Sets = "inner") -> Robot:
+        """The robot of the course; model: what ``robot_model`` gives; sets: of its legs, see ``contact_robot``."""
         if model is not None:
             from ..robot.contact_robot import contact_robot
             from ..robot.workspace_cache import workspaces_of
 
-            return contact_robot(model, workspaces_of(model))
+            return contact_robot(model, workspaces_of(model), sets)
         if isinstance(self.robot, str):
             return hexapod()
         limbs = tuple(limb.make(name) for name, limb in self.robot.limbs.items())

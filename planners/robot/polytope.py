@@ -5,10 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
-import clarabel
 import numpy as np
 from scipy.optimize import LinearConstraint, linprog, minimize
-from scipy.sparse import csc_matrix
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from ..errors import InvalidInput
@@ -38,25 +36,6 @@ class Polytope:
         if found.status != 0 or found.x is None or not found.x[3] > 0.0:
             raise InvalidInput("polytope: expected one that is bounded and has an inside")
         return np.asarray(found.x)
-
-    def ball_above(self, home: Array, above: float, aside: float) -> Array:
-        """The largest ball inside whose centre is ``above`` radii over ``home``, give or take ``aside`` radii in any
-        direction, shape (4,) [m]; where there is none, the largest of all."""
-        faces, count = np.column_stack([self.normals, np.ones(len(self.normals))]), len(self.normals)
-        cone = np.zeros((4, 4))
-        cone[0, 3], cone[1:, :3], cone[3, 3] = -aside, -np.eye(3), above
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        found = clarabel.DefaultSolver(
-            csc_matrix((4, 4)), np.array([0.0, 0.0, 0.0, -1.0]), csc_matrix(np.vstack([faces, cone])),
-            np.concatenate([self.offsets_m, [0.0], -home]),
-            [clarabel.NonnegativeConeT(count), clarabel.SecondOrderConeT(4)], settings,
-        ).solve()  # fmt: skip
-        centre = np.array(found.x[:3])
-        radius = float(np.min(self.offsets_m - self.normals @ centre))
-        off = centre - home - np.array([0.0, 0.0, above * radius])
-        there = radius > 0.0 and float(np.linalg.norm(off)) <= 1.001 * aside * radius
-        return np.append(centre, radius) if there else self.largest_ball
 
     @cached_property
     def _dual(self) -> HalfspaceIntersection:

@@ -37,8 +37,6 @@ MISSED = 0.0008
 DEAR = 25.0
 """Points within reach that may be lost with one that is not."""
 MOST_TANGENTS = 20
-ABOVE, ASIDE = 0.45, 0.4
-"""How far a leg's ball is over its standing foot, and how far off that place, in radii: feet step up and aside."""
 USEFUL = 0.15
 """Of the leg's length: feet that are so far below the hip are of use, and count in ``cover``."""
 CUBE = np.ones((3, 3, 3), dtype=np.bool_)
@@ -49,11 +47,11 @@ CUBE.setflags(write=False)
 class Workspace:
     """Sets of one leg's foot, in the base's frame.
 
-    inner: a polytope that is reached throughout, as far as ``unreachable`` says. ball_m: a large ball in it, centre and
-    radius, shape (4,), a little above the standing foot where that can be. box_m: the largest upright box in it, low
-    and high corner, shape (2, 3). outer: holds all that is reachable, proved. reach_m: how far from its first joint the
-    foot gets [m]. cover: share of what is reachable, usefully below the hip, that is in ``inner``; unreachable: share
-    of ``inner`` that is not; both by inverse kinematics on sampled points.
+    inner: a polytope that is reached throughout, as far as ``unreachable`` says. ball_m: the largest ball in it, centre
+    and radius, shape (4,). box_m: the largest upright box in it, low and high corner, shape (2, 3). outer: holds all
+    that is reachable, proved. reach_m: how far from its first joint the foot gets [m]. cover: share of what is
+    reachable, usefully below the hip, that is in ``inner``; unreachable: share of ``inner`` that is not; both by
+    inverse kinematics on sampled points.
     """
 
     inner: Polytope
@@ -78,7 +76,7 @@ def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
     held = inner.contains(useful[_reached(seeds, useful)])
     return Workspace(
         inner=inner,
-        ball_m=inner.ball_above(leg.nominal_m, ABOVE, ASIDE),
+        ball_m=inner.largest_ball,
         box_m=inner.largest_box(),
         outer=outer_set(leg),
         reach_m=voxels.reach_m,

@@ -113,13 +113,9 @@ def test_inner_sets_are_reached_and_cover_most_of_what_is_of_use(measured: Measu
 
 
 def test_balls_and_boxes_are_inside_and_touch(measured: Measured) -> None:
-    model, workspaces = measured
-    for each, workspace in zip(model.legs, workspaces, strict=True):
-        (*middle, smaller), inner = workspace.ball_m, workspace.inner
-        assert np.min(inner.offsets_m - inner.normals @ np.array(middle)) == pytest.approx(smaller, abs=1e-9)
-        assert np.linalg.norm(middle - each.nominal_m - [0.0, 0.0, 0.45 * smaller]) <= 0.401 * smaller
-        *centre, radius = inner.largest_ball
-        assert 0.5 * radius < smaller <= radius + 1e-9
+    _, workspaces = measured
+    for workspace in workspaces:
+        inner, (*centre, radius) = workspace.inner, workspace.ball_m
         room = inner.offsets_m - inner.normals @ np.array(centre)
         assert room.min() == pytest.approx(radius, abs=1e-9)
         assert np.count_nonzero(room < radius + 1e-6) >= 4
@@ -134,11 +130,6 @@ def test_the_largest_box_of_an_octahedron_is_known() -> None:
     np.testing.assert_allclose(octahedron.largest_box(), [[-1 / 3] * 3, [1 / 3] * 3], atol=1e-5)
     np.testing.assert_allclose(octahedron.largest_ball, [0.0, 0.0, 0.0, 1.0 / np.sqrt(3.0)], atol=1e-9)
     assert ConvexHull(octahedron.vertices).volume == pytest.approx(4.0 / 3.0)
-    cube = Polytope(normals=np.vstack([np.eye(3), -np.eye(3)]), offsets_m=np.ones(6))
-    *centre, radius = cube.ball_above(np.array([0.0, 0.0, 0.5]), -0.5, 0.25)  # r = 1 − z, z = .5 − (.5 ± .25) r
-    assert radius == pytest.approx(1.0)
-    *centre, radius = cube.ball_above(np.array([0.0, 0.0, 0.5]), 0.5, 0.25)  # r = 1 − z, z = .5 + (.5 − .25) r
-    np.testing.assert_allclose([*centre, radius], [0.0, 0.0, 0.6, 0.4], atol=1e-6)
     more = octahedron.cut(np.eye(3), np.full(3, 2.0))
     assert len(more.normals) == 11
     assert len(more.lean().normals) == 8
