@@ -12,7 +12,7 @@ PINS ?= constraints.txt
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.stancekit-installed
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check --no-input
-FLOORS := $(addprefix typings/stancekit/,planners runner views envs learners cli)
+LINKS := .editable/stancekit
 BENCHMARKS := $(filter-out benchmarks/_%,$(wildcard benchmarks/*.py))
 
 # One thread a process: the problems are small, and the work is spread over processes.
@@ -45,9 +45,10 @@ lint: setup  ## ruff, mypy --strict, and the direction of imports
 	@echo "ruff"
 	@$(BIN)/ruff check
 	@echo "mypy"
-	@$(BIN)/mypy $(FLOORS)
+	@$(BIN)/python setup.py --quiet links
+	@$(BIN)/mypy $(LINKS)
 	@echo "import-linter"
-	@PYTHONPATH=typings $(BIN)/lint-imports
+	@$(BIN)/lint-imports
 
 test: lint  ## lint, then every test
 	@echo "pytest"

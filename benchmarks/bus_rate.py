@@ -33,8 +33,8 @@ from stancekit.planners.answer.plan_file import read_plan
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.runner.control.tracker import Feel, Tracker
-from stancekit.runner.motion.time_parametrization import paced
+from stancekit.runner.control.tracker import ContactFeedback, Tracker
+from stancekit.runner.motion.time_parametrization import parametrize
 from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.worlds.dynamixel.calibration import nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
@@ -75,19 +75,19 @@ def forward(plan: Plan, rate_hz: float, pace: float, seconds: float) -> dict[str
     robot = plan.course.robot
     kinematics = Kinematics(robot, gravity_m_s2=plan.course.gravity_m_s2)
     can = DynamixelWorld(robot, nominal(kinematics.joints, port="none"), rate_hz=rate_hz).capabilities
-    timed = paced(plan, kinematics, can, Timing().at_pace(pace), hung=True)
-    tracker = Tracker(timed.motion, kinematics, rate_hz, Feel(press_hz=0.0, seek_m=0.0))
+    timed = parametrize(plan, kinematics, can, Timing().at_pace(pace), hung=True)
+    tracker = Tracker(timed.motion, kinematics, rate_hz, ContactFeedback(press_hz=0.0, seek_m=0.0))
     first = tracker.start()
     with BusProcess(first.angles_rad.tolist()) as bus:
         world = DynamixelWorld(robot, nominal(kinematics.joints, port=bus.path, watchdog_s=0.5), rate_hz=rate_hz)
         with world:
-            pose = first.origin_m, rotation_of(first.instant.rotation_rad)
+            pose = first.origin_m, rotation_of(first.sample.rotation_rad)
             world.reset(plan.course.terrain, first.angles_rad, *pose)
             world.torque(True)
             starts, busy, errors, clipped = list[float](), list[float](), list[Any](), 0
-            felt, begin, cpu = first.instant.forces_n, time.monotonic(), time.process_time()
+            felt, begin, cpu = first.sample.forces_n, time.monotonic(), time.process_time()
             while (target := tracker.next(felt)) is not None and time.monotonic() - begin < seconds:
-                felt = target.instant.forces_n
+                felt = target.sample.forces_n
                 starts.append(time.monotonic())
                 clipped += bool(np.abs(world.sendable(target.angles_rad) - target.angles_rad).max() > 1e-9)
                 state = world.step(target.angles_rad)

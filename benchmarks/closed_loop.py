@@ -4,14 +4,14 @@
         [--amount 1] [--replan-m 0.012] [--no-reserve] [--modes once anew anew-unlearned] [--late] [--json]
 
 The first course is the built-in one, the others have other heights, distances, leans, friction and panels
-(``envs.courses.perturbed``, --amount); they are planned with the friction that they say. The world has only a share of
-that, everywhere, from the start, or (--late, in MuJoCo) from a random time of the run on, between 0.5 and 12 s. "once"
-follows the first plan to its end; "anew" stops where feet slide, presses harder, puts down what is in the air, and
-plans the rest again from there, with the friction that those feet felt; it plans again, too, where body or feet are
-farther than --replan-m from the plan. "anew-unlearned" does so, too, but goes on believing in the friction that it was
-told. All three run the same courses and the same first plans. A run is a success
-where all key frames were reached, nothing stopped it, and the centre of mass ended within 3 cm of its last plan's.
-Plans keep a reserve of friction where there is one (``planners.caution``); --no-reserve plans with all of it.
+(``distributions.courses.perturbed``, --amount); they are planned with the friction that they say. The world has only a
+share of that, everywhere, from the start, or (--late, in MuJoCo) from a random time of the run on, between 0.5 and
+12 s. "once" follows the first plan to its end; "anew" stops where feet slide, presses harder, puts down what is in the
+air, and plans the rest again from there, with the friction that those feet felt; it plans again, too, where body or
+feet are farther than --replan-m from the plan. "anew-unlearned" does so, too, but does not estimate the friction. All
+three run the same courses and the same first plans. A run is a success where all key frames were reached, nothing
+stopped it, and the centre of mass ended within 3 cm of its last plan's.
+Plans keep a reserve of friction where there is one (``search.friction_margin``); --no-reserve plans with all of it.
 
 The simulated world stands still while a plan is made: times of planning are told beside, not lived through.
 
@@ -41,7 +41,7 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport, LoopSettings
 from stancekit.runner.run import Runner
-from stancekit.runner.worlds import WORLDS, make_world
+from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.world import World
 from tests.emulators.slipping import SlippingWorld
 
@@ -55,7 +55,7 @@ def main() -> None:
     parser.add_argument("--courses", nargs="+", choices=builtin_courses(), default=["walls"])
     parser.add_argument("--shares", nargs="+", type=float, default=[1.0, 0.7, 0.5])
     parser.add_argument("--modes", nargs="+", choices=MODES, default=list(MODES))
-    parser.add_argument("--world", choices=WORLDS, default="mujoco")
+    parser.add_argument("--world", default="mujoco")
     parser.add_argument("--count", type=int, default=5)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--amount", type=float, default=1.0)
@@ -146,7 +146,7 @@ def summary(runs: Sequence[LoopReport | str]) -> dict[str, Any]:
 
     return {
         "runs": len(begun), "refused": len(runs) - len(begun), "succeeded": good, "interval": wilson(good, len(begun)),
-        "replans": median("replans"), "share_believed": median("friction_share"), "frames": median("frames"),
+        "replans": median("replans"), "share_estimated": median("friction_share"), "frames": median("frames"),
         "deviation_mm": None if not begun else 1e3 * (median("deviation_m") or 0.0), "seconds": median("seconds"),
         "plan_s": median("plan_s"),
     }  # fmt: skip
@@ -169,7 +169,7 @@ def line(record: dict[str, Any]) -> str:
     text += f"{record['succeeded']}/{record['runs']} [{low:.2f}, {high:.2f}], solvable {record['solvable']}"
     if record["runs"]:
         text += (
-            f"; replans {record['replans']:g}, believed × {record['share_believed']:.2f}, off by "
+            f"; replans {record['replans']:g}, estimated × {record['share_estimated']:.2f}, off by "
             f"{record['deviation_mm']:.0f} mm, planning {record['plan_s']:.1f} s of {record['seconds']:.1f} s of motion"
         )
     return text + (f"; {record['refused']} refused" if record["refused"] else "")

@@ -63,7 +63,7 @@ class Options:
     courses: tuple[str, ...] = ("walls", "icy-walls")
     """Built-in names or YAML files (start, replan)."""
     against: Path | None = None
-    """Another checkout, with `typings/`, whose command is run in turn with ours (start)."""
+    """Another checkout, in which `python setup.py links` was run, whose command is run in turn with ours (start)."""
     seed: int = 2026
     time_limit_s: float = 4.0
     """Of a course (ice)."""
@@ -110,7 +110,8 @@ def _command(folder: Path, course: str, frames: int) -> float:
     """CPU time [s] of ``stancekit plan`` of one checkout."""
     path = str(Path(course).resolve()) if Path(course).suffix else course
     with tempfile.TemporaryDirectory() as place:
-        environment = os.environ | {"PYTHONPATH": str(folder / "typings"), "OMP_NUM_THREADS": "1"}
+        paths = f"{folder / '.editable'}{os.pathsep}{folder / 'typings'}"  # typings: in older checkouts
+        environment = os.environ | {"PYTHONPATH": paths, "OMP_NUM_THREADS": "1"}
         words = ["-m", "stancekit.cli.main", "plan", path, "--out", str(Path(place) / "plan.json")]
         words += [] if Path(course).suffix else ["--frames", str(frames)]
         before = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.learners.modes import solved_postures
+from stancekit.learners.selectors.modes import solved_postures
 from stancekit.learners.selectors.quantile import quantile_box
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs

@@ -3,11 +3,11 @@
     python benchmarks/execution.py [--courses stairs walls …] [--worlds bullet mujoco] [--count 20] [--seed 0]
         [--pace 1] [--workers 1] [--no-reserve] [--planned-forces] [--json]
 
-Every course is the built-in one with other heights, distances, leans, friction and panels (``envs.courses.perturbed``),
+Every course is the built-in one with other heights, distances, leans, friction and panels (``courses.perturbed``),
 planned by the two-stage planner; what the planner refuses is counted apart. An execution is a success where the robot
 did not fall, its centre of mass ended within 3 cm of the plan's, and no foot slid by more than 2 cm (``Tolerance``).
-Plans keep a reserve of friction where there is one (``planners.caution``); --no-reserve plans with all of it, and
---planned-forces presses as the plan says instead of sharing the forces anew with a reserve of friction.
+Plans keep a reserve of friction where there is one (``friction_margin``); --no-reserve plans with all of it, and
+--planned-forces presses as the plan says instead of distributing the forces anew with a reserve of friction.
 Times to compute are shown as simulated seconds a second ("real_time"); --workers runs so many processes.
 """
 
@@ -27,16 +27,18 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import builtin_courses
 from stancekit.planners.search.friction_margin import SHARES, plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.runner.execution import Execution, simulate
+from stancekit.runner.execution import Execution
 from stancekit.runner.motion.timeline import Timing
-from stancekit.runner.worlds import WORLDS
+from stancekit.runner.report import RunReport
+from stancekit.runner.run import simulate
+from stancekit.runner.settings import RunSettings
 
 
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--courses", nargs="+", choices=builtin_courses(), default=list(builtin_courses()))
-    parser.add_argument("--worlds", nargs="+", choices=WORLDS, default=list(WORLDS))
+    parser.add_argument("--worlds", nargs="+", default=["bullet", "mujoco"])
     parser.add_argument("--count", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--pace", type=float, default=1.0)
@@ -51,9 +53,10 @@ def main() -> None:
         plans, refused = planned(name, arguments.count, arguments.seed, reserve=not arguments.no_reserve)
         seconds = time.perf_counter() - begin
         for world in arguments.worlds:
-            options = {"forces": forces, "timing": Timing().at_pace(arguments.pace)}
-            jobs = (delayed(simulate)(plan, world, **options) for plan in plans)
-            runs = list(Parallel(n_jobs=arguments.workers)(jobs))
+            timing = Timing().at_pace(arguments.pace)
+            settings = RunSettings(forces=forces, timing=timing, check_limits=False)
+            jobs = (delayed(simulate)(plan, world, settings=settings) for plan in plans)
+            runs: list[RunReport] = list(Parallel(n_jobs=arguments.workers)(jobs))
             record = {"course": name, "planned": len(plans), "refused": refused, "planning_s": seconds, "world": world}
             record |= summary(runs)
             print(json.dumps(record) if arguments.json else line(record), flush=True)
@@ -72,8 +75,9 @@ def planned(name: str, count: int, seed: int, *, reserve: bool) -> tuple[list[Pl
     return plans, count - len(plans)
 
 
-def summary(runs: Sequence[Execution]) -> dict[str, Any]:
+def summary(reports: Sequence[RunReport]) -> dict[str, Any]:
     """Successes, and medians and extremes of what was measured."""
+    runs: list[Execution] = [report.execution for report in reports if report.execution is not None]
     if not runs:
         return {"succeeded": 0}
     final, worst, slip, force = (
@@ -83,7 +87,7 @@ def summary(runs: Sequence[Execution]) -> dict[str, Any]:
         [run.force_rms_n for run in runs],
     )
     return {
-        "succeeded": sum(run.succeeded for run in runs),
+        "succeeded": sum(report.succeeded for report in reports),
         "fallen": sum(run.fallen_s is not None for run in runs),
         "com_final_mm": [float(np.median(final)), max(final)],
         "com_worst_mm": [float(np.median(worst)), max(worst)],

@@ -22,8 +22,9 @@ from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.run import Runner, RunSettings
+from stancekit.runner.run import Runner
 from stancekit.runner.safety.latch import Stopped
+from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.dynamixel.calibration import nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.world import State

@@ -23,13 +23,13 @@ from typing import Any
 import numpy as np
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.selectors.convergence import Generation, draw_convergence
 from stancekit.learners.selectors.evolution import evolve_cma, evolve_nsga2, extra
+from stancekit.learners.selectors.feasibility import CachingOracle, Counts, FeasibilityOracle, SolvingOracle
 from stancekit.learners.selectors.genetic import GeneticResult, GeneticSettings, evolve
-from stancekit.learners.selectors.verdicts import CachingJudge, Counts, Judge, SolvingJudge
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files.arrays import Array
@@ -87,16 +87,16 @@ def measure(
     feasible, infeasible, points = train
     problems = [*feasible, *infeasible]
     programs = Programs()
-    held_out = SolvingJudge([*test[0], *test[1]], programs)
+    held_out = SolvingOracle([*test[0], *test[1]], programs)
 
     histories: dict[str, tuple[Generation, ...]] = {}
 
-    def run(name: str, search: Evolve, judge: Judge) -> dict[str, Any]:
+    def run(name: str, search: Evolve, oracle: FeasibilityOracle) -> dict[str, Any]:
         begin, cpu = time.perf_counter(), time.process_time()
-        result = search(feasible, infeasible, points, settings, judge=judge)
+        result = search(feasible, infeasible, points, settings, oracle=oracle)
         wall_s, cpu_s = time.perf_counter() - begin, time.process_time() - cpu
         histories[name] = result.history
-        admitted = held_out.admitted(np.arange(len(test[0]) + len(test[1])), [result.envelope])[0]
+        admitted = held_out.is_feasible(np.arange(len(test[0]) + len(test[1])), [result.envelope])[0]
         return {
             "wall_s": wall_s, "cpu_s": cpu_s, "evaluations": result.counts.total, **shares(result.counts),
             "train_a": result.a, "train_b": result.b, "feasible_right": float(admitted[: len(test[0])].mean()),
@@ -106,20 +106,20 @@ def measure(
             "best_fitness": [done.best for done in result.history],
         }  # fmt: skip
 
-    runs = {PLAIN: run(PLAIN, evolve, SolvingJudge(problems, programs))}
-    runs[CACHED] = run(CACHED, evolve, CachingJudge(problems, programs))
+    runs = {PLAIN: run(PLAIN, evolve, SolvingOracle(problems, programs))}
+    runs[CACHED] = run(CACHED, evolve, CachingOracle(problems, programs))
     plain, cached = runs[PLAIN], runs[CACHED]
     cached["same_box"] = plain["box"] == cached["box"]
     cached["speedup_wall"] = plain["wall_s"] / cached["wall_s"]
     cached["speedup_cpu"] = plain["cpu_s"] / cached["cpu_s"]
     for name, search in (("CMA-ES", evolve_cma), ("NSGA-II", evolve_nsga2)):
-        runs[name] = run(name, search, CachingJudge(problems, programs))
+        runs[name] = run(name, search, CachingOracle(problems, programs))
     return runs, histories
 
 
 def shares(counts: Counts) -> dict[str, float]:
-    """Shares of the evaluations that were settled without a solve, in all and by what settled them."""
-    kinds = {name: getattr(counts, name) for name in ("settled", "witness", "certificate", "range", "trivial")}
+    """Shares of the evaluations that needed no solve, in all and by what answered them."""
+    kinds = {name: getattr(counts, name) for name in ("cached", "witness", "certificate", "range", "trivial")}
     return {name: count / max(counts.total, 1) for name, count in kinds.items()}
 
 
@@ -136,16 +136,16 @@ def sum_counts(counts: list[Counts]) -> Counts:
 
 def show(runs: dict[str, dict[str, Any]]) -> None:
     """Print for people."""
-    print(f"{'':16}{'wall s':>8}{'CPU s':>8}{'evaluations':>13}{'settled':>9}{'a':>7}{'b':>7}{'right: feas.':>14}"
+    print(f"{'':16}{'wall s':>8}{'CPU s':>8}{'evaluations':>13}{'cached':>9}{'a':>7}{'b':>7}{'right: feas.':>14}"
           f"{'infeas.':>9}")  # fmt: skip
     for name, r in runs.items():
-        print(f"{name:16}{r['wall_s']:8.1f}{r['cpu_s']:8.1f}{r['evaluations']:13d}{r['settled']:9.1%}{r['train_a']:7.3f}"
+        print(f"{name:16}{r['wall_s']:8.1f}{r['cpu_s']:8.1f}{r['evaluations']:13d}{r['cached']:9.1%}{r['train_a']:7.3f}"
               f"{r['train_b']:7.3f}{r['feasible_right']:14.1%}{r['infeasible_right']:9.1%}")  # fmt: skip
     cached = runs[CACHED]
     print(f"same best box: {cached['same_box']}; plain / cached: {cached['speedup_wall']:.2f} wall, "
           f"{cached['speedup_cpu']:.2f} CPU")  # fmt: skip
-    print("GA, cached: share of the evaluations settled without a solve, by thirds of the generations")
-    for kind in ("settled", "witness", "certificate", "range", "trivial"):
+    print("GA, cached: share of the evaluations without a solve, by thirds of the generations")
+    for kind in ("cached", "witness", "certificate", "range", "trivial"):
         print(f"  {kind:12}" + "".join(f"{third[kind]:9.1%}" for third in cached["thirds"]))
 
 

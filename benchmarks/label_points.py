@@ -25,10 +25,11 @@ import tyro
 from threadpoolctl import threadpool_limits
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.evaluate import evaluate, scenes_of
-from stancekit.learners.experiment import Experiment
-from stancekit.learners.fitting import learn
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.scenes import scenes_of
+from stancekit.learners.evaluation.evaluate import evaluate
+from stancekit.learners.evaluation.experiment import Experiment
+from stancekit.learners.training.fitting import learn_selector
 from stancekit.planners.answer.outcome import Posture, Status
 from stancekit.planners.equilibrium import rows as conic_rows
 from stancekit.planners.equilibrium.batch import ScaledBatch
@@ -144,7 +145,7 @@ def seeds(options: Options) -> Iterator[str]:
             found = []
             for seed in range(options.seeds):
                 settings = replace(fit, **{knobs: {**getattr(fit, knobs), "seed": seed}})
-                selector = learn(options.method, train, settings, calibration=calibration).selector
+                selector = learn_selector(options.method, train, settings, calibration=calibration).selector
                 score = evaluate(options.method, selector, scenes_of(test), problem_class=name, projections=("fix-p",))
                 found.append((score.p1_feasible.hits, score.p1_infeasible.hits))
             kept, refused = np.array(found).T

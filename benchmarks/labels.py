@@ -26,8 +26,8 @@ CHILD = """
 import json, sys, time
 import clarabel, numpy as np, scipy.sparse as sp
 from pathlib import Path
-from stancekit.learners.ledger import LabelPlan
-from stancekit.learners.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.data.labelling import label
 
 def yardstick():
     rng = np.random.default_rng(0)
@@ -92,7 +92,8 @@ def spread(values: np.ndarray) -> str:
 
 def child(tree: Path, task: list[object]) -> dict[str, float]:
     """Label in a process of its own, with the packages of this tree."""
-    environment = {**os.environ, "PYTHONPATH": str(tree / "typings")}
+    paths = f"{tree / '.editable'}{os.pathsep}{tree / 'typings'}"  # typings: in older checkouts
+    environment = {**os.environ, "PYTHONPATH": paths}
     environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-c", CHILD, json.dumps(task)]
     run = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
@@ -102,7 +103,7 @@ def child(tree: Path, task: list[object]) -> dict[str, float]:
 
 def compare(kind: str, before: Path, after: Path) -> None:
     """Row by row: problems, labels, and how far apart the numbers are that selectors learn from."""
-    from stancekit.learners.dataset import Dataset
+    from stancekit.learners.data.dataset import Dataset
 
     old, new = Dataset.open(before), Dataset.open(after)
     same = labels = points = 0

@@ -14,7 +14,7 @@ import json
 import numpy as np
 
 from stancekit.envs.distributions.courses import perturbed
-from stancekit.learners.modes import learn_modes
+from stancekit.learners.selectors.modes import learn_modes
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.methods import make_course_planner
 

@@ -4,7 +4,7 @@ python benchmarks/neural.py --problems wall-3 --rows 10000 --json
 python benchmarks/neural.py --quick
 
 Three data sets a class, from three seeds: one to train on, one to calibrate on, one to test on, which nothing has seen
-before. Every selector is rolled out by ``learners.evaluate.evaluate``; shares come with Wilson 95 % intervals.
+before. Every selector is rolled out by ``learners.evaluation.evaluate``; shares come with Wilson 95 % intervals.
 quantile, gradient-K: one or K boxes for all terrains, P1 taking the best of K. gradient-K chooser: a network gives each
 terrain one of the K. neural-quantile: the network's own box for each terrain, after its first stage alone. neural:
 after both. With ``--quick`` everything is small, and so are the figures.
@@ -24,16 +24,17 @@ from rich.table import Table
 
 from stancekit.cli.console import progress
 from stancekit.envs.scenes import Scene
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift, scenes_of
-from stancekit.learners.fitting import fit
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.data.scenes import scenes_of
+from stancekit.learners.evaluation.evaluate import TABLE_I, Score, Share, evaluate, evaluate_lift
 from stancekit.learners.selectors.chooser import fit_chooser
 from stancekit.learners.selectors.gradient import fit_gradient
 from stancekit.learners.selectors.neural import fit_neural
+from stancekit.learners.selectors.neural_training import NeuralSettings
 from stancekit.learners.selectors.selector import FixedSelector, Selector
-from stancekit.learners.selectors.training import NeuralSettings
+from stancekit.learners.training.envelope_methods import fit
 from stancekit.planners.projection.project import Projection
 
 PROJECTIONS: tuple[Projection, ...] = ("fix-p", "fix-toes", "scp")

@@ -24,11 +24,11 @@ from gymnasium import spaces
 from matplotlib.figure import Figure
 
 from stancekit.envs.refinement import LargestGap, RandomDimension, WidestDimension
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.fitting import fit
-from stancekit.learners.reinforce import CurvePoint, TrainingScenes, evaluator, train
+from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.selectors.selector import FixedSelector, Selector
-from stancekit.learners.train_config import TrainConfig
+from stancekit.learners.training.envelope_methods import fit
+from stancekit.learners.training.reinforce import CurvePoint, TrainingScenes, evaluator, train
+from stancekit.learners.training.train_config import TrainConfig
 
 CONFIGS = Path(__file__).parents[1] / "configs"
 

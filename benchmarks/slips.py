@@ -24,8 +24,9 @@ from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.run import Runner, RunSettings
+from stancekit.runner.run import Runner
 from stancekit.runner.safety.ending import ENDINGS
+from stancekit.runner.settings import RunSettings
 from tests.emulators.slipping import FAULTS, SlippingWorld
 
 

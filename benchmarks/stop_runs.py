@@ -42,7 +42,7 @@ TERMINAL = ("key", "closed terminal", "lost line")
 TOPIC = ("stop topic", "stop topic lost")
 ON_BUS = (
     *SIGNALS, "two signals", "stop file", *TERMINAL, "output closed", *TOPIC, "exception", "full disk", "host killed",
-    "host frozen", "cable unplugged", "servo unplugged", "guardian killed", "guardian frozen",
+    "host frozen", "cable unplugged", "servo unplugged", "monitor killed", "monitor frozen",
 )  # fmt: skip
 BY_ROS = ("ros SIGTERM", "ros e-stop", "ros exception", "ros host killed", "ros host frozen")
 STOPS = (*ON_BUS, *BY_ROS)
@@ -211,8 +211,8 @@ def inject(kind: str, host: Host, device: Device, topic: Device | None, folder: 
         "full disk": lambda: resource.prlimit(host.pid, resource.RLIMIT_FSIZE, (1, 1)),
         "host killed": lambda: os.kill(host.pid, signal.SIGKILL),
         "host frozen": lambda: frozen(host.pid),
-        "guardian killed": lambda: os.kill(guardian(host.pid), signal.SIGKILL),
-        "guardian frozen": lambda: os.kill(guardian(host.pid), signal.SIGSTOP),
+        "monitor killed": lambda: os.kill(monitor(host.pid), signal.SIGKILL),
+        "monitor frozen": lambda: os.kill(monitor(host.pid), signal.SIGSTOP),
         "cable unplugged": lambda: device.inject("cable pulled"),
         "servo unplugged": lambda: device.inject("silent servo"),
         "e-stop": lambda: device.inject("e-stop"),
@@ -245,8 +245,8 @@ def frozen(pid: int) -> None:
     os.kill(pid, signal.SIGCONT)
 
 
-def guardian(pid: int) -> int:
-    """The host's guardian."""
+def monitor(pid: int) -> int:
+    """The host's monitor."""
     return int(Path(f"/proc/{pid}/task/{pid}/children").read_text().split()[0])
 
 

@@ -21,7 +21,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, PostureDistribution, distribution
 from stancekit.envs.scenes import SampledScenes, Scene
-from stancekit.envs.selection import ADMITTED
+from stancekit.envs.selection_task import ADMITTED
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.selectors.heuristic import heuristic_envelope
 from stancekit.planners.equilibrium.programs import Programs

@@ -18,8 +18,8 @@ from typing import Any, get_args
 from stancekit.planners.terrain.reference import TERRAINS, reference_terrain
 from stancekit.planners.warp.conformal import CELLS, Method, fit_map
 from stancekit.planners.warp.report import MapReport
-from stancekit.views.map_picture import draw_map_convergence
-from stancekit.views.plot import save
+from stancekit.views.maps import draw_map_convergence
+from stancekit.views.sheet import save
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from .evaluate import score_table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from stancekit.learners.bench import ClassResult
+    from stancekit.learners.evaluation.bench import ClassResult
 
 
 @dataclass
@@ -44,11 +44,11 @@ class BenchEnvelopes:
     def run(self) -> int:
         """Run the bench, and write the table and a picture a class."""
         from stancekit.configs import config_path
-        from stancekit.learners import bench
-        from stancekit.learners.executor import executor
-        from stancekit.learners.experiment import Experiment
+        from stancekit.learners.data.executor import executor
+        from stancekit.learners.evaluation import bench
+        from stancekit.learners.evaluation.experiment import Experiment
         from stancekit.planners.files.writing import write_text
-        from stancekit.views.posture_picture import save
+        from stancekit.views.sheet import save
 
         experiment = Experiment.from_yaml(self.config or config_path("bench-envelopes.yaml"), quick=self.quick)
         where = executor(self.executor, workers=self.workers, address=self.address)
@@ -69,7 +69,7 @@ class BenchEnvelopes:
 
 def rows(result: ClassResult) -> list[dict[str, Any]]:
     """The comparison as JSON-ready rows, the paper's figures with those it has."""
-    from stancekit.learners.evaluate import paper_row
+    from stancekit.learners.evaluation.evaluate import paper_row
 
     records = []
     for score in result.scores:
@@ -91,8 +91,8 @@ def report(result: ClassResult, *, as_json: bool) -> None:
 
 def comparison_figure(result: ClassResult) -> Figure:
     """The comparison as a picture, the paper's figures as markers."""
-    from stancekit.learners.evaluate import paper_row
-    from stancekit.views.posture_picture import ComparisonBar, draw_comparison
+    from stancekit.learners.evaluation.evaluate import paper_row
+    from stancekit.views.comparison import ComparisonBar, draw_comparison
 
     names = {"p1_feasible": "P1 feasible", "p1_infeasible": "P1 infeasible", "project_fix_p": "→ fix-p"}
     names |= {"project_nlp": "→ nlp"}

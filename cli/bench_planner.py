@@ -42,7 +42,7 @@ class BenchPlanner:
         """Measure what is missing, and print the table."""
         from dataclasses import replace
 
-        from stancekit.learners import planner_bench
+        from stancekit.learners.evaluation import planner_bench
         from stancekit.planners.files.arrays import checked
         from stancekit.planners.files.writing import write_text
 
@@ -99,7 +99,7 @@ def table(rows: list[dict[str, Any]]) -> Table:
 
 def speed_ups(rows: list[dict[str, Any]]) -> list[str]:
     """How many times less CPU time MICP takes than over [−1, 1] with as many intervals, by number of key frames."""
-    from stancekit.learners.planner_bench import FORMS
+    from stancekit.learners.evaluation.planner_bench import FORMS
 
     by_cell = {(row["method"], row["frames"], row["optimised"]): row for row in rows}
     found = []

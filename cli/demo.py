@@ -11,7 +11,7 @@ from .bench_envelopes import comparison_figure, report
 from .console import err, make_folder, stages
 
 if TYPE_CHECKING:
-    from stancekit.learners.bench import ClassResult
+    from stancekit.learners.evaluation.bench import ClassResult
 
 
 @dataclass
@@ -34,9 +34,9 @@ class Demo:
     def run(self) -> int:
         """Run the experiment; exit code 1 if the verifier refuses the posture that is drawn."""
         from stancekit.configs import config_path
-        from stancekit.learners import bench
-        from stancekit.learners.executor import processes
-        from stancekit.learners.experiment import Experiment
+        from stancekit.learners.data.executor import processes
+        from stancekit.learners.evaluation import bench
+        from stancekit.learners.evaluation.experiment import Experiment
 
         experiment = Experiment.from_yaml(self.config or config_path("demo.yaml"))
         executor = processes(self.workers)
@@ -53,11 +53,12 @@ class Demo:
         from stancekit.planners.answer.outcome import Status
         from stancekit.planners.search.posture import TwoStagePlanner
         from stancekit.planners.verify import check_posture
-        from stancekit.views.posture_picture import draw_posture, save
+        from stancekit.views.postures import draw_posture
+        from stancekit.views.sheet import save
 
         name, envelopes = result.best_envelopes
         planner = TwoStagePlanner(envelopes=envelopes, projection="fix-toes")
-        for row in result.test:
+        for row in result.test.rows():
             planner.solve(row.problem)  # compiles
             outcome = planner.solve(row.problem)
             if outcome.status is Status.FEASIBLE and outcome.posture is not None:

@@ -14,9 +14,10 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, progress
+from .names import named
 
 if TYPE_CHECKING:
-    from stancekit.learners.evaluate import Score, Share
+    from stancekit.learners.evaluation.evaluate import Score, Share
 
 LONGEST_NAME = 16
 """Letters of a selector's name before a table breaks it."""
@@ -35,8 +36,8 @@ class Evaluate:
     """Data set folder of `stancekit label`."""
     envelope: tuple[Path, ...] = ()
     """Envelope files to compare."""
-    selector: tuple[Path, ...] = ()
-    """Files of any selectors to compare: envelopes, neural selectors, choosers, policies."""
+    selector: Annotated[tuple[str, ...], named("stancekit.learners.selectors.own:SELECTORS", "FILE|FILE.py:NAME")] = ()
+    """Files of any selectors to compare: envelopes, neural selectors, choosers, policies; or selectors of your own."""
     lift: bool = True
     """Compare with the lift, which needs no envelope."""
     project: tuple[Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"], ...] = ("fix-p", "fix-f", "fix-toes", "scp")
@@ -52,10 +53,12 @@ class Evaluate:
 
     def run(self) -> int:
         """Roll every selector out and print the table."""
-        from stancekit.learners.dataset import Dataset
-        from stancekit.learners.evaluate import check_same_class, evaluate, evaluate_lift, scenes_of
-        from stancekit.learners.executor import executor
-        from stancekit.learners.selectors.selector import Learned, load_selector
+        from stancekit.learners.data.dataset import Dataset
+        from stancekit.learners.data.executor import executor
+        from stancekit.learners.data.scenes import scenes_of
+        from stancekit.learners.evaluation.evaluate import check_same_class, evaluate, evaluate_lift
+        from stancekit.learners.selectors.selector import Learned
+        from stancekit.learners.selectors.selector_file import load_selector
         from stancekit.planners.answer.answer_file import read_envelopes
 
         if not self.project:
@@ -63,27 +66,28 @@ class Evaluate:
         if not (self.envelope or self.selector or self.lift):
             raise InvalidInput("--envelope, --selector: expected one or more files to compare, or the lift, got none")
         dataset = Dataset.open(self.dataset)
-        selectors = [(path, Learned.fixed(path.stem, read_envelopes(path))) for path in self.envelope]
-        selectors += [(path, load_selector(path)) for path in self.selector]
-        for path, learned in selectors:
-            check_same_class(dataset, learned.problem_class, str(path))
+        selectors = [(str(path), Learned.fixed(path.stem, read_envelopes(path))) for path in self.envelope]
+        selectors += [(name, load_selector(name)) for name in self.selector]
+        for where, learned in selectors:
+            check_same_class(dataset, learned.problem_class, where)
         scenes = scenes_of(dataset)
         if not scenes:
             raise InvalidInput(f"{self.dataset}: expected feasible or not trivially infeasible rows, got none")
         ways = tuple(dict.fromkeys(self.project))
-        where = executor(self.executor, workers=self.workers, address=self.address)
+        run = executor(self.executor, workers=self.workers, address=self.address)
         scores = []
-        for path, learned in selectors:
-            with progress(f"evaluate {path.stem}") as bar:
+        for where, learned in selectors:
+            name = Path(where).stem if ".py:" not in where else where.rpartition(":")[2]
+            with progress(f"evaluate {name}") as bar:
                 scores.append(
                     evaluate(
-                        path.stem, learned.selector, scenes, problem_class=dataset.problem_class,
-                        projections=ways, boxes=learned.boxes, progress=bar, run=where,
+                        name, learned.selector, scenes, problem_class=dataset.problem_class,
+                        projections=ways, boxes=learned.boxes, progress=bar, run=run,
                     )
                 )  # fmt: skip
         if self.lift:
             with progress("evaluate lift") as bar:
-                scores.append(evaluate_lift(scenes, projections=ways, progress=bar, run=where))
+                scores.append(evaluate_lift(scenes, projections=ways, progress=bar, run=run))
         if self.json:
             for score in scores:
                 emit(score.to_json())
@@ -94,7 +98,7 @@ class Evaluate:
 
 def score_table(problem_class: str, scores: list[Score]) -> Table:
     """The comparison as a table that fits into 80 columns, with the paper's rows below."""
-    from stancekit.learners.evaluate import TABLE_I
+    from stancekit.learners.evaluation.evaluate import TABLE_I
 
     ways = list(scores[0].projected) if scores else []
     counts = f"{scores[0].p1_feasible.of} feasible and {scores[0].p1_infeasible.of} infeasible" if scores else "no"

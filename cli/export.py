@@ -30,8 +30,8 @@ class Export:
 
     def run(self) -> int:
         """Export, and read back."""
-        from stancekit.learners.dataset import Dataset
-        from stancekit.learners.export import export, load_exported
+        from stancekit.learners.data.dataset import Dataset
+        from stancekit.learners.data.export import export, load_exported
 
         with progress("export") as bar:
             done = export(Dataset.open(self.dataset), self.out, room=self.room, progress=bar)

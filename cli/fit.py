@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
 from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, progress
+from .names import named
 
 if TYPE_CHECKING:
-    from stancekit.learners.fitting import FitSettings
+    from stancekit.learners.training.fit_settings import FitSettings
+    from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 
 @dataclass
@@ -23,14 +25,15 @@ class Fit:
     heuristic: the expert's bounds of paper E. quantile: the box that leaves a share of the solutions out on each side.
     gmm-printed: paper E's Algorithm 2 line by line. gmm: Algorithm 2 with its boundary fitted by P1's own margins.
     ga: paper E's genetic algorithm. gradient: boxes that descend P1's margins together. chooser: those, and a network
-    that picks one a terrain. neural: a network from terrain to box. rl: a policy learned in the environment.
+    that picks one a terrain. neural: a network from terrain to box. rl: a policy learned in the environment. modes: a
+    box a terrain, forces in world axes, between which `stancekit plan --envelope` switches.
     """
 
-    dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
-    """Data set folder of `stancekit label`."""
+    dataset: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER [FOLDER …]")]
+    """Data set folder of `stancekit label`; for modes one a terrain, in the order in which z counts them."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """File to write: JSON for envelopes, safetensors for what has a network."""
-    method: Literal["heuristic", "quantile", "gmm-printed", "gmm", "ga", "gradient", "chooser", "neural", "rl"] = "gmm"
+    method: Annotated[str, named("stancekit.learners.training.fitting:METHODS")] = "gmm"
     """How to learn."""
     share: float = 0.05
     """Share of the solutions outside a quantile box, on each side of each dimension."""
@@ -57,37 +60,47 @@ class Fit:
 
     def run(self) -> int:
         """Fit and write."""
-        from stancekit.learners.dataset import Dataset
-        from stancekit.learners.fitting import learn
+        from stancekit.learners.data.dataset import Dataset
         from stancekit.learners.selectors.selector import FixedSelector
+        from stancekit.learners.training.fitting import learn
+        from stancekit.planners.answer.answer_file import write_boxes
         from stancekit.planners.files.writing import check_writable
+        from stancekit.planners.relaxation.modes import Modes
 
         check_writable(self.out)
-        dataset = Dataset.open(self.dataset)
+        if not self.dataset:
+            raise InvalidInput("FOLDER: expected a data set folder, got none")
+        datasets = [Dataset.open(folder) for folder in self.dataset]
         held = None if self.calibration is None else Dataset.open(self.calibration)
         settings = self._settings()
         with progress(f"fit {self.method}") as bar:
-            learned = learn(self.method, dataset, settings, bar, calibration=held, checkpoint=self.checkpoint)
+            learned = learn(self.method, datasets, settings, bar, calibration=held, checkpoint=self.checkpoint)
+        if isinstance(learned, Modes):
+            write_boxes(self.out, learned)
+            return self._said(learned.boxes.problem_class, "modes", learned.boxes)
         learned.write(self.out)
-        record: dict[str, Any] = {"out": str(self.out), "method": self.method, "problem_class": learned.problem_class}
-        what = "a network"
-        if isinstance(learned.selector, FixedSelector):
-            fitted = learned.selector.envelopes
+        fixed = learned.selector.envelopes if isinstance(learned.selector, FixedSelector) else None
+        return self._said(learned.problem_class, "envelopes", fixed)
+
+    def _said(self, problem_class: str, what: str, fitted: EnvelopeSet | None) -> int:
+        """Say what was written: boxes, or a network."""
+        record: dict[str, Any] = {"out": str(self.out), "method": self.method, "problem_class": problem_class}
+        line = f"{self.out}: a network for {problem_class}"
+        if fitted is not None:
             widths = [float((envelope.high - envelope.low).mean()) for envelope in fitted.envelopes]
-            record |= {"envelopes": len(widths), "mean_width": widths, "provenance": dict(fitted.provenance)}
-            what = f"{len(widths)} envelope(s)"
+            record |= {what: len(widths), "mean_width": widths, "provenance": dict(fitted.provenance)}
+            shown = ", ".join(f"{width:.3f}" for width in widths)
+            line = f"{self.out}: {len(widths)} {what[:-1]}(s) for {problem_class}, mean width {shown}"
         if self.json:
             emit(record)
-            return 0
-        line = f"{self.out}: {what} for {learned.problem_class}"
-        widths = record.get("mean_width", [])
-        out.print(line + (f", mean width {', '.join(f'{width:.3f}' for width in widths)}" if widths else ""))
+        else:
+            out.print(line)
         return 0
 
     def _settings(self) -> FitSettings:
         """The options and what the configuration file adds. Raises InvalidInput."""
-        from stancekit.learners.fitting import FitSettings
         from stancekit.learners.settings import typed
+        from stancekit.learners.training.fit_settings import FitSettings
         from stancekit.planners.files.documents import read_yaml
 
         if self.seed < 0:

@@ -144,13 +144,13 @@ class Gait:
             raise InvalidInput(f"{twice[0]}: expected a file of its own for each picture, got it twice")
         check_pictures(self.picture, self.convergence)
         if self.html is not None:
-            from stancekit.views.gait_page import check_page
+            from stancekit.views.page import check_page
 
             check_page(self.html)
         if self.video is not None:
-            from stancekit.views.video import check_video
+            from stancekit.views.film import check_film
 
-            check_video(self.video)
+            check_film(self.video)
         if self.chart != "portfolio":
             with as_options():
                 CHARTS.get(self.chart)

@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from stancekit.planners.errors import InvalidInput
-
 from .console import err, progress
 
 if TYPE_CHECKING:
@@ -23,13 +21,10 @@ FPS = 25.0
 
 def check_pictures(*paths: Path | None) -> None:
     """Raise InvalidInput for a picture that cannot be written, before any work."""
-    from stancekit.planners.files.writing import check_writable
+    from stancekit.views.sheet import check_picture
 
-    for path in paths:
-        if path is not None:
-            check_writable(path)
-            if path.suffix.lower() not in (".png", ".pdf", ".svg"):
-                raise InvalidInput(f"{path}: expected a name that ends in .png, .pdf, .svg")
+    for path in filter(None, paths):
+        check_picture(path)
 
 
 def draw(
@@ -38,13 +33,13 @@ def draw(
 ) -> None:  # fmt: skip
     """Write the pictures, the film and the page that were asked for; the map's grid is drawn where there is one."""
     if picture is not None:
-        from stancekit.views.gait_picture import draw_motion
-        from stancekit.views.plot import save
+        from stancekit.views.gaits import draw_motion
+        from stancekit.views.sheet import save
 
         save(draw_motion(best.trajectory, best.report, warp=_map(best)), picture)
     if convergence is not None:
         from stancekit.views.gait_plot import GaitRun, draw_convergence
-        from stancekit.views.plot import save
+        from stancekit.views.sheet import save
 
         runs = [
             GaitRun(method=one.attempt.name, violations=one.history, seconds=one.seconds)
@@ -53,11 +48,12 @@ def draw(
         ]
         save(draw_convergence(runs, caption=f"Convergence on {best.trajectory.terrain.name}"), convergence)
     if html is not None:
-        from stancekit.views.gait_page import write_page
+        from stancekit.views.gaits import GaitView
+        from stancekit.views.page import write_page
 
-        write_page(html, best.trajectory, best.report, warp=_map(best))
+        write_page(html, GaitView(best.trajectory, _map(best)).film(best.report))
     if video is not None:
-        from stancekit.views.gait_video import motion_frames
+        from stancekit.views.gaits import motion_frames
         from stancekit.views.video import write_video
 
         frames = motion_frames(best.trajectory, best.report, warp=_map(best), fps=FPS)

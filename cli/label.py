@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 import tyro
 
 from .console import as_options, emit, out, progress
+from .names import DISTRIBUTION
 
 
 @dataclass
@@ -21,8 +22,8 @@ class LabelPostures:
     goes on where it was when it is started again; the rows do not depend on the number of workers.
     """
 
-    problem: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")]
-    """Distribution: ground-3, wall-3 or wall-5."""
+    problem: Annotated[str, tyro.conf.Positional, DISTRIBUTION]
+    """Distribution: ground-3, wall-3, wall-5, one that another package brings, a YAML file, or FILE.py:NAME."""
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Folder of the data set."""
     feasible: int = 500
@@ -46,9 +47,9 @@ class LabelPostures:
 
     def run(self) -> int:
         """Label and sum up."""
-        from stancekit.learners.executor import executor
-        from stancekit.learners.labelling import Progress, label
-        from stancekit.learners.ledger import LabelPlan
+        from stancekit.learners.data.executor import executor
+        from stancekit.learners.data.labelling import Progress, label
+        from stancekit.learners.data.ledger import LabelPlan
 
         with as_options():
             plan = LabelPlan(

@@ -37,7 +37,8 @@ class Picture:
         from stancekit.planners.answer.answer_file import read_envelopes, read_problems
         from stancekit.planners.files.writing import check_writable
         from stancekit.planners.search.methods import make_planner
-        from stancekit.views.posture_picture import draw_posture, save
+        from stancekit.views.postures import draw_posture
+        from stancekit.views.sheet import save
 
         check_writable(self.out)
         problems = list(read_problems(text_of(self.file), str(self.file)))

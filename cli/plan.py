@@ -15,13 +15,12 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
+from .names import named
 from .options import OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
     from stancekit.planners.problem.course import Course
-    from stancekit.planners.relaxation.envelope import EnvelopeSet
-    from stancekit.planners.relaxation.modes import Modes
     from stancekit.planners.search.answer import CoursePlanner
     from stancekit.planners.verify import Report
 
@@ -36,6 +35,8 @@ OF_PLANNERS = {
     "intervals": ("micp",),
 }
 """Which planners an option is for, where it is not for all."""
+SETTINGS = ("planner", "relaxation", "envelope", "envelopes", "projection", "solver", "intervals", "time_limit_s")
+"""What a planner's complaint may begin with that is an option here."""
 
 
 @dataclass
@@ -59,9 +60,10 @@ class PlanCourse:
 
     course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
     """Built-in name, or YAML or JSON file."""
-    planner: Literal["two-stage", "micp", "nlp", "decoupled", "exact"] = "two-stage"
+    planner: Annotated[str, named("stancekit.planners.search.methods:COURSE_PLANNERS")] = "two-stage"
     """two-stage: convex relaxation and projection. exact: branch and bound to the best plan, for short courses. micp:
-    piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces after, a baseline that fails on ice."""
+    piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces after, a baseline that fails on ice. One of
+    your own counts as far as the verifier accepts its plans and certificates."""
     relaxation: Literal["lift", "envelope", None] = None
     """First stage of two-stage: lift needs nothing learned, envelope is the paper's and needs --envelope; the one that
     fits unless named."""
@@ -160,6 +162,7 @@ class PlanCourse:
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range, for another planner, or a file that cannot be."""
         from stancekit.planners.files.writing import check_writable
+        from stancekit.planners.search.methods import COURSE_METHODS
 
         if not 0.0 < self.time_limit_s <= LONGEST_S:
             raise InvalidInput(
@@ -169,10 +172,10 @@ class PlanCourse:
             raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {self.intervals}")
         for field in fields(self):
             planners = OF_PLANNERS.get(field.name, (self.planner,))
-            if self.planner not in planners and getattr(self, field.name) != field.default:
-                raise InvalidInput(
-                    f"--{field.name}: expected --planner {' or '.join(planners)} with it, got {self.planner}"
-                )
+            without = self.planner in COURSE_METHODS and self.planner not in planners
+            if without and getattr(self, field.name) != field.default:
+                wanted = " or ".join(planners)
+                raise InvalidInput(f"--{field.name}: expected --planner {wanted} with it, got {self.planner}")
         if self.relaxation == "envelope" and self.envelope is None:
             raise InvalidInput("--relaxation: expected --envelope FILE with envelope, got none")
         if self.relaxation == "lift" and self.envelope is not None:
@@ -186,15 +189,15 @@ class PlanCourse:
             if target is not None:
                 check_writable(target)
         if self.picture is not None:
-            from stancekit.views.plan_picture import check_picture
+            from stancekit.views.sheet import check_picture
 
             check_picture(self.picture)
         if self.video is not None:
-            from stancekit.views.video import check_video
+            from stancekit.views.film import check_film
 
-            check_video(self.video)
+            check_film(self.video)
         if self.html is not None:
-            from stancekit.views.plan_page import check_page
+            from stancekit.views.page import check_page
 
             check_page(self.html)
         targets += [("--picture", self.picture), ("--video", self.video), ("--html", self.html)]
@@ -205,11 +208,12 @@ class PlanCourse:
                 raise InvalidInput(f"{option}: expected another file than {first}, got {target} for both")
 
     def _planner(self) -> CoursePlanner:
+        from stancekit.planners.answer.answer_file import read_boxes
         from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.search.methods import make_course_planner
 
-        envelopes = None if self.envelope is None else _envelopes(self.envelope)
-        with as_options():
+        envelopes = None if self.envelope is None else read_boxes(self.envelope)
+        with as_options(*SETTINGS):
             return make_course_planner(
                 self.planner,
                 relaxation=self.relaxation,
@@ -231,20 +235,21 @@ class PlanCourse:
 
             write_plan(self.out, plan, report)
         if self.picture is not None:
-            from stancekit.views.plan_picture import draw_plan
-            from stancekit.views.posture_picture import save
+            from stancekit.views.plans import draw_plan
+            from stancekit.views.sheet import save
 
             save(draw_plan(plan), self.picture)
         if self.video is not None:
-            from stancekit.views.plan_picture import FPS, frame_count, plan_frames
+            from stancekit.views.plans import FPS, frame_count, plan_frames
             from stancekit.views.video import write_video
 
             with progress(f"video {self.video}") as bar:
                 write_video(self.video, _counted(plan_frames(plan), bar, frame_count(plan)), fps=FPS)
         if self.html is not None:
-            from stancekit.views.plan_page import write_plan_page
+            from stancekit.views.page import write_page
+            from stancekit.views.plans import PlanView
 
-            write_plan_page(self.html, plan)
+            write_page(self.html, PlanView(plan).film(step_s=1.5))
         return report
 
     def _said(self, plan: Plan, report: Report) -> Iterator[str]:
@@ -286,21 +291,6 @@ def _counted(frames: Iterator[Any], bar: Callable[[int, int], None], total: int)
     for done, frame in enumerate(frames, 1):
         bar(done, max(done, total))
         yield frame
-
-
-def _envelopes(path: Path) -> EnvelopeSet | Modes:
-    """An envelope file, or one of modes. Raises InvalidInput."""
-    from stancekit.planners.answer.answer_file import read_envelopes
-    from stancekit.planners.files.documents import read_json
-    from stancekit.planners.relaxation.modes import FORMAT, Modes
-
-    data = read_json(path)
-    if not isinstance(data, dict) or data.get("format") != FORMAT:
-        return read_envelopes(path)
-    try:
-        return Modes.from_json(data)
-    except InvalidInput as error:
-        raise InvalidInput(f"{path}: {error}") from None
 
 
 def _table(course: Course, outcome: PlanOutcome) -> Table:

@@ -23,12 +23,11 @@ def read_policy(name: str, course: Course) -> SelectorPolicy | None:
     """
     if name == LIFT:
         return None
-    from stancekit.learners.selectors.selector import load_selector
+    from stancekit.learners.selectors.selector_file import load_selector
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
     learned = load_selector(Path(name))
-    selector = learned.selector
-    policy = SelectorPolicy(lambda observation: selector.predict(observation)[0], _envelopes(learned, name))
+    policy = SelectorPolicy(learned.selector, _envelopes(learned, name))
     try:
         policy.check_fits(course)
     except InvalidInput as error:
@@ -38,9 +37,9 @@ def read_policy(name: str, course: Course) -> SelectorPolicy | None:
 
 def _envelopes(learned: Learned, name: str) -> EnvelopeSet:
     """Envelopes of the selector's class of problems: its own, where it has some; else the expert's."""
-    from stancekit.envs.distributions.postures import distribution
-    from stancekit.envs.expert import expert_envelopes
+    from stancekit.envs.distributions.postures import PostureDistribution, distribution
     from stancekit.learners.selectors.selector import FixedSelector
+    from stancekit.planners.relaxation.expert import expert_envelopes
 
     if isinstance(learned.selector, FixedSelector):
         return learned.selector.envelopes
@@ -48,4 +47,7 @@ def _envelopes(learned: Learned, name: str) -> EnvelopeSet:
         kind = distribution(learned.problem_class)
     except InvalidInput as error:
         raise InvalidInput(f"{name}: problem class: {error}") from None
+    if not isinstance(kind, PostureDistribution):
+        got = learned.problem_class
+        raise InvalidInput(f"{name}: problem class: expected one of the ground or of walls, got {got}")
     return expert_envelopes(kind.terrain, legs=kind.legs)

@@ -36,7 +36,7 @@ class Replay:
         from stancekit.views.tracking_plot import differences, draw_tracking, tracked
 
         if self.picture is not None:
-            from stancekit.views.plan_picture import check_picture
+            from stancekit.views.sheet import check_picture
 
             check_picture(self.picture)
         recorded = read_log(self.log)
@@ -52,7 +52,7 @@ class Replay:
             **(differences(tracked(recorded)) if commands else {}),
         }
         if self.picture is not None:
-            from stancekit.views.posture_picture import save
+            from stancekit.views.sheet import save
 
             save(draw_tracking(recorded), self.picture)
         if self.json:

@@ -53,8 +53,8 @@ class Robot:
         except InvalidInput as error:  # a robot whose feet stay on a surface is a robot still
             workspaces, trouble = [None] * len(model.legs), str(error)
         if self.picture is not None:
-            from stancekit.views.plot import save
             from stancekit.views.robot_picture import draw_robot
+            from stancekit.views.sheet import save
 
             save(draw_robot(model, [each for each in workspaces if each is not None]), self.picture)
         if self.json:

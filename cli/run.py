@@ -22,13 +22,13 @@ from .run_table import loop_table, run_table
 if TYPE_CHECKING:
     from stancekit.planners.problem.course import Course
     from stancekit.planners.terrain import Patch
-    from stancekit.runner.acceptance import Accepted
-    from stancekit.runner.accepted_gait import AcceptedGait
+    from stancekit.runner.acceptance import Accepted, AcceptedGait
     from stancekit.runner.log import Log
-    from stancekit.runner.run import Runner, RunSettings
-    from stancekit.runner.safety.heartbeat import Guardian
+    from stancekit.runner.run import Runner
+    from stancekit.runner.safety.heartbeat import HeartbeatMonitor
     from stancekit.runner.safety.latch import Source
-    from stancekit.runner.worlds.world import World
+    from stancekit.runner.settings import RunSettings
+    from stancekit.runner.worlds import World, WorldClass
 
 Done = tuple[bool, dict[str, Any], Table]
 """Whether it succeeded, the report, and the report for people."""
@@ -50,6 +50,7 @@ class Run:
       stancekit run plan.json --world mujoco --log run.mcap
       stancekit run walls --policy envelope.json --friction-share 0.75
       stancekit run walk.json --world bullet
+      stancekit run plan.json --world mine.py:MyWorld
       stancekit run plan.json --world dynamixel --setup servos.yaml
       stancekit run plan.json --world dynamixel --setup servos.yaml --arm --ending torque-off
 
@@ -59,10 +60,10 @@ class Run:
 
     plan: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PLAN")]
     """Plan file, or gait file; with --policy also a course, by name or file."""
-    world: Literal["bullet", "mujoco", "replay", "dynamixel", "ros"] = "mujoco"
-    """Where to run it."""
+    world: Annotated[str, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = "mujoco"
+    """Where to run it: bullet, mujoco, replay, dynamixel, ros, one of another package, or a class in a file."""
     setup: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """replay: the log. dynamixel: the calibration file. ros: the set-up file."""
+    """What the world is made from. replay: the log. dynamixel: the calibration file. ros: the set-up file."""
     policy: Annotated[str | None, tyro.conf.arg(metavar="lift|FILE")] = None
     """Who plans on the way: any trained selector's file, or the lift, which needs none."""
     horizon: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(default: 0)")] = None
@@ -100,35 +101,41 @@ class Run:
         from stancekit.runner.acceptance import Accepted
         from stancekit.runner.run import Runner
         from stancekit.runner.safety.estop import on_signals
-        from stancekit.runner.worlds.catalogue import make_run_world
+        from stancekit.runner.worlds import WORLDS, WorldSettings
 
-        self._check()
-        asked = self._asked()
+        with as_options("world"):
+            kind = WORLDS.get(self.world)
+        self._check(kind)
+        request = self._request()
         with ExitStack() as stack:
-            made_for = asked.plan.course if isinstance(asked, Accepted) else asked
+            made_for = request.plan.course if isinstance(request, Accepted) else request
             with as_options("speed_rad_s", "setup", "rate_hz"):
                 settings = self._settings()
-                world = make_run_world(self.world, made_for, setup=self.setup, rate_hz=self.rate_hz)
+                world = kind.make(
+                    WorldSettings(
+                        robot=made_for.robot, gravity_m_s2=made_for.gravity_m_s2, setup=self.setup,
+                        rate_hz=self.rate_hz,
+                    )
+                )  # fmt: skip
             stack.callback(world.close)
             stack.enter_context(on_signals(world.latch))
             sources = stack.enter_context(self._sources(stack))
             log = self._log(stack)
             bar = stack.enter_context(progress(f"run {made_for.name} on {self.world}"))
-            guardian = self._guardian(stack, world, settings)
+            monitor = self._monitor(stack, world, settings)
             runner = Runner(
-                world, settings=settings, dry=not self.arm, sources=sources, log=log, progress=bar, guardian=guardian,
+                world, settings=settings, dry=not self.arm, sources=sources, log=log, progress=bar, monitor=monitor,
             )  # fmt: skip
-            done = self._done(runner, asked)
-        return self._told(*done)
+            done = self._done(runner, request)
+        return self._report(*done)
 
-    def _asked(self) -> Accepted | AcceptedGait | Course:
+    def _request(self) -> Accepted | AcceptedGait | Course:
         """What PLAN is. Raises InvalidInput for what cannot be run, or not with these options."""
         from stancekit.planners.files.documents import read_json
         from stancekit.planners.gait.trajectory_file import is_trajectory
         from stancekit.planners.problem.course_file import builtin_courses, read_course
         from stancekit.planners.problem.course_json import FORMAT
-        from stancekit.runner.acceptance import Accepted
-        from stancekit.runner.accepted_gait import AcceptedGait
+        from stancekit.runner.acceptance import Accepted, AcceptedGait
 
         name = self.plan
         data = read_json(name) if name.suffix == ".json" else None
@@ -144,19 +151,19 @@ class Run:
             raise InvalidInput(f"{name}: expected a plan file; a course is walked with --policy, got none")
         return read_course(str(name))
 
-    def _done(self, runner: Runner, asked: Accepted | AcceptedGait | Course) -> Done:
+    def _done(self, runner: Runner, request: Accepted | AcceptedGait | Course) -> Done:
         """Run it."""
         from stancekit.planners.problem.course import Course
-        from stancekit.runner.accepted_gait import AcceptedGait
+        from stancekit.runner.acceptance import AcceptedGait
 
-        if isinstance(asked, Course):
-            return self._walk(runner, asked, None)
-        if isinstance(asked, AcceptedGait):
-            report = runner.run(asked, asked.ground(self.friction_share))
+        if isinstance(request, Course):
+            return self._walk(runner, request, None)
+        if isinstance(request, AcceptedGait):
+            report = runner.run(request, request.ground(self.friction_share))
         elif self.policy is not None:
-            return self._walk(runner, asked.plan.course, asked)
+            return self._walk(runner, request.plan.course, request)
         else:
-            report = runner.run(asked, self._terrain(asked.plan.course))
+            report = runner.run(request, self._terrain(request.plan.course))
         return report.succeeded, report.to_json(), run_table(report)
 
     def _walk(self, runner: Runner, course: Course, first: Accepted | None) -> Done:
@@ -172,11 +179,11 @@ class Run:
         found = report.to_json() if answers is None else report.to_json() | {"chosen": answers[0], "lifted": answers[1]}
         return report.succeeded, found, loop_table(report, answers)
 
-    def _told(self, succeeded: bool, record: dict[str, Any], table: Table) -> int:
+    def _report(self, succeeded: bool, record: dict[str, Any], table: Table) -> int:
         """Draw and print; the exit code."""
         if self.picture is not None and self.log is not None:
             from stancekit.runner.log import read_log
-            from stancekit.views.posture_picture import save
+            from stancekit.views.sheet import save
             from stancekit.views.tracking_plot import draw_tracking
 
             save(draw_tracking(read_log(self.log)), self.picture)
@@ -195,7 +202,7 @@ class Run:
 
     def _settings(self) -> RunSettings:
         from stancekit.runner.motion.timeline import Timing
-        from stancekit.runner.run import RunSettings
+        from stancekit.runner.settings import RunSettings
 
         return RunSettings(
             timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung
@@ -207,7 +214,7 @@ class Run:
 
         return slippery(course, self.friction_share).terrain
 
-    def _check(self) -> None:
+    def _check(self, kind: WorldClass) -> None:
         """Raise InvalidInput for an option that is out of range or a file that cannot be written."""
         from stancekit.planners.files.writing import check_writable
 
@@ -217,7 +224,7 @@ class Run:
             raise InvalidInput(f"--rate-hz: expected a number from 1 to 1000, got {self.rate_hz:g}")
         if not 0.0 < self.friction_share <= 1.0:
             raise InvalidInput(f"--friction-share: expected a number above 0, up to 1, got {self.friction_share:g}")
-        if self.friction_share != 1.0 and self.world not in ("bullet", "mujoco"):
+        if self.friction_share != 1.0 and kind.kind != "simulation":
             raise InvalidInput(f"--friction-share: expected a simulated world with it, got {self.world}")
         if self.horizon is not None and self.horizon < 0:
             raise InvalidInput(f"--horizon: expected 0 or more, got {self.horizon}")
@@ -226,13 +233,13 @@ class Run:
         if self.policy is None and (self.horizon is not None or self.replan_m is not None):
             name = "--horizon" if self.horizon is not None else "--replan-m"
             raise InvalidInput(f"{name}: expected --policy with it, got none")
-        if self.policy is not None and self.world == "replay":
-            raise InvalidInput("--policy: expected a world that answers to what is done, got replay")
+        if self.policy is not None and kind.kind == "recording":
+            raise InvalidInput(f"--policy: expected a world that answers to what is done, got {self.world}")
         if self.log is not None:
             self._check_log(self.log)
             check_writable(self.log)
         if self.picture is not None:
-            from stancekit.views.plan_picture import check_picture
+            from stancekit.views.sheet import check_picture
 
             if self.log is None:
                 raise InvalidInput("--picture: expected --log FILE.mcap with it, from which it is drawn, got none")
@@ -253,15 +260,16 @@ class Run:
 
         return NoLog() if self.log is None else stack.enter_context(McapLog(self.log))
 
-    def _guardian(self, stack: ExitStack, world: World, settings: RunSettings) -> Guardian | None:
+    def _monitor(self, stack: ExitStack, world: World, settings: RunSettings) -> HeartbeatMonitor | None:
         """A process that watches this one, where something real is going to move."""
-        from stancekit.runner.safety.heartbeat import Guardian
+        from stancekit.runner.safety.heartbeat import HeartbeatMonitor
         from stancekit.runner.worlds.ros.driver import RosWorld
+        from stancekit.runner.worlds.world import Actuator
 
-        if not self.arm or self.world not in ("dynamixel", "ros"):
+        if not self.arm or not isinstance(world, Actuator):
             return None
         setup = world.setup if isinstance(world, RosWorld) else None
-        return stack.enter_context(Guardian(settings.limits.silent_s, setup))
+        return stack.enter_context(HeartbeatMonitor(settings.limits.silent_s, setup))
 
     @contextmanager
     def _sources(self, stack: ExitStack) -> Iterator[list[Source]]:

@@ -12,6 +12,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out
+from .names import DISTRIBUTION
 
 
 @dataclass
@@ -21,8 +22,8 @@ class Sample:
     The output is what `stancekit solve` reads. Equal seeds give equal problems.
     """
 
-    problem: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="NAME")]
-    """Distribution: ground-3, wall-3 or wall-5."""
+    problem: Annotated[str, tyro.conf.Positional, DISTRIBUTION]
+    """Distribution: ground-3, wall-3, wall-5, one that another package brings, a YAML file, or FILE.py:NAME."""
     count: int = 1
     """How many problems."""
     seed: int = 0

@@ -14,6 +14,7 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress, text_of
+from .names import named
 from .options import OptionalPath
 
 if TYPE_CHECKING:
@@ -31,6 +32,8 @@ OF_METHODS = {
     "intervals": ("micp",),
 }
 """Which methods an option is for, where it is not for all."""
+SETTINGS = ("method", "envelope", "envelopes", "projection", "solver", "intervals", "time_limit_s")
+"""What a planner's complaint may begin with that is an option here."""
 
 
 @dataclass
@@ -51,9 +54,10 @@ class Solve:
 
     files: Annotated[tuple[str, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FILE [FILE …]")]
     """Problem files, or - for standard input."""
-    method: Literal["exact", "p1", "lift", "micp", "nlp", "two-stage"] = "exact"
+    method: Annotated[str, named("stancekit.planners.search.methods:PLANNERS")] = "exact"
     """exact: branch and bound. p1: relaxation over an envelope. lift: relaxation without one. two-stage: relaxation
-    (over the envelope, or the lift) and projection. nlp: IPOPT. micp: piecewise McCormick grid."""
+    (over the envelope, or the lift) and projection. nlp: IPOPT. micp: piecewise McCormick grid. One of your own counts
+    as far as the verifier accepts its postures and certificates."""
     envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for p1, two-stage and micp."""
     project: Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp", None] = None
@@ -84,7 +88,7 @@ class Solve:
         if self.out is not None:
             check_writable(self.out)
         envelopes = None if self.envelope is None else read_envelopes(self.envelope)
-        with as_options():
+        with as_options(*SETTINGS):
             planner = make_planner(
                 self.method,
                 envelopes=envelopes,
@@ -110,6 +114,8 @@ class Solve:
 
     def _check(self) -> None:
         """Raise InvalidInput for an option that is out of range, or that the method does not know."""
+        from stancekit.planners.search.methods import METHODS
+
         if not self.files:
             raise InvalidInput("FILE: expected one or more problem files, got none (- is standard input)")
         if not 0.0 < self.time_limit_s <= LONGEST_S:
@@ -120,7 +126,7 @@ class Solve:
             raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {self.intervals}")
         for field in fields(self):
             methods = OF_METHODS.get(field.name, (self.method,))
-            if self.method not in methods and getattr(self, field.name) != field.default:
+            if self.method in METHODS and self.method not in methods and getattr(self, field.name) != field.default:
                 raise InvalidInput(
                     f"--{field.name}: expected --method {' or '.join(methods)} with it, got {self.method}"
                 )

@@ -14,7 +14,7 @@ from stancekit.planners.errors import InvalidInput
 from .console import emit, out, progress
 
 if TYPE_CHECKING:
-    from stancekit.learners.reinforce import Trained
+    from stancekit.learners.training.reinforce import Trained
 
 
 @dataclass
@@ -27,7 +27,7 @@ class Train:
     """
 
     config: Annotated[Path, tyro.conf.Positional]
-    """YAML file; its keys are those of `TrainConfig` in learners/train_config.py."""
+    """YAML file; its keys are those of `TrainConfig` in learners/training/train_config.py."""
     out: Path = Path("out/train")
     """Folder of the run."""
     steps: int | None = None
@@ -42,8 +42,8 @@ class Train:
     def run(self) -> int:
         """Train and print the learning curve."""
         try:
-            from stancekit.learners.reinforce import train
-            from stancekit.learners.train_config import TrainConfig
+            from stancekit.learners.training.reinforce import train
+            from stancekit.learners.training.train_config import TrainConfig
         except ModuleNotFoundError as error:
             raise InvalidInput(f"train: expected the extra rl (pip install 'stancekit[rl]'), {error.name} is missing") \
                 from None  # fmt: skip

@@ -104,8 +104,8 @@ class Verify:
         return int(not accepted)
 
     def _dataset(self) -> int:
-        from stancekit.learners.dataset import Dataset
-        from stancekit.learners.labelling import recheck
+        from stancekit.learners.data.dataset import Dataset
+        from stancekit.learners.data.labelling import recheck
 
         if self.explain or self.tolerance != TOLERANCE:
             option = "--explain" if self.explain else "--tolerance"

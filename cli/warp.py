@@ -75,8 +75,8 @@ class Warp:
         if self.out is not None:
             fit.map.to_file(self.out)
         if self.picture is not None:
-            from stancekit.views.map_picture import draw_map
-            from stancekit.views.plot import save
+            from stancekit.views.maps import draw_map
+            from stancekit.views.sheet import save
 
             save(draw_map(fit.map, terrain, fit.report), self.picture)
         if self.json:

@@ -22,7 +22,7 @@ from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
 from .distributions.postures import distribution
 from .scenes import MAX_DRAWS, SampledScenes, Scene, SceneSource
-from .selection import VERTICES, scene_space
+from .selection_task import VERTICES, scene_space
 
 Observation = dict[str, NDArray[np.float32]]
 _ROOM = 4.0  # bound on non-dimensional coordinates in an observation
@@ -30,24 +30,72 @@ _COUNT_UNIT = 64.0  # depths and numbers of open boxes are told in this unit
 
 
 class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
-    """An episode is one posture problem; an action halves the current box of P1 in one of its 6N dimensions.
+    """Cut the boxes of P1 until a posture is found, or there is proved to be none.
 
-    The search is ``BoxSearch``: best first, from bounds that hold every posture. A cut often leaves one half refuted:
-    then it tightens the box, else it splits it; interval propagation carries it on to the other dimensions. The
-    episode ends (terminated) when P1's point projects onto a verified posture or when all boxes are refuted, so both
-    verdicts are proofs; it is truncated when ``budget`` convex problems have been solved. Scenes that are settled
-    before the first cut are passed over.
+    ## Description
 
-    Observation, float32: the scene as in ``EnvelopeSelectionEnv``, and, contact by contact p_x p_y p_z f_n f_y f_z,
-    shape (6N,): ``low`` and ``high`` of the current box, ``point`` of P1 in it, ``gap``, the largest |m_jk − p_j f_k|
-    that the dimension has part in; and, shape (1,): ``margin``, ``depth`` and ``open`` (boxes) in units of 64, ``left``
-    (share of the budget).
-    Action: dimension, contact · 6 + column. Reward: −solves / budget, and +1 with the verdict.
-    Info (numeric, fixed shapes): ``solves``, ``open``, ``refuted``, ``depth``, ``verdict`` (1 feasible, 0 infeasible,
-    −1 open) and the expert's ``label``.
+    One posture problem an episode. The search is ``BoxSearch``: best first, from bounds that hold every posture. A cut
+    halves the current box in one of its 6N dimensions. Often it leaves one half refuted: then it tightens the box, else
+    it splits it; interval propagation carries it on to the other dimensions. Both verdicts are proofs.
 
-    problem, balanced, scenes: as in ``EnvelopeSelectionEnv``. projection: the P2 that is tried at every box.
-    programs: to share with other environments of this process.
+    ## Observation Space
+
+    A ``Dict`` of flat float32 ``Box``es, non-dimensional: the scene as in ``EnvelopeSelectionEnv``, and the search:
+
+    | name | shape | meaning |
+    |---|---|---|
+    | vertices | (9 * N,) | corners of the patches, world axes, three a patch |
+    | frames | (9 * N,) | contact frames R_WC, columns n, y, z |
+    | friction | (N,) | μ of the patches |
+    | shoulders | (3 * N,) | shoulders v in the body frame |
+    | reach | (N,) | Δ_FK of the limbs |
+    | low | (6 * N,) | lower bounds of the current box, contact by contact p_x p_y p_z f_n f_y f_z |
+    | high | (6 * N,) | upper bounds |
+    | point | (6 * N,) | P1's point in the box |
+    | gap | (6 * N,) | the largest |m_jk − p_j f_k| that the dimension has part in |
+    | margin | (1,) | of P1 |
+    | depth | (1,) | of the box in the tree, in units of 64 |
+    | open | (1,) | boxes that are open, in units of 64 |
+    | left | (1,) | share of the budget that is left |
+
+    ## Action Space
+
+    ``Discrete(6 * N)``: the dimension to halve, contact · 6 + column.
+
+    ## Reward
+
+    −(convex problems solved in the step) / ``budget``, and +1 with the verdict.
+
+    ## Starting State
+
+    A scene of ``scenes``, or of ``problem``, that its first box leaves open; those that are settled before the first
+    cut are passed over.
+
+    ## Episode End
+
+    Terminated when P1's point projects onto a verified posture, or when all boxes are refuted. Truncated when
+    ``budget`` convex problems have been solved.
+
+    ## Info
+
+    After a reset and a step (numeric, fixed shapes): ``solves``, ``open``, ``refuted``, ``depth``, ``verdict``
+    (1 feasible, 0 infeasible, −1 open) and the expert's ``label``.
+
+    ## Arguments
+
+    | argument | default | meaning |
+    |---|---|---|
+    | problem | 'wall-3' | a distribution by name, a YAML file, or "FILE.py:NAME" |
+    | projection | 'fix-toes' | the P2 that is tried at every box |
+    | budget | 200 | convex problems an episode |
+    | balanced | True | half of the scenes infeasible, none trivially |
+    | scenes | None | a source that replaces ``problem``'s and ``balanced`` |
+    | programs | None | compiled models to share with other environments of this process |
+    | render_mode | None | nothing is drawn |
+
+    ## Version History
+
+    - v0: the first version
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012 — Gymnasium's own convention

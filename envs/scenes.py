@@ -14,7 +14,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.search.exact import ExactPlanner
 
-from .distributions.postures import PostureDistribution
+from .distributions.postures import Distribution
 
 MAX_DRAWS = 10_000
 
@@ -61,7 +61,7 @@ class SampledScenes:
     """
 
     def __init__(
-        self, distribution: PostureDistribution, *, balanced: bool = True, programs: Programs | None = None
+        self, distribution: Distribution, *, balanced: bool = True, programs: Programs | None = None
     ) -> None:
         self._distribution = distribution
         self._balanced = balanced

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,199 +10,86 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.answer_file import read_envelopes
-from stancekit.planners.answer.outcome import Outcome, Posture, Status
-from stancekit.planners.equilibrium.features import ROOM, observe
-from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.answer.outcome import Posture
+from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.projection.project import PROJECTIONS, Projection, project
+from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.relaxation.relaxed import RelaxationAnswer
-from stancekit.planners.search.answer import Acceptance
-from stancekit.views.posture_picture import draw_posture, to_rgb
+from stancekit.views.postures import draw_posture
+from stancekit.views.sheet import to_rgb
 
-from .distributions.postures import distribution
-from .scenes import SampledScenes, Scene, SceneSource
+from .scenes import Scene, SceneSource
+from .selection_task import RewardWeights, SelectionTask
 
-VERTICES = 3
-"""Corners of the patches that the environment's observation holds."""
-ADMITTED = 1e-6
-"""A projection counts when the verifier finds no violation above this (non-dimensional)."""
 WINDOW = "stancekit"
 
 
-@dataclass(frozen=True, kw_only=True)
-class RewardWeights:
-    """What a step is worth: reward = agreement · [P1 says what the expert says] + projection · [the chosen projection
-    reaches a verified posture] + tightness · [1 − mean width of the box / width of the domain].
-    """
-
-    agreement: float = 1.0
-    projection: float = 0.5
-    tightness: float = 0.1
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Verdict:
-    """What one action on one scene came to. posture: what P2 found, None where nothing; envelope: the box of P1."""
-
-    reward: float
-    info: dict[str, Any]
-    posture: Posture | None
-    envelope: Envelope
-
-
-class SelectionTask:
-    """What the single environment and the batched one share: spaces, scenes, and the judging of one action.
-
-    The arguments are those of ``EnvelopeSelectionEnv``. Compiled models are made once a task.
-    """
-
-    def __init__(
-        self,
-        problem: str = "wall-3",
-        *,
-        boxes: int = 1,
-        library: EnvelopeSet | str | Path | None = None,
-        projections: tuple[Projection, ...] = ("fix-p",),
-        weights: RewardWeights = RewardWeights(),
-        balanced: bool = True,
-        scenes: SceneSource | None = None,
-        timing: bool = False,
-    ) -> None:
-        unknown = set(projections) - set(PROJECTIONS)
-        if unknown or not projections:
-            raise InvalidInput(
-                f"projections: expected some of {', '.join(PROJECTIONS)}, got {list(projections)}"
-            )
-        if not isinstance(boxes, int) or boxes < 1:
-            raise InvalidInput(f"boxes: expected an integer of at least 1, got {boxes!r}")
-        chosen = distribution(problem)
-        self._problem = problem
-        self._count = len(chosen.legs)
-        self._boxes = boxes
-        self._library = read_envelopes(library) if isinstance(library, str | Path) else library
-        self._projections = tuple(projections)
-        self._weights = weights
-        self._timing = timing
-        self._programs = Programs()
-        self._acceptance = Acceptance(tolerance=ADMITTED)
-        sampled = SampledScenes(chosen, balanced=balanced, programs=self._programs)
-        self.scenes: SceneSource = sampled if scenes is None else scenes
-        self.observation_space = scene_space(self._count)
-        self.action_space = self._make_action_space()
-
-    def _make_action_space(self) -> spaces.Space[Any]:
-        if self._library is None:
-            return spaces.Box(-1.0, 1.0, (self._boxes * 12 * self._count,), np.float32)
-        if self._library.problem_class != self._problem or len(self._library.legs) != self._count:
-            learned = f"{self._library.problem_class} and the legs {', '.join(self._library.legs)}"
-            raise InvalidInput(f"library: expected envelopes learned for {self._problem}, got some for {learned}")
-        if self._boxes != 1:
-            raise InvalidInput(
-                f"boxes: expected 1 with a library, whose envelopes are chosen one by one, got {self._boxes}"
-            )
-        return spaces.Discrete(len(self._library.envelopes))
-
-    def scale(self, scene: Scene) -> Scaled:
-        """The scene's numbers. Raises InvalidInput where they do not fit the observation."""
-        scaled = Scaled.of(scene.problem)
-        if scaled.size != (self._count, VERTICES):
-            raise InvalidInput(
-                f"scene: expected {self._count} contacts on triangles, got {scaled.size[0]} contacts on patches "
-                f"of up to {scaled.size[1]} corners"
-            )
-        return scaled
-
-    def judge(self, scene: Scene, scaled: Scaled, action: NDArray[np.float32] | np.int64) -> Verdict:
-        """Relax over the chosen boxes, project, compare with the expert."""
-        envelopes = self._envelopes(action)
-        begin = time.perf_counter()
-        answer = self._programs.get(McCormick, scaled.layout).solve_any(scaled, envelopes)
-        p1_seconds = time.perf_counter() - begin
-        begin = time.perf_counter()
-        projected = {way: self._project(way, scene, scaled, answer) for way in self._projections}
-        p2_seconds = time.perf_counter() - begin
-        info = self._info(scene, scaled, answer, envelopes[answer.chosen], projected)
-        clock = self._timing
-        info["p1_seconds"] = p1_seconds if clock else 0.0
-        info["p2_seconds"] = p2_seconds if clock else 0.0
-        info["expert_seconds"] = scene.expert_seconds if clock else 0.0
-        return Verdict(
-            reward=float(info["reward_agreement"] + info["reward_projection"] + info["reward_tightness"]),
-            info=info,
-            posture=next((outcome.posture for outcome in projected.values() if outcome and outcome.posture), None),
-            envelope=envelopes[answer.chosen],
-        )
-
-    def _envelopes(self, action: NDArray[np.float32] | np.int64) -> tuple[Envelope, ...]:
-        if np.shape(action) != self.action_space.shape:
-            raise InvalidInput(f"action: expected shape {self.action_space.shape}, got {np.shape(action)}")
-        if self._library is not None:
-            if not self.action_space.contains(np.int64(action)):
-                raise InvalidInput(f"action: expected 0 to {len(self._library.envelopes) - 1}, got {action}")
-            return (self._library.envelopes[int(action)],)
-        bounds = np.asarray(action, dtype=np.float64).reshape(self._boxes, -1)
-        return tuple(Envelope.from_vector(row) for row in bounds)
-
-    def _project(
-        self, way: Projection, scene: Scene, scaled: Scaled, answer: RelaxationAnswer
-    ) -> Outcome | None:
-        """Project P1's point and have it verified; None where P1 gave no point or admits nothing."""
-        if not answer.feasible or answer.point is None:
-            return None
-        point = project(self._programs, way, scaled, answer.point)
-        if not np.isfinite(point.residual):
-            return None
-        posture = scaled.posture(point)
-        return self._acceptance.outcome(scene.problem, method=way, begin=0.0, posture=posture)
-
-    def _info(
-        self,
-        scene: Scene,
-        scaled: Scaled,
-        answer: RelaxationAnswer,
-        envelope: Envelope,
-        projected: dict[Projection, Outcome | None],
-    ) -> dict[str, Any]:
-        reached = {way: outcome is not None and outcome.status is Status.FEASIBLE for way, outcome in projected.items()}
-        agree = answer.known and answer.feasible == scene.feasible
-        width = float(np.mean(envelope.high - envelope.low)) / 2.0
-        weights = self._weights
-        posture = scene.posture
-        return {
-            "label": int(scene.feasible),
-            "p1_feasible": int(answer.feasible),
-            "margin": float(answer.margin),
-            "gap": float(np.nan_to_num(answer.gap)),
-            "log_volume": envelope.log_volume(),
-            "chosen": int(answer.chosen),
-            **{f"project_{way.replace('-', '_')}": int(value) for way, value in reached.items()},
-            "reward_agreement": weights.agreement * agree,
-            "reward_projection": weights.projection * reached[self._projections[0]],
-            "reward_tightness": weights.tightness * (1.0 - width),
-            "expert_point": np.zeros((self._count, 6)) if posture is None else scaled.point(posture),
-            "expert_lower_bound": float(scene.lower_bound),
-        }
-
-
 class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.float32] | np.int64]):
-    """One step: see a scene, choose boxes for P1, be told how P1 and P2 fare with them against the exact answer.
+    """Choose boxes for P1 in one scene, and be told how P1 and P2 fare with them against the exact answer.
 
-    Observation, float32, non-dimensional (lengths / length scale), each array flattened contact by contact:
-    ``vertices`` (N·3·3) patch corners in the world, ``frames`` (N·3·3) contact frames with columns n, y, z,
-    ``friction`` (N), ``shoulders`` (N·3), ``reach`` (N).
-    Action: bounds of ``boxes`` boxes, each all lower and then all upper bounds of [p, f], shape (boxes · 12N,) in
-    [−1, 1] (a reversed pair is put in order); with ``library`` given, the index of one of its envelopes.
-    Info after a step (numeric, fixed shapes): ``label``, ``p1_feasible``, ``margin``, ``gap``, ``log_volume``,
-    ``chosen``, ``project_<way>`` for every projection asked for, ``reward_<term>``, the expert's ``expert_point``
-    (N, 6) (zeros where infeasible) and ``expert_lower_bound``, and ``p1_seconds``, ``p2_seconds``, ``expert_seconds``,
-    which stay 0 unless ``timing``: a clock in ``info`` would make equal episodes differ.
+    ## Description
 
-    problem: name of a distribution. balanced: half of the scenes infeasible, none trivially. scenes: replaces both.
-    projections: which P2 to run; the reward looks at the first. library: an EnvelopeSet or the path of its file.
+    One posture problem an episode (paper E §III): can the robot hold still with N limbs on N patches? P1 relaxes the
+    products m = p·f over a box of [p, f]; the agent chooses the box, the planner stack judges. All quantities are
+    non-dimensional: lengths over the length scale, forces over the force scale.
+
+    ## Observation Space
+
+    A ``Dict`` of flat float32 ``Box``es, contact by contact:
+
+    | name | shape | meaning |
+    |---|---|---|
+    | vertices | (9 * N,) | corners of the patches, world axes, three a patch |
+    | frames | (9 * N,) | contact frames R_WC, columns n, y, z |
+    | friction | (N,) | μ of the patches |
+    | shoulders | (3 * N,) | shoulders v in the body frame |
+    | reach | (N,) | Δ_FK of the limbs |
+
+    ## Action Space
+
+    ``Box(-1, 1, (boxes * 12 * N,), float32)``: of each box all lower and then all upper bounds, contact by contact the
+    columns p_x p_y p_z f_n f_y f_z; a reversed pair is put in order. With ``library``: ``Discrete``, the index of one
+    of its envelopes.
+
+    ## Reward
+
+    agreement · [P1 says what the expert says] + projection · [the first of ``projections`` reaches a verified posture]
+    + tightness · (1 − mean width of the box / 2), with the weights of ``RewardWeights``.
+
+    ## Starting State
+
+    A scene of ``scenes``; without them one of ``problem``, labelled by the exact planner: half of them infeasible and
+    none trivially so where ``balanced``, else as they come.
+
+    ## Episode End
+
+    Terminated after one step; never truncated.
+
+    ## Info
+
+    After a step (numeric, fixed shapes): ``label``, ``p1_feasible``, ``margin``, ``gap``, ``log_volume``, ``chosen``,
+    ``project_<way>`` for every projection asked for, ``reward_<term>``, the expert's ``expert_point`` (N, 6) (zeros
+    where infeasible) and ``expert_lower_bound``, and ``p1_seconds``, ``p2_seconds``, ``expert_seconds``, which stay 0
+    unless ``timing``: a clock in ``info`` would make equal episodes differ.
+
+    ## Arguments
+
+    | argument | default | meaning |
+    |---|---|---|
+    | problem | 'wall-3' | a distribution by name, a YAML file, or "FILE.py:NAME" |
+    | boxes | 1 | how many boxes an action holds; P1 takes any one of them |
+    | library | None | an ``EnvelopeSet``, or its file, to choose from |
+    | projections | ('fix-p',) | which P2 to run; the reward looks at the first |
+    | weights | RewardWeights() | what a step is worth |
+    | balanced | True | half of the scenes infeasible, none trivially |
+    | scenes | None | a source that replaces ``problem``'s and ``balanced`` |
+    | timing | False | put seconds into ``info`` |
+    | render_mode | None | "rgb_array" or "human" |
+
+    ## Version History
+
+    - v0: the first version
     """
 
     metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
@@ -276,23 +161,6 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         """Close the window, if there is one."""
         if self.render_mode == "human":
             _hide()
-
-
-def scene_space(count: int) -> spaces.Dict:
-    """The space of ``observe`` for this many contacts."""
-
-    def box(low: float, high: float, size: int) -> spaces.Box:
-        return spaces.Box(low, high, (size,), np.float32)
-
-    return spaces.Dict(
-        {
-            "vertices": box(-ROOM, ROOM, count * VERTICES * 3),
-            "frames": box(-1.0, 1.0, count * 9),
-            "friction": box(0.0, ROOM, count),
-            "shoulders": box(-ROOM, ROOM, count * 3),
-            "reach": box(0.0, ROOM, count),
-        }
-    )
 
 
 def _show(pixels: NDArray[np.uint8]) -> None:

@@ -16,20 +16,17 @@ from stancekit.planners.answer.plan import Plan, PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course import Course
-from stancekit.planners.problem.course_file import read_spec
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.answer import CoursePlanner
-from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
+from stancekit.planners.search.course_features import CourseFeatures, Features
 from stancekit.planners.search.plan_window import Standing, joined
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
-from .course_view import CourseView, View
-from .distributions.courses import perturbed
-from .expert import expert_envelopes
+from .traverse_setup import CourseSource, TraverseWeights, course_source, offered_planners, path_length_m
 
 MAX_DRAWS = 50
 """Draws until a course whose first key frame holds."""
@@ -44,46 +41,91 @@ class Executed(Protocol):
     @property
     def succeeded(self) -> bool:
         """Whether it arrived, upright and without slipping."""
-        ...
 
 
 Executor = Callable[[Plan], Executed]
-CourseSource = Callable[[np.random.Generator], Course]
 
 
-@dataclass(frozen=True, kw_only=True)
-class TraverseWeights:
-    """What a step is worth: reward = progress · (share of the path's length that the COM went forward along it)
-    + feasible · [a verified plan] − failure · [none, or one whose execution failed] − solve · (convex problems solved)
-    − second · (seconds of planning, compiling left out; with ``timing`` only).
-    """
+class TraverseEnv(gym.Env[Features, np.int64]):
+    """Choose who plans the next key frames of a climb, and be moved there.
 
-    progress: float = 1.0
-    feasible: float = 0.1
-    failure: float = 0.2
-    solve: float = 0.005
-    second: float = 0.1
+    ## Description
 
+    A course of M key frames (paper E §IV-B) an episode. One step: see the coming candidate patches, choose a planner
+    for the next ``horizon`` key frames, be moved there if it finds a plan that the verifier accepts together with what
+    was walked before. Where it finds none the robot stays, and the agent may choose again.
 
-class TraverseEnv(gym.Env[View, np.int64]):
-    """One step: see the coming candidate patches, choose who plans the next ``horizon`` key frames, be moved there.
+    ## Observation Space
 
-    Observation: see ``CourseView``. Action: index of a planner: 0 the two-stage planner over the lift, 1 and up the
-    same over the envelopes given. Where the chosen planner finds no plan, the robot stays and the agent may choose
-    again. The episode ends at the last frame, where it is proved that no plan goes on from here, and where an execution
-    fails; it is cut off after ``patience`` steps in vain.
-    Info after a reset and a step (numeric, fixed shapes): ``feasible``, ``infeasible`` (proved), ``refused`` (the
-    envelope was not learned for these limbs or patches), ``executed`` (1 done, 0 failed, −1 not tried), ``frame``,
-    ``solves``, ``progress_m``, ``objective``, ``residual``, ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,):
-    the mode of the terrain under each coming frame, −1 where unknown; ``reward_<term>``; and ``plan_seconds``,
-    ``compile_seconds``, which stay 0 unless ``timing``: a clock in ``info`` would make equal episodes differ.
+    A ``Dict`` of flat float32 ``Box``es, with H = ``horizon``, N = ``limbs``, R = ``regions``, U = ``corners``; lengths
+    in the course's length scale, places as seen from the COM:
 
-    courses: names, files or descriptions, one of which is drawn and perturbed by ``amount``; or a function of a random
-    generator. frames: M of each, None for its own. horizon: key frames a step. envelopes: what to offer beside the
-    lift, None for the expert's rules for walking and climbing (paper E §IV-A). planners: replaces all of these.
-    limbs, regions, corners: of the view: how many limbs, the most candidates a toe and corners a patch. executor: plays
-    the plan of every window on a world, ``partial(execution.simulate, world="mujoco")`` for one, each from a standing
-    start. programs: to share with other environments of this process.
+    | name | shape | meaning |
+    |---|---|---|
+    | corners | (H * N * R * U * 3,) | candidate patches of the limb's next toe, by coming frame, limb and candidate |
+    | normals | (H * N * R * 3,) | their normals |
+    | friction | (H * N * R,) | and friction |
+    | offered | (H * N * R,) | 1 where there is a candidate, 0 where the rest is zero |
+    | toes | (3 * N,) | where the toes stand |
+    | footing | (3 * N,) | the normals there |
+    | grip | (N,) | and the friction |
+    | shoulders | (3 * N,) | shoulders in the body frame |
+    | reach | (N,) | Δ_FK of the limbs |
+    | path | (3 * H,) | the nominal COM at the coming frames, the last one repeated |
+    | goal | (3,) | where the COM should end |
+    | left | (1,) | share of the frames that are left |
+
+    ## Action Space
+
+    ``Discrete``: 0 is the two-stage planner over the lift, 1 and up the same over the envelopes given.
+
+    ## Reward
+
+    progress · (share of the path's length that the COM went forward along it) + feasible · [a verified plan]
+    − failure · [none, or one whose execution failed] − solve · (convex problems solved) − second · (seconds of
+    planning, with ``timing`` only), with the weights of ``TraverseWeights``.
+
+    ## Starting State
+
+    The first key frame of one of ``courses``, perturbed by ``amount``; courses whose first frame does not hold are
+    drawn again.
+
+    ## Episode End
+
+    Terminated at the last frame, where it is proved that no plan goes on from here, and where an execution fails.
+    Truncated after ``patience`` steps in vain.
+
+    ## Info
+
+    After a reset and a step (numeric, fixed shapes): ``feasible``, ``infeasible`` (proved), ``refused`` (the envelope
+    was not learned for these limbs or patches), ``executed`` (1 done, 0 failed, −1 not tried), ``frame``, ``solves``,
+    ``progress_m``, ``objective``, ``residual``, ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,): the mode of
+    the terrain under each coming frame, −1 where unknown; ``reward_<term>``; and ``plan_seconds``, ``compile_seconds``,
+    which stay 0 unless ``timing``.
+
+    ## Arguments
+
+    | argument | default | meaning |
+    |---|---|---|
+    | courses | ('stairs', 'walls', 'ground-to-wall') | names, files or descriptions; or a function of a generator |
+    | frames | 9 | M of each, None for its own |
+    | horizon | 2 | key frames a step |
+    | amount | 1.0 | how far a course is perturbed; 1 keeps the built-in ones climbable |
+    | envelopes | None | what to offer beside the lift; the expert's for walking and climbing where None |
+    | planners | None | replaces all of these |
+    | weights | TraverseWeights() | what a step is worth |
+    | patience | 4 | steps in vain before the end |
+    | limbs | 6 | of the observation: how many limbs |
+    | regions | None | the most candidates a toe; those of the courses where None |
+    | corners | 4 | the most corners a patch |
+    | executor | None | plays the plan of every window on a world, each from a standing start |
+    | programs | None | compiled models to share with other environments of this process |
+    | timing | False | put seconds into ``info`` and the reward |
+    | render_mode | None | "rgb_array" |
+
+    ## Version History
+
+    - v0: the first version
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 1}  # noqa: RUF012 — Gymnasium's own convention
@@ -113,9 +155,9 @@ class TraverseEnv(gym.Env[View, np.int64]):
             if not isinstance(value, int) or value < least:
                 raise InvalidInput(f"{name}: expected {least} or more, got {value!r}")
         self.render_mode = render_mode
-        self._draw, self._view = _source(courses, frames, amount, horizon, limbs, regions, corners)
+        self._draw, self._features = course_source(courses, frames, amount, horizon, limbs, regions, corners)
         programs = programs or Programs()
-        self._planners = tuple(_planners(envelopes, programs) if planners is None else planners)
+        self._planners = tuple(offered_planners(envelopes, programs) if planners is None else planners)
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
         self._start = TwoStageCoursePlanner(programs=programs)
@@ -125,10 +167,12 @@ class TraverseEnv(gym.Env[View, np.int64]):
         self._walked: list[Plan] = []
         self._frame = self._vain = 0
         self._over = True
-        self.observation_space: spaces.Space[Any] = self._view.space()
+        self.observation_space: spaces.Space[Any] = _space(self._features)
         self.action_space: spaces.Space[Any] = spaces.Discrete(len(self._planners))
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[View, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Features, dict[str, Any]]:
         """Draw courses until one has a first key frame that holds. Raises PlanningFailed after MAX_DRAWS."""
         super().reset(seed=seed)
         for _ in range(MAX_DRAWS):
@@ -142,7 +186,7 @@ class TraverseEnv(gym.Env[View, np.int64]):
                 return self._observe(course), self._info(course, _Try())
         raise PlanningFailed(f"no course in {MAX_DRAWS} draws whose first key frame holds")
 
-    def step(self, action: np.int64) -> tuple[View, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.int64) -> tuple[Features, float, bool, bool, dict[str, Any]]:
         """Let the chosen planner plan the next window; go there if it can."""
         if self._course is None or self._over:
             raise gym.error.ResetNeeded("reset the environment before the first step and after the last")
@@ -164,11 +208,11 @@ class TraverseEnv(gym.Env[View, np.int64]):
         return self._observe(course), float(reward), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
-        """Draw the way so far over the course."""
+        """Draw the path so far over the course."""
         if self._course is None:
             raise gym.error.ResetNeeded("reset the environment before rendering")
-        from stancekit.views.plan_picture import draw_plan
-        from stancekit.views.posture_picture import to_rgb
+        from stancekit.views.plans import draw_plan
+        from stancekit.views.sheet import to_rgb
 
         caption = f"{self._course.name}: key frame {self._frame} of {self._course.frames - 1}"
         return to_rgb(draw_plan(self.walk(), caption=caption, size_px=PICTURE_PX))
@@ -192,8 +236,8 @@ class TraverseEnv(gym.Env[View, np.int64]):
         executed = -1 if plan is None or self._executor is None else int(self._executor(plan).succeeded)
         return _Try(outcome=outcome, plan=plan, executed=executed)
 
-    def _observe(self, course: Course) -> View:
-        return self._view.see(course, self._frame, Standing.at_end(self._walked[-1]))
+    def _observe(self, course: Course) -> Features:
+        return self._features.observe(course, self._frame, Standing.at_end(self._walked[-1]))
 
     def _info(self, course: Course, tried: _Try, begin: int = 0) -> dict[str, Any]:
         weights, standing = self._weights, Standing.at_end(self._walked[-1])
@@ -215,7 +259,7 @@ class TraverseEnv(gym.Env[View, np.int64]):
             "com_m": np.array(standing.com_m),
             "toes_m": np.array(standing.toes_m),
             "terrain_modes": np.array([modes[k] if k < len(modes) else NO_MODE for k in coming]),
-            "reward_progress": weights.progress * tried.progress_m / way_m(course),
+            "reward_progress": weights.progress * tried.progress_m / path_length_m(course),
             "reward_feasible": weights.feasible * (tried.plan is not None),
             "reward_failure": -weights.failure * (tried.failed),
             "reward_effort": -weights.solve * solves - weights.second * seconds,
@@ -252,43 +296,6 @@ class _Try:
         return float(sum(step @ course.direction(k) for k, step in enumerate(steps, 1)))
 
 
-def way_m(course: Course) -> float:
-    """Length of the nominal path [m]; 1 where it does not move."""
-    length = float(np.linalg.norm(np.diff(course.com_nominal_m, axis=0), axis=1).sum())
-    return length if length > 1e-9 else 1.0
-
-
-def _source(
-    courses: Sequence[str | CourseSpec] | CourseSource,
-    frames: int | None,
-    amount: float,
-    horizon: int,
-    limbs: int,
-    regions: int | None,
-    corners: int,
-) -> tuple[CourseSource, CourseView]:
-    """What draws courses, and the size of their views. Raises InvalidInput."""
-    if callable(courses):
-        if regions is None:
-            raise InvalidInput("regions: expected the most candidates of a toe where courses is a function, got None")
-        return courses, CourseView(limbs=limbs, horizon=horizon, regions=regions, corners=corners)
-    specs = [read_spec(course) if isinstance(course, str) else course for course in courses]
-    specs = [spec if frames is None else spec.with_frames(frames) for spec in specs]
-    if not specs:
-        raise InvalidInput("courses: expected one or more, got none")
-    seen = regions or max(spec.candidates.count for spec in specs)
-
-    def draw(rng: np.random.Generator) -> Course:
-        return perturbed(specs[int(rng.integers(len(specs)))], rng, amount=amount)
-
-    return draw, CourseView(limbs=limbs, horizon=horizon, regions=seen, corners=corners)
-
-
-def _planners(envelopes: Sequence[EnvelopeSet | Modes] | None, programs: Programs) -> Sequence[CoursePlanner]:
-    """The two-stage planner over the lift, and over each of the envelopes."""
-    if envelopes is None:
-        envelopes = (expert_envelopes("ground"), expert_envelopes("wall"))
-    return [
-        TwoStageCoursePlanner(programs=programs),
-        *(EnvelopeCoursePlanner(given, programs=programs) for given in envelopes),
-    ]
+def _space(features: CourseFeatures) -> spaces.Dict:
+    bounds = features.bounds()
+    return spaces.Dict({name: spaces.Box(low, high, (n,), np.float32) for name, (low, high, n) in bounds.items()})

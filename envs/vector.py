@@ -29,7 +29,7 @@ from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 from .scenes import Scene, SceneSource
-from .selection import RewardWeights, SelectionTask
+from .selection_task import RewardWeights, SelectionTask
 
 Observation = dict[str, NDArray[np.float32]]
 Seeds = Sequence[int | None]

@@ -165,8 +165,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the terrain with the terrain-following guess, and after a step the motion that was found."""
-        from stancekit.views.gait_picture import draw_motion
-        from stancekit.views.plot import to_rgb
+        from stancekit.views.gaits import draw_motion
+        from stancekit.views.sheet import to_rgb
 
         if self._bench is None:
             raise gym.error.ResetNeeded("reset the environment before rendering")

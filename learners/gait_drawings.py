@@ -34,7 +34,7 @@ def draw(rows: Iterable[Row], folder: Path) -> list[Path]:
 
     Cells without a single iterate, e.g. for want of a map, are left out.
     """
-    from stancekit.views.plot import save
+    from stancekit.views.sheet import save
 
     every, written = [row for row in rows if row["method"] in DRAWN and row.get("violations")], list[Path]()
     for terrain in dict.fromkeys(row["terrain"] for row in every):

@@ -4,11 +4,28 @@ from __future__ import annotations
 
 
 class StancekitError(Exception):
-    """Root of the errors that Stancekit raises on purpose."""
+    """Root of the errors that Stancekit raises on purpose.
+
+    Source:
+        Below it: ``InvalidInput``, ``PlanningFailed`` and ``HardwareFault``.
+    Example:
+        >>> import stancekit
+        >>> issubclass(stancekit.InvalidInput, stancekit.StancekitError)
+        True
+    """
 
 
 class InvalidInput(StancekitError, ValueError):
-    """Input that cannot be used. The message says where, what was expected and what came."""
+    """Input that cannot be used. The message says where, what was expected and what came; a ``ValueError``, too.
+
+    Source:
+        Every constructor and reader.
+    Example:
+        >>> import stancekit
+        >>> stancekit.sample("wall-3", 0)
+        Traceback (most recent call last):
+        stancekit.planners.errors.InvalidInput: count: expected 1 or more, got 0
+    """
 
 
 class PlanningFailed(StancekitError):

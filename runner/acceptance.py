@@ -1,4 +1,4 @@
-"""What may be run: a plan that the verifier accepted, unchanged since, for the robot that the world has.
+"""What may be run: plans and gaits that the verifier accepted, unchanged since, for the robot that the world has.
 
 What an object says of itself counts for nothing: ``proven`` copies the numbers out of it and asks the verifier.
 """
@@ -16,16 +16,17 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.plan_file import read_plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.trajectory import Trajectory
-from stancekit.planners.gait.trajectory_file import copied
+from stancekit.planners.gait.trajectory_file import copied, read_trajectory
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
-from stancekit.planners.robot import Robot
+from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.kinematics import joint_report
+from stancekit.planners.robot.single_body import GRAVITY_M_S2, GaitRobot
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.report import plan_arrays
 from stancekit.planners.verify.trajectories import check_trajectory
 
-from .worlds.world import World
+from .worlds.world import Ground, World
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,6 +60,58 @@ class Accepted:
         report = joint_report(self.plan, world.servo)
         if not report.accepted:
             raise InvalidInput(f"{self.source}: expected joints that can do it, they cannot: {report.message}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class AcceptedGait:
+    """A trajectory that may be run, and the robot that walks it. digest: the verifier's; source: for messages."""
+
+    trajectory: Trajectory
+    robot: Robot
+    digest: str
+    source: str
+    gravity_m_s2: float = GRAVITY_M_S2
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> AcceptedGait:
+        """Read a gait. Raises InvalidInput for one that was edited since, that the verifier rejected, or that it
+        rejects now, and for a robot whose joints are not known."""
+        record = read_trajectory(path)
+        if not record.verified:
+            raise InvalidInput(f"{path}: expected a gait that the verifier accepted, this one it rejected")
+        report = check_trajectory(record.trajectory)
+        if not report.accepted or report.digest != record.verdict.get("digest"):
+            raise InvalidInput(f"{path}: expected a gait that the verifier accepts as its file says: {report.message}")
+        try:
+            robot = walker(record.trajectory.robot)
+        except InvalidInput as error:
+            raise InvalidInput(f"{path}: {error}") from None
+        return cls(trajectory=record.trajectory, robot=robot, digest=report.digest, source=str(path))
+
+    @property
+    def name(self) -> str:
+        """Of its terrain."""
+        return self.trajectory.terrain.name or "gait"
+
+    def ground(self, friction_share: float = 1.0) -> Ground:
+        """The terrain of a world, with this share of the friction that the gait counts on."""
+        return Ground(heights=self.trajectory.terrain, friction=friction_share * self.trajectory.friction)
+
+
+def walker(robot: GaitRobot) -> Robot:
+    """The robot with limbs and joints that a gait was planned for. Raises InvalidInput where none is known.
+
+    A gait's robot is a body with reach boxes; of the robots that come with the package the hexapod has joints, too.
+    """
+    known = hexapod()
+    shoulders = {limb.name: limb.shoulder_m for limb in known.limbs}
+    same = robot.foot_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)
+    if not same or not all(np.allclose(foot.hip_m, shoulders[foot.name]) for foot in robot.feet):
+        raise InvalidInput(
+            f"expected a gait of the {known.name}, whose joints are known, got one of {robot.name}, "
+            f"{robot.mass_kg:g} kg on {len(robot.feet)} feet"
+        )
+    return known
 
 
 @overload
@@ -102,13 +155,13 @@ def check_joints(source: str, robot: Robot, world: World) -> None:
     wanted, found = joint_names(robot), world.joints
     if tuple(found) != wanted:
         lack, more = sorted(set(wanted) - set(found)), sorted(set(found) - set(wanted))
-        said = "; ".join(
+        differences = "; ".join(
             f"{word} {', '.join(names[:4])}{' …' if len(names) > 4 else ''}"
             for word, names in (("it lacks", lack), ("it has besides", more)) if names
         )  # fmt: skip
         raise InvalidInput(
             f"{source}: expected world {world.name} to have the robot's {len(wanted)} joints in their order"
-            + (f": {said}" if said else ", it has them in another")
+            + (f": {differences}" if differences else ", it has them in another")
         )
     wrong = _differs(robot, world.robot)
     if wrong:

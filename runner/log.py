@@ -279,8 +279,8 @@ def _records(path: Path) -> Iterator[Any]:
         except InvalidMagic:
             raise InvalidInput(f"{path}: expected an MCAP file, got something else") from None
         except Exception as error:  # what mcap's readers meet
-            told = " ".join(str(error).split()) or type(error).__name__
-            raise InvalidInput(f"{path}: expected an MCAP file, broken: {told:.120}") from None
+            why = " ".join(str(error).split()) or type(error).__name__
+            raise InvalidInput(f"{path}: expected an MCAP file, broken: {why:.120}") from None
         if record is None:
             return
         yield record

@@ -2,71 +2,47 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
-from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.robot.kinematics import Kinematics
 
-from .acceptance import Accepted, proven
-from .control.force_distribution import shared_forces
-from .control.tracker import Feel, Target, Tracker
-from .execution import Execution, Tolerance, judged, traced
-from .motion.time_parametrization import BLIND, expected, paced
-from .motion.timeline import Followed, Motion, Timing
-from .report import Rows
+from .acceptance import Accepted, AcceptedGait, check_joints, proven, walker
+from .control.force_distribution import distribute_forces
+from .control.tracker import Target, Tracker
+from .execution import Execution
+from .motion.gait_motion import GaitMotion
+from .motion.motion import Motion
+from .motion.time_parametrization import (
+    BLIND,
+    LIMIT_SHARE,
+    check_static,
+    expected,
+    joint_profile,
+    limit_use,
+    parametrize,
+)
+from .motion.timeline import PlanMotion
+from .record import Record
 from .safety.guard import SafeWorld
-from .worlds.world import Solids, Terrain
+from .settings import RunSettings
+from .worlds.world import Ground, Solids, Terrain
+
+PlannedMotion = PlanMotion | GaitMotion
+M_co = TypeVar("M_co", bound=Motion, covariant=True)
+P_co = TypeVar("P_co", bound=PlannedMotion, covariant=True)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Playable(ABC):
-    """What the runner plays. first: the target before the first period. sees: the world feels its feet.
+class Tracked(Generic[M_co]):
+    """A motion with a tracker that has not begun. first: the target before the first period. sees: feet are felt."""
 
-    pace: of that asked for, 1 where it was slow enough; bound_by: what slowed it down. clearance_m: how far feet are
-    lifted where the way to the first pose is not clear. total: the last ``Instant.frame``; counted: what that counts.
-    """
-
-    digest: str
-    source: str
-    name: str
-    motion: Followed
-    kinematics: Kinematics
+    motion: M_co
     tracker: Tracker
     first: Target
     sees: bool
-    pace: float
-    bound_by: str
-    clearance_m: float
-    total: float
-    counted: ClassVar[Literal["key frames", "seconds"]] = "key frames"
-
-    @property
-    @abstractmethod
-    def content(self) -> Plan | Trajectory:
-        """What its motion plays."""
-
-    @property
-    @abstractmethod
-    def terrain(self) -> Terrain:
-        """What it was made for."""
-
-    @property
-    @abstractmethod
-    def surfaces(self) -> Solids:
-        """What feet stay out of."""
-
-    @abstractmethod
-    def execution(self, world: SafeWorld, rows: Rows, wall_s: float) -> Execution:
-        """What was measured against what was planned."""
-
-    @abstractmethod
-    def logged(self) -> dict[str, Any]:
-        """What a log keeps of it, beside what all have."""
 
     def next(self, felt: Array, time_s: float) -> Target | None:
         """The target of the period that ends at a time, None at the end. felt: by the feet just now, (N, 3) [N]."""
@@ -78,53 +54,76 @@ class Playable(ABC):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Prepared(Playable):
-    """A plan of key frames."""
+class Prepared(Tracked[P_co]):
+    """A plan, or a gait, that a run begins with.
 
-    motion: Motion
-    plan: Plan
-    solids: Solids
+    digest: of the verdict on it. terrain: what it was made for; surfaces: what feet stay out of. pace: of that asked
+    for, 1 where it was slow enough; bound_by: what slowed it down. clearance_m: how far feet are lifted where the path
+    to the first pose is not clear.
+    """
 
-    @property
-    def content(self) -> Plan:
-        """Its motion's plan."""
-        return self.motion.plan
+    digest: str
+    source: str
+    name: str
+    kinematics: Kinematics
+    terrain: Terrain
+    surfaces: Solids
+    clearance_m: float
+    pace: float = 1.0
+    bound_by: str = ""
 
-    @property
-    def terrain(self) -> Terrain:
-        """The course's patches."""
-        return self.plan.course.terrain
-
-    @property
-    def surfaces(self) -> Solids:
-        """Its solids."""
-        return self.solids
-
-    def execution(self, world: SafeWorld, rows: Rows, wall_s: float) -> Execution:
-        """By the placements of the course."""
-        return judged(self.plan, world, rows.pairs, traced(rows.pairs, self.kinematics), Tolerance(), None, wall_s)
-
-    def logged(self) -> dict[str, Any]:
-        """The key frames."""
-        plan = self.plan
-        return {"com_m": plan.com_m, "toes_m": plan.toes_m, "holds": plan.course.holds}
+    def execution(self, world: SafeWorld, record: Record, settings: RunSettings, wall_s: float) -> Execution:
+        """What was measured against what was planned."""
+        return Execution.of(
+            record, self.kinematics, world, goal_m=self.motion.goal_m, stances=self.motion.stances,
+            tolerance=settings.tolerance, wall_s=wall_s,
+        )  # fmt: skip
 
 
-def prepared_plan(
-    accepted: Accepted, world: SafeWorld, timing: Timing, feel: Feel, *, hung: bool, kinematics: Kinematics | None
-) -> Prepared:
+def prepare_plan(
+    accepted: Accepted, world: SafeWorld, settings: RunSettings, kinematics: Kinematics | None = None
+) -> Prepared[PlanMotion]:
     """A plan, timed for a world that it fits. Raises InvalidInput where it does not, or is not what was accepted."""
+    check_settings(settings, world)
     plan, sees = proven(accepted.plan, accepted.digest, accepted.source), sees_feet(world)
-    accepted = Accepted(plan=plan, digest=accepted.digest, source=accepted.source)
-    accepted.check_fits(world)
+    accepted = replace(accepted, plan=plan)
+    if settings.check_limits:
+        accepted.check_fits(world)
+    else:
+        check_joints(accepted.source, plan.course.robot, world)
     course = plan.course
     kinematics = kinematics or Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
-    timed = paced(plan, kinematics, world.capabilities, timing, forces_n=shared_forces(plan), hung=hung)
-    tracker = Tracker(timed.motion, kinematics, world.rate_hz, feel if sees else BLIND)
+    forces_n = distribute_forces(plan) if settings.forces == "shared" else None
+    motion, pace, bound_by = PlanMotion(plan, settings.timing, forces_n), 1.0, ""
+    if settings.check_limits:
+        timed = parametrize(
+            plan, kinematics, world.capabilities, settings.timing, forces_n=forces_n, hung=settings.hung
+        )
+        motion, pace, bound_by = timed.motion, timed.pace, timed.bound_by
+    tracker = Tracker(motion, kinematics, world.rate_hz, settings.feedback if sees else BLIND)
     return Prepared(
-        digest=accepted.digest, source=accepted.source, name=course.name, motion=timed.motion, kinematics=kinematics,
-        tracker=tracker, first=tracker.start(), sees=sees, pace=timed.pace, bound_by=timed.bound_by,
-        clearance_m=timed.motion.timing.clearance_m, total=course.frames - 1, plan=plan, solids=timed.motion.solids,
+        digest=accepted.digest, source=accepted.source, name=course.name, motion=motion, kinematics=kinematics,
+        tracker=tracker, first=tracker.start(), sees=sees, pace=pace, bound_by=bound_by,
+        clearance_m=motion.timing.clearance_m, terrain=course.terrain, surfaces=motion.solids,
+    )  # fmt: skip
+
+
+def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings) -> Prepared[GaitMotion]:
+    """A gait for a world that it fits. Raises InvalidInput for one whose joints cannot do it, before anything moves."""
+    check_settings(settings, world)
+    trajectory = proven(accepted.trajectory, accepted.digest, accepted.source)
+    accepted = replace(accepted, trajectory=trajectory, robot=walker(trajectory.robot))
+    check_joints(accepted.source, accepted.robot, world)
+    motion, sees = GaitMotion(trajectory), sees_feet(world)
+    kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
+    _check_gait(motion, kinematics, world, hung=settings.hung)
+    moving = replace(settings.feedback, seek_m=0.0)  # it waits for no foot: its body moves on
+    tracker = Tracker(motion, kinematics, world.rate_hz, moving if sees else BLIND)
+    ground = Ground(heights=trajectory.terrain, friction=trajectory.friction)
+    return Prepared(
+        digest=accepted.digest, source=accepted.source, name=accepted.name, motion=motion, kinematics=kinematics,
+        tracker=tracker, first=tracker.start(), sees=sees, clearance_m=settings.timing.clearance_m, terrain=ground,
+        surfaces=(ground,),
     )  # fmt: skip
 
 
@@ -133,7 +132,21 @@ def sees_feet(world: SafeWorld) -> bool:
     return world.capabilities.has_contact_forces and not world.dry
 
 
-def check_hung(hung: bool, world: SafeWorld) -> None:
-    """Raise InvalidInput for a robot that should hang where none can."""
-    if hung and not world.real:
+def check_settings(settings: RunSettings, world: SafeWorld) -> None:
+    """Raise InvalidInput for a robot that hangs where none can, and for limits that only a simulation may break."""
+    if settings.hung and not world.real:
         raise InvalidInput(f"hung: expected a robot that can hang in a stand, world {world.name} has none")
+    if not settings.check_limits and world.kind != "simulation":
+        raise InvalidInput(f"check_limits: expected True but in a simulation, got False in world {world.name}")
+
+
+def _check_gait(motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *, hung: bool) -> None:
+    """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down."""
+    profile, can = joint_profile(motion, kinematics, hung=hung), world.capabilities
+    check_static(profile, kinematics, can, LIMIT_SHARE)
+    for name, (use, joint) in limit_use(profile, can, share=LIMIT_SHARE).items():
+        if use > 1.0:
+            raise InvalidInput(
+                f"gait: joint {can.joints[joint]}: it would take {use:.2g} times the {name} that it may have; a gait "
+                "runs as planned, or not at all: plan one that steps less high or less far"
+            )

@@ -2,35 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from .control.tracker import Target
 from .execution import Execution
+from .prepared import PlannedMotion, Prepared
+from .record import Record
 from .safety.ending import Ended
 from .safety.guard import SafeWorld
+from .settings import RunSettings
 from .worlds.replay import ReplayWorld
-from .worlds.world import State
-
-if TYPE_CHECKING:
-    from .prepared import Playable
-
-
-@dataclass
-class Rows:
-    """What was recorded while the motion ran. spent_s: from sending to having measured, each; began_s: when."""
-
-    pairs: list[tuple[Target, State]] = field(default_factory=list)
-    spent_s: list[float] = field(default_factory=list)
-    began_s: list[float] = field(default_factory=list)
-
-    def add(self, target: Target, state: State, spent_s: float, began_s: float) -> None:
-        """One control period."""
-        self.pairs.append((target, state))
-        self.spent_s.append(spent_s)
-        self.began_s.append(began_s)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,9 +25,9 @@ class RunReport:
     seconds: of the motion; pace: of that asked for, bound_by what slowed it down. sent, clipped, refused: commands, see
     ``SafeWorld``.
     joint_worst_rad, joint_rms_rad: measured against planned angles, NaN, and joint_worst empty, where the motion never
-    began. cycle_s: median and 99th percentile of the control period, from one command to the next. execution: as in a
-    simulation, where body and forces are measured. replay_rad: largest difference of a command from that in the log
-    which is replayed. stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine
+    began. cycle_s: median and 99th percentile of the control period, from one command to the next. execution: planned
+    against measured, where body and forces are measured. replay_rad: largest difference of a command from that in the
+    log which is replayed. stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine
     share, None where it was not; after: commands on their way at that moment, whose write returned up to after_s later.
     """
 
@@ -74,6 +57,55 @@ class RunReport:
     after: int = 0
     after_s: float = 0.0
 
+    @classmethod
+    def of(
+        cls,
+        record: Record,
+        prepared: Prepared[PlannedMotion],
+        world: SafeWorld,
+        settings: RunSettings,
+        *,
+        ended: Ended,
+        message: str,
+        wall_s: float,
+    ) -> RunReport:
+        """The report of what was recorded. message: what stopped it, empty where nothing did."""
+        execution = None
+        if world.capabilities.has_body_pose and not world.dry and record.pairs:
+            execution = prepared.execution(world, record, settings, wall_s)
+            message = message or execution.message
+        angles = np.array([state.angles_rad for _, state in record.pairs]).reshape(-1, len(world.joints))
+        away = np.abs(angles - np.array([target.angles_rad for target, _ in record.pairs]).reshape(angles.shape))
+        latch, last = world.latch, record.pairs[-1] if record.pairs else None
+        cycles = np.diff(record.began_s) if len(record.began_s) > 1 else np.array([np.nan])
+        return cls(
+            world=world.name,
+            digest=prepared.digest,
+            dry=world.dry,
+            succeeded=not message,
+            message=message,
+            ended=ended,
+            counted=prepared.motion.counted,
+            frames=prepared.motion.last_frame + 1,
+            frames_done=0.0 if last is None else float(last[0].sample.frame),
+            seconds=0.0 if last is None else float(last[1].time_s - record.pairs[0][1].time_s),
+            pace=prepared.pace,
+            bound_by=prepared.bound_by,
+            sent=world.sent,
+            clipped=world.clipped,
+            refused=world.refused,
+            joint_worst_rad=float(away.max()) if away.size else float("nan"),
+            joint_worst=world.joints[int(np.argmax(away.max(axis=0)))] if away.size else "",
+            joint_rms_rad=float(np.sqrt(np.mean(away**2))) if away.size else float("nan"),
+            cycle_s=(float(np.median(cycles)), float(np.percentile(cycles, 99.0))),
+            wall_s=wall_s,
+            execution=execution,
+            replay_rad=world.world.worst_rad if isinstance(world.world, ReplayWorld) else None,
+            stopped_s=latch.time_s if latch.tripped else None,
+            after=latch.after,
+            after_s=latch.after_s,
+        )
+
     def to_json(self) -> dict[str, Any]:
         """JSON-ready."""
         found = {name: value for name, value in self.__dict__.items() if name not in ("ended", "execution", "cycle_s")}
@@ -83,42 +115,3 @@ class RunReport:
             "cycle_s": [None if not np.isfinite(value) else value for value in self.cycle_s],
             "execution": None if self.execution is None else self.execution.to_json(),
         }
-
-
-def reported(prepared: Playable, world: SafeWorld, rows: Rows, ended: Ended, message: str, wall_s: float) -> RunReport:
-    """The report of what was recorded."""
-    execution = None
-    if world.capabilities.has_body_pose and not world.dry and rows.pairs:
-        execution = prepared.execution(world, rows, wall_s)
-        message = message or execution.message
-    angles = np.array([state.angles_rad for _, state in rows.pairs]).reshape(-1, len(world.joints))
-    away = np.abs(angles - np.array([target.angles_rad for target, _ in rows.pairs]).reshape(angles.shape))
-    latch = world.latch
-    cycles = np.diff(rows.began_s) if len(rows.began_s) > 1 else np.array([np.nan])
-    return RunReport(
-        world=world.name,
-        digest=prepared.digest,
-        dry=world.dry,
-        succeeded=not message,
-        message=message,
-        ended=ended,
-        counted=prepared.counted,
-        frames=prepared.total + 1,
-        frames_done=float(rows.pairs[-1][0].instant.frame) if rows.pairs else 0.0,
-        seconds=float(rows.pairs[-1][1].time_s - rows.pairs[0][1].time_s) if rows.pairs else 0.0,
-        pace=prepared.pace,
-        bound_by=prepared.bound_by,
-        sent=world.sent,
-        clipped=world.clipped,
-        refused=world.refused,
-        joint_worst_rad=float(away.max()) if away.size else float("nan"),
-        joint_worst=world.joints[int(np.argmax(away.max(axis=0)))] if away.size else "",
-        joint_rms_rad=float(np.sqrt(np.mean(away**2))) if away.size else float("nan"),
-        cycle_s=(float(np.median(cycles)), float(np.percentile(cycles, 99.0))),
-        wall_s=wall_s,
-        execution=execution,
-        replay_rad=world.world.worst_rad if isinstance(world.world, ReplayWorld) else None,
-        stopped_s=latch.time_s if latch.tripped else None,
-        after=latch.after,
-        after_s=latch.after_s,
-    )

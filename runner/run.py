@@ -2,72 +2,53 @@
 
 Before the first motion: the plan's verdict, its robot, and inverse kinematics of the whole motion, slowed down to what
 the joints can do. Then the soft start from the pose that was measured, then the motion; limbs are unloaded before they
-lift and loaded after they land, as ``Motion`` has it. Whatever happens, it ends as was asked for.
+lift and loaded after they land, as ``PlanMotion`` has it. Whatever happens, it ends as was asked for.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
 from itertools import count
+from typing import overload
 
 import numpy as np
 
-from stancekit.planners.errors import HardwareFault
-from stancekit.planners.files.arrays import Array, checked, gathered
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from stancekit.planners.robot.urdf import Servo
+from stancekit.planners.terrain import Patch
 
-from .acceptance import Accepted
-from .accepted_gait import AcceptedGait, PreparedGait, prepared_gait
-from .control.tracker import Feel, Target
+from .acceptance import Accepted, AcceptedGait
+from .control.tracker import Target
 from .log import FORMAT, Log, NoLog, state_json
+from .motion.gait_motion import GaitMotion
+from .motion.motion import Motion
 from .motion.soft_start import soft_motion, soft_start
-from .motion.timeline import Timing
-from .prepared import Playable, Prepared, check_hung, prepared_plan
-from .report import Rows, RunReport, reported
-from .safety.ending import Ended, Ending, end
+from .motion.timeline import PlanMotion
+from .prepared import PlannedMotion, Prepared, Tracked, prepare_gait, prepare_plan
+from .record import Record
+from .report import RunReport
+from .safety.ending import Ended, end
 from .safety.estop import on_signals, watched
-from .safety.guard import Limits, SafeWorld
-from .safety.heartbeat import Guardian
+from .safety.guard import SafeWorld
+from .safety.heartbeat import HeartbeatMonitor
 from .safety.latch import Source, Stopped
+from .settings import RunSettings
+from .worlds import make_world
 from .worlds.world import State, Terrain, World
 
 Progress = Callable[[int, int], None]
 Until = Callable[[Target, State], bool]
 
 
-@dataclass(frozen=True, kw_only=True)
-class RunSettings:
-    """How a plan is run.
-
-    speed_rad_s: of the soft start, and of the way home. body_m, body_rad: a body farther than this from where it should
-    be stops the run, where the world measures it. goal_rad: how far joints may be from the plan's at the end.
-    ending: the state to leave the robot in. hung: the robot hangs in a stand, level and off the ground: its feet carry
-    nothing and meet nothing; for what is real only.
-    """
-
-    timing: Timing = field(default_factory=Timing)
-    feel: Feel = field(default_factory=Feel)
-    limits: Limits = field(default_factory=Limits)
-    speed_rad_s: float = 0.4
-    body_m: float = 0.10
-    body_rad: float = 0.5
-    goal_rad: float = 0.1
-    ending: Ending = "hold"
-    hung: bool = False
-
-    def __post_init__(self) -> None:
-        names = ("speed_rad_s", "body_m", "body_rad", "goal_rad")
-        gathered(*(lambda n=n: checked(getattr(self, n), n, above=0.0) for n in names))
-
-
 class Runner:
     """Runs plans and gaits on one world, once; it closes the world.
 
     dry: send nothing to anything real. sources: of stops, beside whoever trips the world's latch. log: of everything.
-    progress: called with (key frames done, all). guardian: entered already; it acts where this process cannot.
+    progress: called with (key frames done, all). monitor: entered already; it acts where this process cannot.
     """
 
     def __init__(
@@ -79,14 +60,14 @@ class Runner:
         sources: Sequence[Source] = (),
         log: Log = NoLog(),
         progress: Progress = lambda done, total: None,
-        guardian: Guardian | None = None,
+        monitor: HeartbeatMonitor | None = None,
     ) -> None:
         self.settings, self.log = settings, log
         self.latch, self._progress = world.latch, progress
-        sources = (*sources, *(() if guardian is None else (guardian.gone,)))
-        self.world = SafeWorld(world, limits=settings.limits, dry=dry, sources=sources, guardian=guardian)
+        sources = (*sources, *(() if monitor is None else (monitor.gone,)))
+        self.world = SafeWorld(world, limits=settings.limits, dry=dry, sources=sources, monitor=monitor)
         self._found: Array | None = None
-        self._counted = Playable.counted
+        self._prepared: Prepared[PlannedMotion] | None = None
         self.state: State | None = None
 
     def run(self, accepted: Accepted | AcceptedGait, terrain: Terrain | None = None) -> RunReport:
@@ -95,94 +76,105 @@ class Runner:
         terrain: what the world has, where that is not what the plan says. Raises InvalidInput for what cannot be run,
         before anything moves; what stops it on the way is in the report.
         """
-        begin = time.perf_counter()
-        prepared: Playable
-        prepared = self.prepare(accepted) if isinstance(accepted, Accepted) else self.prepare_gait(accepted)
-        rows, message = Rows(), ""
-        with self.watched():
+        begin, record = time.perf_counter(), Record()
+        prepared = self.prepare(accepted)
+
+        def motion() -> str:
+            self.follow(prepared, record)
+            return self.goal(record)
+
+        ended, message = self.perform(prepared, motion, terrain)
+        report = RunReport.of(
+            record, prepared, self.world, self.settings, ended=ended, message=message,
+            wall_s=time.perf_counter() - begin,
+        )  # fmt: skip
+        self.log.write("verdict", report.to_json())
+        return report
+
+    def perform(
+        self, prepared: Prepared[PlannedMotion], motion: Callable[[], str], terrain: Terrain | None = None
+    ) -> tuple[Ended, str]:
+        """Arm, go to the first pose, do what ``motion`` does, and leave the robot as it should be, whatever happens.
+
+        motion: returns what is wrong at its end, empty where nothing is. Returns how the robot was left, and what went
+        wrong. Raises what is no stop and no fault of the hardware, after the robot was left.
+        """
+        self._prepared, message = prepared, ""
+        with on_signals(self.latch), self.world, watched(self.latch):
             try:
-                self.begin(prepared, terrain)
-                self.follow(prepared, rows)
-                message = self.goal(rows)
+                self._begin(prepared, terrain)
+                message = motion()
             except (Stopped, HardwareFault) as error:
                 message = str(error)
             except BaseException as error:
                 message = f"{type(error).__name__}: {error}"
                 raise
             finally:
-                ended = self.finish(prepared, message)
-        report = reported(prepared, self.world, rows, ended, message, time.perf_counter() - begin)
-        self.log.write("verdict", report.to_json())
-        return report
+                ended = self._finish(message)
+        return ended, message
 
-    @contextmanager
-    def watched(self) -> Iterator[None]:
-        """The world open, signals and sources heard: what a run is within."""
-        with on_signals(self.latch), self.world, watched(self.latch):
-            yield
+    @overload
+    def prepare(self, accepted: Accepted, kinematics: Kinematics | None = None) -> Prepared[PlanMotion]: ...
+    @overload
+    def prepare(self, accepted: AcceptedGait) -> Prepared[GaitMotion]: ...
+    @overload
+    def prepare(self, accepted: Accepted | AcceptedGait) -> Prepared[PlannedMotion]: ...
+    def prepare(
+        self, accepted: Accepted | AcceptedGait, kinematics: Kinematics | None = None
+    ) -> Prepared[PlannedMotion]:
+        """Check that a plan, or a gait, fits the world, and time it. Raises InvalidInput.
 
-    def prepare(self, accepted: Accepted, kinematics: Kinematics | None = None) -> Prepared:
-        """Check that the plan fits the world, and time it. Raises InvalidInput."""
-        settings = self.settings
-        check_hung(settings.hung, self.world)
-        timing, feel, hung = settings.timing, settings.feel, settings.hung
-        prepared = prepared_plan(accepted, self.world, timing, feel, hung=hung, kinematics=kinematics)
-        self._note(prepared)
+        kinematics: of a robot that is already somewhere.
+        """
+        prepared: Prepared[PlannedMotion]
+        if isinstance(accepted, Accepted):
+            prepared = prepare_plan(accepted, self.world, self.settings, kinematics)
+        else:
+            prepared = prepare_gait(accepted, self.world, self.settings)
+        self._prepared = prepared
+        self._log_plan(prepared)
         return prepared
 
-    def prepare_gait(self, accepted: AcceptedGait) -> PreparedGait:
-        """The same of a gait."""
-        settings = self.settings
-        check_hung(settings.hung, self.world)
-        prepared = prepared_gait(accepted, self.world, settings.timing, settings.feel, hung=settings.hung)
-        self._note(prepared)
-        return prepared
-
-    @property
-    def begun(self) -> bool:
-        """Whether the world was reset: from then on something may move."""
-        return self._found is not None
-
-    def begin(self, prepared: Playable, terrain: Terrain | None = None) -> None:
-        """Measure, arm, and go softly to the first pose. Raises InvalidInput where there is no clear way to it.
+    def _begin(self, prepared: Prepared[PlannedMotion], terrain: Terrain | None) -> None:
+        """Measure, arm, and go softly to the first pose. Raises InvalidInput where there is no clear path to it.
 
         terrain: what the world has, where that is not what the plan's course says.
         """
         first = prepared.first
-        rotation = rotation_of(first.instant.rotation_rad)
+        rotation = rotation_of(first.sample.rotation_rad)
         terrain = prepared.terrain if terrain is None else terrain
         state = self.world.reset(terrain, first.angles_rad, first.origin_m, rotation)
         self.log.write("measurement", state_json(state))
         self.state, self._found = state, np.array(state.angles_rad)
-        way = self._way(prepared, state, first.angles_rad)
+        path = self._path(prepared, state, first.angles_rad)
         if self.world.real and not self.world.dry:
             self.decide("armed", "torque on, at the measured pose")
-        self.world.arm(prepared.content, prepared.digest)
+        self.world.arm(prepared.motion.content, prepared.digest)
         far = float(np.abs(state.angles_rad - first.angles_rad).max())
-        self.decide("soft start", f"{far:.3f} rad to the first pose, over {len(way)} pose{'s' * (len(way) > 1)}")
-        self.go(way)
+        self.decide("soft start", f"{far:.3f} rad to the first pose, over {len(path)} pose{'s' * (len(path) > 1)}")
+        self.go(path)
         self.decide("motion", f"{prepared.motion.seconds:.1f} s at pace {prepared.pace:.2f} {prepared.bound_by}")
 
-    def go(self, way: Sequence[Array]) -> None:
+    def go(self, path: Sequence[Array]) -> None:
         """Along joint poses, softly, one after the other."""
-        for pose in way:
+        for pose in path:
             for targets in soft_motion(self.world.last_rad, pose, self.settings.speed_rad_s, self.world.rate_hz):
                 self.send(targets, pose)
 
-    def follow(self, prepared: Playable, rows: Rows, until: Until = lambda target, state: False) -> bool:
+    def follow(self, tracked: Tracked[Motion], record: Record, until: Until = lambda target, state: False) -> bool:
         """The motion to its end, or to where ``until`` says so. Returns whether it ended."""
         assert self.state is not None
-        felt, self._counted = prepared.first.instant.forces_n, prepared.counted
+        felt, total = tracked.first.sample.forces_n, 0.0 if self._prepared is None else self._prepared.motion.last_frame
         for k in count(1):
-            target = prepared.next(felt, k / self.world.rate_hz)
+            target = tracked.next(felt, k / self.world.rate_hz)
             if target is None:
                 break
             began = time.perf_counter()
-            state = self.send(prepared.sendable(target), target.angles_rad)
-            rows.add(target, state, time.perf_counter() - began, began)
+            state = self.send(tracked.sendable(target), target.angles_rad)
+            record.add(target, state, began)
             felt = state.forces_n
             self.check_body(target, state)
-            self._progress(int(target.instant.frame), int(prepared.total))
+            self._progress(int(target.sample.frame), int(total))
             if until(target, state):
                 return False
         return True
@@ -198,21 +190,21 @@ class Runner:
         self.state = state
         return state
 
-    def goal(self, rows: Rows) -> str:
+    def goal(self, record: Record) -> str:
         """What is wrong with where the joints are at the end; empty where nothing is."""
-        target, state = rows.pairs[-1]
+        target, state = record.pairs[-1]
         away = np.abs(state.angles_rad - target.angles_rad)
         worst = int(np.argmax(away))
-        if away[worst] <= self.settings.goal_rad:
+        if away[worst] <= self.settings.tolerance.joint_rad:
             return ""
-        limit = self.settings.goal_rad
+        limit = self.settings.tolerance.joint_rad
         return f"joint {self.world.joints[worst]}: ended {away[worst]:.3f} rad from the plan, limit {limit:g} rad"
 
     def decide(self, what: str, why: str) -> None:
         """Log a decision."""
         self.log.write("decision", {"what": what, "why": why})
 
-    def finish(self, prepared: Playable, message: str) -> Ended:
+    def _finish(self, message: str) -> Ended:
         """Leave the robot as it should be left, and only then say so: a log may be what failed."""
         home: Sequence[Array] | None = None
         lost = ""
@@ -220,9 +212,9 @@ class Runner:
             self.latch.trip(message)
         if self._found is None:
             return Ended(left="as it was", message="nothing was sent", seconds=0.0)
-        if self.settings.ending == "home" and self.state is not None and not self.latch.tripped:
+        if self.settings.ending == "home" and self._prepared and self.state and not self.latch.tripped:
             try:
-                home = self._way(prepared, self.state, self._found)
+                home = self._path(self._prepared, self.state, self._found)
             except Exception as error:
                 lost = str(error)
         ended = end(self.world, self.settings.ending, home, self.settings.speed_rad_s)
@@ -232,7 +224,7 @@ class Runner:
         self.decide("end", f"{ended.left} after {ended.seconds:.3f} s{': ' * bool(ended.message)}{ended.message}")
         return ended
 
-    def _note(self, prepared: Playable) -> None:
+    def _log_plan(self, prepared: Prepared[PlannedMotion]) -> None:
         """Log what is run."""
         world = self.world
         self.log.write(
@@ -241,20 +233,20 @@ class Runner:
                 "format": FORMAT, "digest": prepared.digest, "course": prepared.name, "source": prepared.source,
                 "joints": list(world.joints), "rate_hz": world.rate_hz, "world": world.name, "dry": world.dry,
                 "pace": prepared.pace, "bound_by": prepared.bound_by, "seconds": prepared.motion.seconds,
-                "sees": prepared.sees, "frames": prepared.total + 1, **prepared.logged(),
+                "sees": prepared.sees, "frames": prepared.motion.last_frame + 1, **prepared.motion.entry(),
             },
         )  # fmt: skip
 
-    def _way(self, prepared: Playable, state: State, goal_rad: Array) -> list[Array]:
-        """A clear way from the measured pose to this one."""
-        instant = prepared.first.instant
+    def _path(self, prepared: Prepared[PlannedMotion], state: State, goal_rad: Array) -> list[Array]:
+        """A clear path from the measured pose to this one."""
+        sample = prepared.first.sample
         return soft_start(
             prepared.kinematics,
             () if self.settings.hung else prepared.surfaces,
             (state.position_m, state.rotation),
             np.array(state.angles_rad),
             goal_rad,
-            instant.normals,
+            sample.normals,
             prepared.clearance_m,
         )
 
@@ -263,10 +255,34 @@ class Runner:
         if not self.world.capabilities.has_body_pose or self.world.dry:
             return
         away = float(np.linalg.norm(state.position_m - target.origin_m))
-        between = rotation_of(target.instant.rotation_rad).T @ state.rotation
+        between = rotation_of(target.sample.rotation_rad).T @ state.rotation
         turned = float(np.arccos(np.clip((np.trace(between) - 1.0) / 2.0, -1.0, 1.0)))
-        if away > self.settings.body_m or turned > self.settings.body_rad:
+        limits, counted = self.settings.tolerance, "" if self._prepared is None else self._prepared.motion.counted
+        if away > limits.body_m or turned > limits.body_rad:
             self.world.trip(
-                f"body: {1e3 * away:.0f} mm and {turned:.2f} rad from the plan at {target.instant.frame:.1f} "
-                f"{self._counted}, limits {1e3 * self.settings.body_m:.0f} mm and {self.settings.body_rad:g} rad"
+                f"body: {1e3 * away:.0f} mm and {turned:.2f} rad from the plan at {target.sample.frame:.1f} {counted}, "
+                f"limits {1e3 * limits.body_m:.0f} mm and {limits.body_rad:g} rad"
             )
+
+
+def simulate(
+    plan: Plan,
+    world: str = "mujoco",
+    *,
+    settings: RunSettings = RunSettings(check_limits=False),
+    servo: Servo = Servo(),
+    rate_hz: float | None = None,
+    terrain: Sequence[Patch] | None = None,
+) -> RunReport:
+    """Run a plan in a simulated world, at the pace asked for: what was planned against what happened.
+
+    world: "mujoco", "bullet", or FILE.py:NAME. servo: of every joint. rate_hz: targets a second, the world's own where
+    None. terrain: what the world has, where that is not the plan's. Raises InvalidInput for a plan that the verifier
+    rejects, a schedule that lifts all limbs at once, a world that is no simulation, and without pinocchio.
+    """
+    accepted, course = Accepted.verified(plan, plan.course.name), plan.course
+    made = make_world(world, course.robot, servo, rate_hz=rate_hz, gravity_m_s2=course.gravity_m_s2)
+    if made.kind != "simulation":
+        made.close()
+        raise InvalidInput(f"world: expected a simulation, got {world}, which is {made.kind}")
+    return Runner(made, settings=settings).run(accepted, terrain)

@@ -19,7 +19,10 @@ FORMATS = BLOCK.findall((ROOT / "docs" / "formats.md").read_text(encoding="utf-8
 
 
 @pytest.mark.parametrize("code", [text for language, text in README if language == "python"])
-def test_python_in_the_readme_runs_and_prints(code: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_python_in_the_readme_runs_and_prints(
+    code: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
     exec(compile(code, "README.md", "exec"), {})
     assert capsys.readouterr().out.strip()
 

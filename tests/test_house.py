@@ -7,7 +7,7 @@ import re
 import shutil
 import subprocess
 import sys
-import sysconfig
+import venv
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,8 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("planners", "runner", "views", "envs", "learners", "cli", "configs")
+FOLDERS = ("api", "planners", "runner", "views", "envs", "learners", "cli", "configs")
+"""Each is the package of its name, but api, which is the root."""
 
 # Run by an interpreter without site (-I -S), so that no .pth file and hence no editable install takes part.
 # gurobipy wants the builtin `help`, which only site provides.
@@ -26,6 +27,39 @@ wheel, site_packages, names = json.loads(sys.argv[1])
 sys.path[:0] = [wheel]
 sys.path += site_packages
 print(json.dumps({name: importlib.import_module(name).__file__ for name in names}))
+"""
+
+# What a reader of the documentation may type, in a folder of their own.
+SCRIPT = """
+import stancekit
+
+problem = stancekit.sample("wall-3", rng=8)[0]
+outcome = stancekit.solve(problem)
+assert outcome.certificate is not None
+print(stancekit.explain(problem, outcome.certificate).message)
+found = stancekit.plan("stairs", frames=3)
+assert found.plan is not None
+stancekit.save(found.plan, "climb.json")
+again = stancekit.load("climb.json", stancekit.Plan)
+report = stancekit.verify(again)
+print(report.accepted, again.toes_at(0).shape, report.worst + 1.0 < 1.1)
+rows = stancekit.label("wall-3", "train", feasible=4, infeasible=4)
+observation, label = rows[0]
+print(sorted(observation), label in (0, 1), stancekit.fit(rows, "quantile", share=0.1).envelopes.legs)
+print(stancekit.__version__)
+"""
+SAID = """infeasible: the cheapest single change is friction of RR, from 0.5653 to at least 0.6986 (+24 %)
+True (6, 3) True
+['frames', 'friction', 'reach', 'shoulders', 'vertices'] True ('RF', 'RR', 'LM')
+0.1.0
+"""
+# Mistakes that a checker finds only where it sees the types of the package.
+WRONG = """
+import stancekit
+
+stancekit.solve("wall-3")
+stancekit.load("climb.json", stancekit.Plan).toes
+stancekit.slove
 """
 
 # Written so that no pattern matches its own text.
@@ -50,24 +84,73 @@ def modules() -> list[Path]:
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Build the wheel from a clean copy of the tree."""
-    copy, dist = tmp_path_factory.mktemp("tree"), tmp_path_factory.mktemp("dist")
+def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A clean copy of the tree."""
+    copy = tmp_path_factory.mktemp("tree")
     for path in project_files():
         (copy / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(ROOT / path, copy / path)
-    _run([sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(dist), str(copy)])
-    (built,) = dist.glob("*.whl")
+    return copy
+
+
+@pytest.fixture(scope="module")
+def wheel(tree: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, built by way of the source distribution, as it is published."""
+    dist = tmp_path_factory.mktemp("dist")
+    _run([sys.executable, "-m", "build", "--sdist", "--wheel", "--no-isolation", "--outdir", str(dist), str(tree)])
+    (packed,), (built,) = dist.glob("*.tar.gz"), dist.glob("*.whl")
+    assert packed.stat().st_size > 100_000
     return built
 
 
-def test_every_module_imports_from_the_installed_wheel(wheel: Path, tmp_path: Path) -> None:
-    target = tmp_path / "installed"
-    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet"]
-    _run([*pip, "install", "--no-deps", "--no-index", "--target", str(target), str(wheel)])
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment of its own with the wheel; what it runs on comes from this one."""
+    return _environment(tmp_path_factory.mktemp("installed"), str(wheel))
+
+
+@pytest.fixture(scope="module")
+def editable(tree: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An environment of its own with an editable install."""
+    return _environment(tmp_path_factory.mktemp("editable"), "--no-build-isolation", "--editable", str(tree))
+
+
+@pytest.fixture(params=["installed", "editable"])
+def environment(request: pytest.FixtureRequest) -> Path:
+    """Either of them."""
+    return Path(request.getfixturevalue(request.param))
+
+
+def test_a_script_from_another_folder_finds_the_library(environment: Path, tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(SCRIPT)
+    assert _run([str(environment / "bin" / "python"), "-I", "script.py"], cwd=tmp_path) == SAID
+
+
+def test_pyright_sees_the_library_from_another_folder(environment: Path, tmp_path: Path) -> None:
+    (tmp_path / "script.py").write_text(SCRIPT)
+    (tmp_path / "wrong.py").write_text(WRONG)
+    command = [sys.executable, "-m", "pyright", "--outputjson", "--pythonpath", str(environment / "bin" / "python")]
+    done = subprocess.run([*command, "."], cwd=tmp_path, capture_output=True, text=True, check=False)
+    said = json.loads(done.stdout)
+    assert said["summary"]["filesAnalyzed"] == 2
+    found = [(Path(one["file"]).name, one["range"]["start"]["line"]) for one in said["generalDiagnostics"]]
+    assert found == [("wrong.py", 3), ("wrong.py", 4), ("wrong.py", 5)], said
+    for word, one in zip(("PostureProblem", "toes", "slove"), said["generalDiagnostics"], strict=True):
+        assert word in one["message"]
+
+
+def test_a_new_file_of_a_room_is_seen_by_an_editable_install(tree: Path, editable: Path, tmp_path: Path) -> None:
+    new = tree / "planners" / "terrain" / "just_made.py"
+    new.write_text("HERE = 1\n")
+    script = "from stancekit.planners.terrain.just_made import HERE; print(HERE)"
+    assert _run([str(editable / "bin" / "python"), "-I", "-c", script], cwd=tmp_path) == "1\n"
+    new.unlink()
+
+
+def test_every_module_imports_from_the_installed_wheel(installed: Path, tmp_path: Path) -> None:
+    target = _site(installed)
     names = [_module_name(path) for path in modules()]
-    site_packages = sorted({sysconfig.get_path("purelib"), sysconfig.get_path("platlib")})
-    question = json.dumps([str(target), site_packages, names])
+    question = json.dumps([str(target), _site_packages(), names])
     answer = _run([sys.executable, "-I", "-S", "-c", IMPORT_ALL, question], cwd=tmp_path)
     files = json.loads(answer.splitlines()[-1])
     assert sorted(files) == sorted(names)
@@ -79,15 +162,15 @@ def test_the_wheel_holds_every_module_data_file_and_type_marker_and_nothing_else
     with zipfile.ZipFile(wheel) as archive:
         packed = {name for name in archive.namelist() if ".dist-info/" not in name}
     ours = [path for path in project_files() if path.parts[0] in FOLDERS and path.suffix != ".md"]
-    assert packed == {f"stancekit/{path.as_posix()}" for path in ours}
-    assert {f"stancekit/{folder}/py.typed" for folder in FOLDERS} <= packed
+    assert packed == {f"stancekit/{path.as_posix().removeprefix('api/')}" for path in ours}
+    assert {f"stancekit/{folder}/py.typed" for folder in FOLDERS[1:]} | {"stancekit/py.typed"} <= packed
 
 
 def test_imports_never_point_up(tmp_path: Path) -> None:
     lint_imports = Path(sys.executable).with_name("lint-imports")
     said = _run(
         [str(lint_imports), "--no-cache", "--config", str(ROOT / "pyproject.toml")],
-        env={**os.environ, "PYTHONPATH": str(ROOT / "typings"), "COLUMNS": "200", "NO_COLOR": "1"},
+        env={**os.environ, "COLUMNS": "200", "NO_COLOR": "1"},
         cwd=tmp_path,
     )
     looked_at = re.search(r"Analyzed (\d+) files", said)
@@ -126,8 +209,28 @@ def test_the_guard_sees_what_it_looks_for(start: str, rest: str) -> None:
 
 
 def _module_name(path: Path) -> str:
-    parts = path.with_suffix("").parts
+    parts = path.with_suffix("").parts[path.parts[0] == "api" :]
     return ".".join(("stancekit", *(parts[:-1] if parts[-1] == "__init__" else parts)))
+
+
+def _environment(folder: Path, *install: str) -> Path:
+    """A virtual environment with this installed, which sees everything else that this interpreter sees."""
+    venv.create(folder)
+    site = _site(folder)
+    (site / "others.pth").write_text("\n".join(_site_packages()) + "\n")
+    pip = [sys.executable, "-m", "pip", "--disable-pip-version-check", "--quiet", "install", "--no-deps", "--no-index"]
+    _run([*pip, "--target", str(site), *install])
+    return folder
+
+
+def _site_packages() -> list[str]:
+    """Where this interpreter finds what is installed; nothing there that a .pth file adds takes part."""
+    return [path for path in sys.path if path.endswith("site-packages")]
+
+
+def _site(environment: Path) -> Path:
+    (found,) = environment.glob("lib/python*/site-packages")
+    return found
 
 
 def _git_files() -> list[Path] | None:
@@ -139,7 +242,7 @@ def _git_files() -> list[Path] | None:
 
 
 def _is_built(path: Path) -> bool:
-    built = {"build", "dist", "out", "__pycache__"}
+    built = {".editable", "build", "dist", "out", "__pycache__"}
     hidden = {".git", ".venv", ".mypy_cache", ".ruff_cache", ".pytest_cache", ".hypothesis", ".import_linter_cache"}
     return any(part in built | hidden or part.endswith(".egg-info") for part in path.parts)
 

@@ -1,4 +1,4 @@
-"""Charts of gait solves: violation per iteration, and violation and time by walking direction (paper W Figs. 8, 9)."""
+"""Plots of gait solves: violation per iteration, and violation and time by walking direction (paper W Figs. 8, 9)."""
 
 from __future__ import annotations
 
@@ -17,8 +17,7 @@ from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, NullLoca
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, frozen
 
-from . import plot as chart
-from .plot import ACCENT, CHART_PX, DEFAULT_STYLE, INK, QUIET, RULE, Size
+from .sheet import ACCENT, DEFAULT_STYLE, INK, PLOT_PX, QUIET, RULE, Size, headline, quiet_axes, sheet
 
 TOLERANCE = 1e-4
 """Paper W §V: a solve succeeds when its largest violation falls below this."""
@@ -37,7 +36,7 @@ ROOM = 38
 LONG = 60
 """Iterations beyond which the axis is logarithmic."""
 TALL_PX = (1200, 980)
-"""Size of a chart with two rows of panels."""
+"""Size of a plot with two rows of panels."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,7 +70,7 @@ class GaitRun:
 
 @DEFAULT_STYLE
 def draw_convergence(
-    runs: Sequence[GaitRun], *, caption: str = "", methods: Sequence[str] = (), size_px: Size = CHART_PX
+    runs: Sequence[GaitRun], *, caption: str = "", methods: Sequence[str] = (), size_px: Size = PLOT_PX
 ) -> Figure:
     """Violation at every iteration, a line a solve, a colour a method; a dot where it succeeds, a cross where it ends.
 
@@ -79,8 +78,8 @@ def draw_convergence(
     of their colours, the order of the runs where there are none. Raises InvalidInput without runs.
     """
     colours = _colours(runs, methods)
-    figure = chart.sheet(size_px, CHART_PX)
-    chart.headline(figure, caption or "Convergence", f"largest constraint violation; success is below {TOLERANCE:g}")
+    figure = sheet(size_px, PLOT_PX)
+    headline(figure, caption or "Convergence", f"largest constraint violation; success is below {TOLERANCE:g}")
     labels = [_label(name, [run for run in runs if run.method == name]) for name in colours]
     high = figure.get_figheight()
     columns = min(len(colours), max(1, int(95.0 * figure.get_figwidth() / 12.0 / (7 + max(map(len, labels)) * 0.74))))
@@ -92,7 +91,8 @@ def draw_convergence(
     _iterations(axes, most)
     axes.axhspan(0.1 * TOLERANCE, TOLERANCE, color="#e6f0ec", lw=0, zorder=0)
     axes.axhline(TOLERANCE, color="#58a695", lw=1.2, zorder=1)
-    _quiet(axes)
+    quiet_axes(axes)
+    axes.tick_params(which="both", labelsize=11)
     for (method, colour), label in zip(colours.items(), labels, strict=True):
         _draw_lines(axes, [run for run in runs if run.method == method], colour)
         axes.plot([], [], color=colour, lw=2.5, label=label)
@@ -143,13 +143,13 @@ def _iterations(axes: Axes, most: int) -> None:
 def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size | None = None) -> Figure:
     """Violation by walking direction (paper W Fig. 8), a panel a method: iterations run outward in its colours.
 
-    A solve that fails has a red mark at the rim. size_px: ``CHART_PX`` where there is none, taller for more than three
+    A solve that fails has a red mark at the rim. size_px: ``PLOT_PX`` where there is none, taller for more than three
     methods. Raises InvalidInput without runs.
     """
     methods = _methods(runs)
-    figure = chart.sheet(size_px or (CHART_PX if len(methods) < 4 else TALL_PX), CHART_PX)
+    figure = sheet(size_px or (PLOT_PX if len(methods) < 4 else TALL_PX), PLOT_PX)
     words = "iterations from the centre outward, coloured by the largest violation; red: no success; " + COMPASS
-    chart.headline(figure, caption or "Violation by walking direction", words)
+    headline(figure, caption or "Violation by walking direction", words)
     most = max(run.iterations for run in runs)
     rim = float(_radius(max(most, 3)))
     colours = ScalarMappable(LogNorm(TOLERANCE, 10.0), "magma_r")
@@ -178,7 +178,7 @@ def draw_directions(runs: Sequence[GaitRun], *, caption: str = "", size_px: Size
 
 @DEFAULT_STYLE
 def draw_times(
-    runs: Sequence[GaitRun], *, caption: str = "", methods: Sequence[str] = (), size_px: Size = CHART_PX
+    runs: Sequence[GaitRun], *, caption: str = "", methods: Sequence[str] = (), size_px: Size = PLOT_PX
 ) -> Figure:
     """CPU time by walking direction (paper W Fig. 9), a line a method; solves that fail are crosses.
 
@@ -187,9 +187,9 @@ def draw_times(
     runs.
     """
     colours = _colours(runs, methods)
-    figure = chart.sheet(size_px, CHART_PX)
+    figure = sheet(size_px, PLOT_PX)
     words = f"median seconds a solve; crosses: no success; {COMPASS}"
-    chart.headline(figure, caption or "CPU time by walking direction", words)
+    headline(figure, caption or "CPU time by walking direction", words)
     high, wide = figure.get_figheight(), figure.get_figwidth()
     side = high - 1.45
     axes = figure.add_axes((0.47 - 0.85 * side / wide, 0.42 / high, side / wide, side / high), projection="polar")
@@ -280,12 +280,3 @@ def _polar(axes: Any, rim: float, ticks: Sequence[float], radius: Any, unit: str
     axes.grid(color=RULE, lw=0.8)
     axes.set_axisbelow(True)
     axes.spines["polar"].set_color(RULE)
-
-
-def _quiet(axes: Axes) -> None:
-    axes.tick_params(length=0, pad=6, labelsize=11, labelcolor=QUIET, which="both")
-    axes.grid(axis="y", color=RULE, lw=0.8)
-    axes.set_axisbelow(True)
-    for name, side in axes.spines.items():
-        side.set_visible(name == "bottom")
-        side.set_color("#9aa5b1")

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise, product
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.spatial import ConvexHull, QhullError
+from scipy.spatial import QhullError
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.leg import Leg
@@ -15,8 +16,11 @@ from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.shapes import Shape
 from stancekit.planners.robot.workspace import Workspace
 
-from .painter import CIRCLE, ROBOT, Painter, unit
-from .plot import DEFAULT_STYLE, INK, SIZE_PX, Size, headline, leg_colour, plain_axes, sheet
+from .camera import Camera
+from .scene import Body, Facet, Label, Layer, Scene
+from .shapes import Capsule, Sphere, along, hull
+from .sheet import DEFAULT_STYLE, INK, SIZE_PX, Size, headline, leg_colour, plain_axes, sheet
+from .still import CIRCLE, Still
 
 TRUNK = "#9aa5b1"
 HEAVIEST_MESH = 3_000_000
@@ -33,31 +37,42 @@ def draw_robot(robot: RobotModel, workspaces: Sequence[Workspace] | None = None,
     stance = [leg.stance_rad for leg in robot.legs]
     feet = np.array([leg.nominal_m for leg in robot.legs])
     size = float(np.ptp(np.vstack([feet, [leg.hip_m for leg in robot.legs]]), axis=0).max())
-    painter = Painter(feet.mean(axis=0) * [1.0, 1.0, 0.5], np.deg2rad(-58.0), np.deg2rad(20.0), 4.0 * size)
-    frames, drawn = robot.link_frames(stance), set[str]()
+    frames, bodies, drawn = robot.link_frames(stance), list[Body](), set[str]()
     for shape in _chosen(robot):
         mount, (turn, place) = robot.mounts[shape.link], frames[shape.link]
         points = _points(shape)
         if points is not None:
             colour = TRUNK if mount.leg is None else leg_colour(mount.leg)
-            drawn.add(shape.link)
-            _hull(painter, place + (shape.origin_m + points @ shape.rotation.T) @ turn.T, colour)
+            solid = _solid(shape.link, place + (shape.origin_m + points @ shape.rotation.T) @ turn.T, colour)
+            bodies += solid
+            drawn |= {body.name for body in solid}
     for index, leg in enumerate(robot.legs):
+        colour = leg_colour(index)
         if not any(robot.mounts[link].leg == index for link in drawn):
-            _bars(painter, leg, leg_colour(index), size)
-        painter.ball(leg.nominal_m, max(leg.radius_m, 0.012 * size), leg_colour(index), ROBOT, "white")
-        painter.label(leg.nominal_m, leg.name, leg_colour(index))
+            bodies += _bars(leg, colour, size)
+        ball = Sphere(max(leg.radius_m, 0.012 * size))
+        bodies.append(Body(name=leg.foot, shape=ball, position_m=leg.nominal_m, colour=colour))
+    bodies.append(Body(name="com", shape=Sphere(0.018 * size), position_m=robot.body.com_m, colour=INK))
     for index, workspace in enumerate(workspaces or ()):
-        painter.veil(workspace.inner.vertices, leg_colour(index), 0.10, 0.35)
+        colour = leg_colour(index)
+        bodies += _solid("", workspace.inner.vertices, colour, opacity=0.1, layer=Layer.GLASS, edge=colour)
     ground = float(feet[:, 2].min()) - max(leg.radius_m for leg in robot.legs)
-    low, high = feet.min(axis=0) - 0.4 * size, feet.max(axis=0) + 0.4 * size
-    painter.plane(2, ground, low, high, 10.0 ** np.floor(np.log10(size)))
-    painter.ball(robot.body.com_m, 0.018 * size, INK, ROBOT, "white")
+    (x0, y0), (x1, y1) = feet[:, :2].min(axis=0) - 0.4 * size, feet[:, :2].max(axis=0) + 0.4 * size
+    corners = np.array([[x0, y0, ground], [x1, y0, ground], [x1, y1, ground], [x0, y1, ground]])
+    floor = Facet(corners_m=corners, normal=np.array([0.0, 0.0, 1.0]), colour="#f3f5f7", edge="#c3cad2")
+    labels = [
+        Label(name=leg.name, position_m=leg.nominal_m, text=leg.name, colour=leg_colour(index))
+        for index, leg in enumerate(robot.legs)
+    ]
+    camera = Camera(
+        target_m=feet.mean(axis=0) * [1.0, 1.0, 0.5], azimuth_rad=np.deg2rad(-58.0), elevation_rad=np.deg2rad(20.0),
+        distance_m=4.0 * size,
+    )  # fmt: skip
     figure = sheet(size_px)
     joints = sum(len(leg.joints) for leg in robot.legs)
     words = f"{len(robot.legs)} legs, {joints} joints, {robot.body.mass_kg:.3g} kg"
     headline(figure, robot.name, words + ("; inside the veils every foot is reached" if workspaces else ""))
-    painter.paint(plain_axes(figure, 20.0, 20.0, 90.0))
+    Still(Scene(bodies=bodies, facets=[floor], labels=labels), camera).paint(plain_axes(figure, 20.0, 20.0, 90.0))
     return figure
 
 
@@ -98,22 +113,21 @@ def _mesh_points(shape: Shape) -> Array | None:
     return points[:: 1 + len(points) // MOST_POINTS] if len(points) > 3 else None
 
 
-def _hull(painter: Painter, points: Array, colour: str) -> None:
-    """The faces of the points' hull that the viewer sees."""
+def _solid(name: str, points: Array, colour: str, **options: Any) -> list[Body]:
+    """The hull of points in the base's frame; nothing for a flat mesh."""
     try:
-        hull = ConvexHull(points)
-    except QhullError:  # a flat mesh
-        return
-    for simplex, equation in zip(hull.simplices, hull.equations, strict=True):
-        corners, normal = points[simplex], equation[:3]
-        if painter.facing(corners.mean(axis=0), normal) > 0.0:
-            fill = painter.lit(colour, unit(normal))
-            painter.face(corners, fill, ROBOT, width=0.3)
+        return [Body(name=name, shape=hull(points), position_m=np.zeros(3), colour=colour, **options)]
+    except QhullError:
+        return []
 
 
-def _bars(painter: Painter, leg: Leg, colour: str, size: float) -> None:
+def _bars(leg: Leg, colour: str, size: float) -> list[Body]:
     """A leg as bars from joint to joint."""
-    places = leg.chain.frames(leg.stance_rad[None])[1][0]
-    points = np.vstack([places, leg.nominal_m])
-    for start, end in pairwise(points):
-        painter.tube(start, end, (0.02 * size, 0.014 * size), colour, ROBOT, "white")
+    points = np.vstack([leg.chain.frames(leg.stance_rad[None])[1][0], leg.nominal_m])
+    return [
+        Body(
+            name="", shape=Capsule(float(np.linalg.norm(end - start)), (0.02 * size, 0.014 * size)),
+            position_m=0.5 * (start + end), rotation=along(end - start), colour=colour,
+        )
+        for start, end in pairwise(points) if np.linalg.norm(end - start) > 1e-9
+    ]  # fmt: skip

@@ -13,7 +13,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.urdf import JOINTS
 from stancekit.runner.log import TOPICS, Recorded, table
 
-from .plot import DEFAULT_STYLE, leg_colour
+from .sheet import DEFAULT_STYLE, leg_colour
 
 SIZE_IN = (9.6, 7.2)
 

@@ -5,22 +5,53 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, cross
+from stancekit.planners.files.documents import read_yaml
+from stancekit.planners.files.refusals import refusals
+from stancekit.planners.plugins import Registry
 from stancekit.planners.problem import Contact, PostureBatch, PostureProblem
+from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS
 from stancekit.planners.robot import Limb, Robot, hexapod
 from stancekit.planners.terrain import Patch
 
-THREE_LEGS = ("RF", "RR", "LM")
 FIVE_LEGS = ("RF", "RM", "RR", "LF", "LR")
-MAX_TILT_RAD = np.deg2rad(30.0)
 CIRCUMRADIUS_M = (0.03, 0.08)
 COM_RADIUS_M = 0.08
+
+
+class Distribution(Protocol):
+    """Anything that draws posture problems, G(θ)."""
+
+    @property
+    def name(self) -> str:
+        """By which it is asked for."""
+        ...
+
+    @property
+    def terrain(self) -> str:
+        """What the mode of a course is called over such terrain."""
+        ...
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """The limbs of every problem."""
+        ...
+
+    def sample(self, rng: np.random.Generator) -> PostureProblem:
+        """Draw one posture problem."""
+        ...
+
+    def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
+        """Draw this many: those that as many calls of ``sample`` draw."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,18 +154,86 @@ def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.sqrt(np.vecdot(vectors, vectors))[..., None])
 
 
-DISTRIBUTIONS: Mapping[str, PostureDistribution] = MappingProxyType(
-    {
-        "ground-3": PostureDistribution(name="ground-3", terrain="ground", legs=THREE_LEGS, friction=(0.1, 0.8)),
-        "wall-3": PostureDistribution(name="wall-3", terrain="wall", legs=THREE_LEGS, friction=(0.1, 1.2)),
-        "wall-5": PostureDistribution(name="wall-5", terrain="wall", legs=FIVE_LEGS, friction=(0.1, 1.2)),
-    }
-)
+GROUND_3 = PostureDistribution(name="ground-3", terrain="ground", legs=THREE_LEGS, friction=(0.1, 0.8))
+WALL_3 = PostureDistribution(name="wall-3", terrain="wall", legs=THREE_LEGS, friction=(0.1, 1.2))
+WALL_5 = PostureDistribution(name="wall-5", terrain="wall", legs=FIVE_LEGS, friction=(0.1, 1.2))
+DISTRIBUTIONS: Mapping[str, PostureDistribution] = MappingProxyType({d.name: d for d in (GROUND_3, WALL_3, WALL_5)})
 """Paper E's three problem classes by name."""
+REGISTRY: Registry[Any] = Registry(
+    "distribution", "stancekit.distributions",
+    {name: f"{__name__}:{name.upper().replace('-', '_')}" for name in DISTRIBUTIONS},
+    expected="something with sample(rng), or a class of it", accepts=lambda it: callable(getattr(it, "sample", None)),
+)  # fmt: skip
+"""All distributions."""
 
 
-def distribution(name: str) -> PostureDistribution:
-    """Return a distribution by name. Raises InvalidInput that lists the names there are."""
-    if name not in DISTRIBUTIONS:
-        raise InvalidInput(f"distribution: expected one of {', '.join(DISTRIBUTIONS)}, got {name!r}")
-    return DISTRIBUTIONS[name]
+class OwnDistribution:
+    """A distribution from elsewhere: something with ``sample(rng)``, or its class, which is made without arguments.
+
+    name: by which it was asked for. Its ``terrain`` counts where it has one. To other processes it goes by its name.
+    """
+
+    def __init__(self, thing: Any, name: str) -> None:
+        self._thing, self.name = thing() if isinstance(thing, type) else thing, name
+        self.terrain = str(getattr(self._thing, "terrain", name))
+        self.legs = self.sample(np.random.default_rng(0)).legs
+
+    def sample(self, rng: np.random.Generator) -> PostureProblem:
+        """Draw one posture problem. Raises InvalidInput where something else comes."""
+        found = self._thing.sample(rng)
+        if not isinstance(found, PostureProblem):
+            raise InvalidInput(f"distribution {self.name}: expected a PostureProblem, got a {type(found).__name__}")
+        return found
+
+    def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
+        """Draw this many. Raises InvalidInput where they differ in more than their patches."""
+        try:
+            return PostureBatch.stacked([self.sample(rng) for _ in range(count)])
+        except InvalidInput as error:
+            raise InvalidInput(f"distribution {self.name}: {error}") from None
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        path, colon, attribute = self.name.rpartition(":")
+        return _again, (f"{Path(path).resolve()}:{attribute}" if colon else self.name, self.name)
+
+
+def _again(reference: str, name: str) -> OwnDistribution:
+    return OwnDistribution(REGISTRY.get(reference), name)
+
+
+class _Yaml(BaseModel):
+    """A distribution's file: a ``PostureDistribution`` of the default robot."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+    terrain: Literal["ground", "wall"]
+    legs: list[str] = Field(min_length=1)
+    friction: tuple[float, float] = Field(strict=False)
+
+
+def distribution(name: str) -> Distribution:
+    """A distribution by name, from "FILE.py:NAME", or from a YAML file with terrain, legs and friction.
+
+    Raises InvalidInput that lists the names there are.
+    """
+    if not isinstance(name, str):
+        known = ", ".join(REGISTRY.names())
+        raise InvalidInput(f"distribution: expected one of {known}, or FILE.py:NAME, got {name!r}")
+    if name in DISTRIBUTIONS:
+        return DISTRIBUTIONS[name]
+    if name.endswith((".yaml", ".yml")):
+        return _from_yaml(name)
+    return OwnDistribution(REGISTRY.get(name), name)
+
+
+def _from_yaml(path: str) -> PostureDistribution:
+    try:
+        raw = _Yaml.model_validate(read_yaml(path))
+        low, high = raw.friction
+        if not 0.0 <= low <= high < float("inf"):
+            raise InvalidInput(f"friction: expected 0 ≤ low ≤ high, got {low:g} and {high:g}")
+        hexapod().select(raw.legs)
+        return PostureDistribution(name=path, terrain=raw.terrain, legs=tuple(raw.legs), friction=raw.friction)
+    except ValidationError as error:
+        raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
+    except InvalidInput as error:
+        raise InvalidInput(str(error) if str(error).startswith(path) else f"{path}: {error}") from None

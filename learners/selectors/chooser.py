@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from torch import Tensor, nn
 from torch.nn import functional
 
-from stancekit.envs.selection import ADMITTED
+from stancekit.envs.selection_task import ADMITTED
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -24,7 +24,7 @@ from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
-from ..dataset import Dataset
+from ..data.dataset import Dataset
 from .network import Architecture, ChoiceNetwork, SceneTensors
 from .selector import Observation
 from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors

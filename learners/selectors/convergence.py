@@ -20,9 +20,9 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import parse_json
 from stancekit.planners.files.refusals import shown
 from stancekit.planners.files.writing import write_bytes
-from stancekit.views.plot import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
+from stancekit.views.sheet import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
 
-from .verdicts import Counts
+from .feasibility import Counts
 
 FORMAT = "stancekit/evolution/1"
 
@@ -33,7 +33,7 @@ class Generation:
 
     mean, variance, best: of the fitness, to be maximised; a, b: of the best individual, over the problems drawn.
     mutation_rate: with which the next one is bred (NaN where the method has none). evaluations: verdicts of P1 asked
-    for; settled: of them, without a solve; counts: how.
+    for; cached: of them, without a solve; counts: how.
     """
 
     number: int
@@ -44,7 +44,7 @@ class Generation:
     b: float
     mutation_rate: float
     evaluations: int
-    settled: int
+    cached: int
     counts: Counts
 
 
@@ -89,7 +89,7 @@ def read_checkpoint(path: Path, about: Mapping[str, Any], rng: np.random.Generat
         history = [
             Generation(
                 number=int(row[0]), **dict(zip(_REALS, map(float, row[1:7]), strict=True)), evaluations=int(row[7]),
-                settled=int(row[8]), counts=Counts(**dict(zip(_KINDS, map(int, counts), strict=True))),
+                cached=int(row[8]), counts=Counts(**dict(zip(_KINDS, map(int, counts), strict=True))),
             )
             for row, counts in zip(found["history"], found["counts"], strict=True)
         ]  # fmt: skip

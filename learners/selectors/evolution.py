@@ -18,9 +18,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 
 from .convergence import Generation
+from .feasibility import FeasibilityOracle
 from .genetic import DOMAIN, GeneticResult, GeneticSettings, Told, Trials, finish, first_generation, fitness, generation
 from .genetic import ranking as ranked
-from .verdicts import Judge
 
 Ask = Callable[[], Array]
 """Gives the boxes to be tested next, shape (P, 2, N, 6)."""
@@ -36,7 +36,7 @@ def evolve_cma(
     points: Array,
     settings: GeneticSettings = GeneticSettings(),
     *,
-    judge: Judge | None = None,
+    oracle: FeasibilityOracle | None = None,
     progress: Told | None = None,
 ) -> GeneticResult:
     """CMA-ES on the bounds, from the mean of the genetic algorithm's first generation; arguments as of ``evolve``.
@@ -45,7 +45,7 @@ def evolve_cma(
     distribution and the best boxes of the last generation. Raises InvalidInput, also without the extra ``evo``.
     """
     package, rng = extra("cma"), np.random.default_rng(settings.seed)
-    trials = Trials.of(problems_feasible, problems_infeasible, settings, judge)
+    trials = Trials.of(problems_feasible, problems_infeasible, settings, oracle)
     middle = first_generation(points, settings.population, rng).mean(axis=0)
     unit = np.broadcast_to(np.maximum(points.std(axis=0), 1e-3), middle.shape)
     options = {
@@ -76,7 +76,7 @@ def evolve_nsga2(
     points: Array,
     settings: GeneticSettings = GeneticSettings(),
     *,
-    judge: Judge | None = None,
+    oracle: FeasibilityOracle | None = None,
     progress: Told | None = None,
 ) -> GeneticResult:
     """NSGA-II of pymoo on (a, b), from the genetic algorithm's first generation; arguments as of ``evolve``.
@@ -87,7 +87,7 @@ def evolve_nsga2(
     problem_class = extra("pymoo.core.problem").Problem
     algorithm = extra("pymoo.algorithms.moo.nsga2").NSGA2
     rng = np.random.default_rng(settings.seed)
-    trials = Trials.of(problems_feasible, problems_infeasible, settings, judge)
+    trials = Trials.of(problems_feasible, problems_infeasible, settings, oracle)
     start = first_generation(points, settings.population, rng)
     shape = start.shape[1:]
     size = int(np.prod(shape))

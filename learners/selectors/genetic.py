@@ -22,10 +22,10 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
-from ..dataset import Dataset
+from ..data.dataset import Dataset
 from .convergence import Generation, Run, read_checkpoint, write_checkpoint
-from .proofs import Index
-from .verdicts import CachingJudge, Counts, Judge
+from .dual_bounds import Index
+from .feasibility import CachingOracle, Counts, FeasibilityOracle
 
 DOMAIN = 1.0
 """p and f lie in [−1, 1] by the choice of scales (paper E §II)."""
@@ -108,8 +108,8 @@ def fitness(a: Array, b: Array, settings: GeneticSettings) -> Array:
 class Trials:
     """The fitness of individuals: a and b over problems drawn anew, or over all. The feasible problems come first."""
 
-    def __init__(self, feasible: int, infeasible: int, judge: Judge, terrains: int) -> None:
-        self.sizes, self._judge, self._terrains = (feasible, infeasible), judge, terrains
+    def __init__(self, feasible: int, infeasible: int, oracle: FeasibilityOracle, terrains: int) -> None:
+        self.sizes, self._oracle, self._terrains = (feasible, infeasible), oracle, terrains
 
     @classmethod
     def of(
@@ -117,16 +117,16 @@ class Trials:
         feasible: Sequence[Scaled],
         infeasible: Sequence[Scaled],
         settings: GeneticSettings,
-        judge: Judge | None = None,
+        oracle: FeasibilityOracle | None = None,
     ) -> Trials:
-        """Trials on these problems, with a ``CachingJudge`` where none is given. Raises InvalidInput."""
+        """Trials on these problems, with a ``CachingOracle`` where none is given. Raises InvalidInput."""
         if not feasible or not infeasible:
             raise InvalidInput(
                 f"problems: expected one or more of each label, got {len(feasible)} feasible and "
                 f"{len(infeasible)} infeasible"
             )
-        judge = judge or CachingJudge([*feasible, *infeasible], Programs())
-        return cls(len(feasible), len(infeasible), judge, settings.terrains)
+        oracle = oracle or CachingOracle([*feasible, *infeasible], Programs())
+        return cls(len(feasible), len(infeasible), oracle, settings.terrains)
 
     def draw(self, rng: np.random.Generator) -> Index:
         """Numbers of K problems, half of each label, none twice (as far as there are so many)."""
@@ -140,14 +140,14 @@ class Trials:
 
     def shares(self, population: Array, which: Index) -> tuple[Array, Array]:
         """a and b of boxes, shape (P, 2, N, 6), over these problems; each of shape (P,)."""
-        admitted = self._judge.admitted(which, [Envelope(low=low, high=high) for low, high in population])
+        admitted = self._oracle.is_feasible(which, [Envelope(low=low, high=high) for low, high in population])
         feasible = which < self.sizes[0]
         return admitted[:, ~feasible].mean(axis=1), (~admitted[:, feasible]).mean(axis=1)
 
     @property
     def counts(self) -> Counts:
         """How all verdicts so far were found."""
-        return self._judge.counts
+        return self._oracle.counts
 
 
 def evolve(
@@ -156,18 +156,18 @@ def evolve(
     points: Array,
     settings: GeneticSettings = GeneticSettings(),
     *,
-    judge: Judge | None = None,
+    oracle: FeasibilityOracle | None = None,
     checkpoint: Path | None = None,
     progress: Told | None = None,
 ) -> GeneticResult:
     """Run the genetic algorithm. points: S, shape (F, N, 6), for the first generation and the scale of mutations.
 
-    judge: says what P1 admits, of the feasible problems followed by the infeasible ones; a ``CachingJudge`` if None.
+    oracle: says what P1 admits, of the feasible problems followed by the infeasible ones; a ``CachingOracle`` if None.
     checkpoint: file that is written after every generation and gone on from where it is there already: the result is
     that of a run that was not interrupted, except for ``counts``, which are of the work that was done.
     progress: is told every generation. Raises InvalidInput, also for the checkpoint of another run.
     """
-    trials = Trials.of(problems_feasible, problems_infeasible, settings, judge)
+    trials = Trials.of(problems_feasible, problems_infeasible, settings, oracle)
     rng = np.random.default_rng(settings.seed)
     patches = np.stack([problem.patches for problem in (*problems_feasible, *problems_infeasible)])
     about = {"settings": asdict(settings), "labels": trials.sizes, "points": np.asarray(points), "patches": patches}
@@ -203,7 +203,7 @@ def generation(number: int, a: Array, b: Array, settings: GeneticSettings, rate:
         b=float(b[best]),
         mutation_rate=rate,
         evaluations=counts.total,
-        settled=counts.settled,
+        cached=counts.cached,
         counts=counts,
     )
 
@@ -291,7 +291,7 @@ def fit_genetic(
             "a": result.a,
             "b": result.b,
             "evaluations": result.counts.total,
-            "settled": result.counts.settled,
+            "cached": result.counts.cached,
             "best": [done.best for done in result.history],
             "mean": [done.mean for done in result.history],
         },

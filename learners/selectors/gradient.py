@@ -16,7 +16,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
-from ..dataset import Dataset
+from ..data.dataset import Dataset
 from .quantile import quantile_box
 
 

@@ -22,11 +22,11 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
 
-from ..dataset import Dataset
+from ..data.dataset import Dataset
 from .network import BoxNetwork, SceneTensors, as_arrays
+from .neural_training import NeuralSettings, Progress, Rows, Trainer
 from .selector import Observation
 from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
-from .training import NeuralSettings, Progress, Rows, Trainer
 
 FORMAT = "stancekit/neural/1"
 

@@ -10,9 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.answer_file import read_envelopes, write_envelopes
+from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.documents import decoded, parse_json
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
 Observation = Mapping[str, NDArray[Any]]
@@ -71,60 +70,36 @@ class Learned:
         """The selector of a set of envelopes."""
         return cls(
             selector=FixedSelector(name, envelopes), problem_class=envelopes.problem_class,
-            write=lambda path: write_envelopes(path, envelopes), boxes=len(envelopes.envelopes), suffix=".json",
+            write=lambda path: write_boxes(path, envelopes), boxes=len(envelopes.envelopes), suffix=".json",
         )  # fmt: skip
 
+    @classmethod
+    def of(cls, found: Any, name: str, problem_class: str) -> Learned:
+        """What a method of fitting or a file gave: envelopes, or a selector with ``predict``.
 
-def load_selector(path: str | Path) -> Learned:
-    """Read any selector's file: an envelope file (JSON), or weights (safetensors). Nothing is unpickled.
+        Its ``problem_class``, ``boxes`` (how many its action holds) and ``save(path)`` count where it has them; name:
+        what messages call it. Raises InvalidInput for anything else.
+        """
+        if isinstance(found, cls):
+            return found
+        if isinstance(found, EnvelopeSet):
+            return cls.fixed(name, found)
+        if not callable(getattr(found, "predict", None)):
+            told = f"an EnvelopeSet or a selector with predict(observation), got a {type(found).__name__}"
+            raise InvalidInput(f"{name}: expected {told}")
 
-    Raises InvalidInput for what is missing, damaged or foreign.
-    """
-    path = Path(path)
-    kind = _safetensors_format(path) if path.is_file() else None
-    if kind is None and path.suffix == ".safetensors" and path.is_file():
-        raise InvalidInput(f"{path}: expected a whole safetensors file, got something else")
-    if kind is None:
-        return Learned.fixed(path.stem, read_envelopes(path))
-    try:
-        return _network(kind, path)
-    except ImportError as error:
-        raise InvalidInput(f"{path}: {kind} needs {error.name}, got none: pip install 'stancekit[rl]'") from None
+        def write(path: Path) -> None:
+            if not callable(getattr(found, "save", None)):
+                raise InvalidInput(f"{path}: expected a selector with save(path), got a {type(found).__name__}")
+            found.save(path)
 
+        of = getattr(found, "problem_class", problem_class)
+        return cls(selector=found, problem_class=of, write=write, boxes=getattr(found, "boxes", 1))
 
-def _network(kind: str, path: Path) -> Learned:
-    """A selector that needs torch."""
-    if kind == "stancekit/neural/1":
-        from .neural import NeuralSelector
-
-        neural = NeuralSelector.load(path)
-        return Learned(selector=neural, problem_class=neural.problem_class, write=neural.save)
-    if kind == "stancekit/chooser/1":
-        from .chooser import Chooser
-
-        chooser = Chooser.load(path)
-        return Learned(selector=chooser, problem_class=chooser.envelopes.problem_class, write=chooser.save)
-    if kind == "stancekit/policy/1":
-        from ..policy_file import TrainedPolicy
-
-        policy = TrainedPolicy.load(path)
-        if not policy.shape.selects:
-            got = policy.shape.environment
-            raise InvalidInput(f"{path}: expected a policy that chooses envelopes, got one for {got}")
-        return Learned(selector=policy, problem_class=policy.shape.problem, write=policy.save)
-    known = "stancekit/envelope/1, stancekit/neural/1, stancekit/chooser/1 or stancekit/policy/1"
-    raise InvalidInput(f"{path}: expected format {known}, got {kind:.60}")
-
-
-def _safetensors_format(path: Path) -> str | None:
-    """The format that a safetensors file says it has; None for a file of another kind."""
-    with open(path, "rb") as file:
-        size = int.from_bytes(file.read(8), "little")
-        if not 2 <= size <= min(path.stat().st_size, 10_000_000) or file.read(1) != b"{":
-            return None
-        header = b"{" + file.read(size - 1)
-    try:
-        head = parse_json(decoded(header, "header"), "header")
-        return str(parse_json(str(head["__metadata__"]["stancekit"]), "header")["format"])
-    except (ValueError, TypeError, KeyError):
-        return "a safetensors file of something else"
+    @property
+    def envelopes(self) -> EnvelopeSet:
+        """The envelopes that every scene gets. Raises InvalidInput where a network chooses them by the scene."""
+        if not isinstance(self.selector, FixedSelector):
+            kind = type(self.selector).__name__
+            raise InvalidInput(f"envelopes: expected a selector with the same ones for every scene, got a {kind}")
+        return self.selector.envelopes

@@ -5,16 +5,19 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from ..errors import InvalidInput
 from ..files.documents import parse_json, read_json
 from ..files.writing import write_text
 from ..problem import PostureProblem
 from ..relaxation.envelope import EnvelopeSet
+from ..relaxation.modes import FORMAT as MODES
+from ..relaxation.modes import Modes
 from ..robot import Robot
 from .outcome import Certificate, Outcome, Posture
 
+Read = TypeVar("Read")
 MOST_RECORDS = 500_000
 """Of a file of JSON lines."""
 UNBOUNDED = 1e6
@@ -69,6 +72,17 @@ def read_envelopes(path: str | Path) -> EnvelopeSet:
     return _located(path, lambda: EnvelopeSet.from_json(read_json(path)))
 
 
+def read_modes(path: str | Path) -> Modes:
+    """Read a file of modes. Raises InvalidInput."""
+    return _located(path, lambda: Modes.from_json(read_json(path)))
+
+
+def read_boxes(path: str | Path) -> EnvelopeSet | Modes:
+    """Read an envelope file, or one of modes. Raises InvalidInput."""
+    data = read_json(path)
+    return read_modes(path) if isinstance(data, dict) and data.get("format") == MODES else read_envelopes(path)
+
+
 def outcome_to_json(outcome: Outcome, *, proof: bool = False) -> dict[str, Any]:
     """One line of answers: see ``stancekit solve --help``. proof: with the certificate of an infeasible verdict."""
     record: dict[str, Any] = {
@@ -112,8 +126,8 @@ def answer_from_json(data: Any) -> Posture | Certificate | None:
         raise InvalidInput(f"{', '.join(names)}: expected lists of numbers") from None
 
 
-def write_envelopes(path: str | Path, envelopes: EnvelopeSet) -> None:
-    """Write an envelope file."""
+def write_boxes(path: str | Path, envelopes: EnvelopeSet | Modes) -> None:
+    """Write an envelope file, or one of modes."""
     write_text(path, json.dumps(envelopes.to_json(), indent=1) + "\n")
 
 
@@ -124,7 +138,7 @@ def _parsed(text: str, where: str) -> Any | InvalidInput:
         return error
 
 
-def _located(path: str | Path, read: Callable[[], EnvelopeSet]) -> EnvelopeSet:
+def _located(path: str | Path, read: Callable[[], Read]) -> Read:
     try:
         return read()
     except InvalidInput as error:

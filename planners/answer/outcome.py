@@ -16,7 +16,15 @@ Array = NDArray[np.float64]
 
 
 class Status(enum.StrEnum):
-    """The three answers to "can the robot hold this posture?"."""
+    """The three answers to "can the robot hold this posture?", and "is there a plan?".
+
+    Source:
+        docs/decisions/0004: a status speaks of the problem, whatever relaxation of it was solved.
+    Example:
+        >>> from stancekit import Status
+        >>> [status.value for status in Status]
+        ['feasible', 'infeasible', 'undecided']
+    """
 
     FEASIBLE = "feasible"
     """A witness is attached and satisfies every constraint."""
@@ -28,13 +36,25 @@ class Status(enum.StrEnum):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Posture:
-    """One answer to a posture problem, in the world frame and SI units.
+    """One answer to a posture problem, in the world frame and SI units. Nothing is checked here: ``verify`` does it.
 
-    com_m: shape (3,) [m]; rotation_rad: small body rotation Θ, shape (3,) [rad];
-    toes_m: shape (N, 3) [m]; forces_n: contact forces on the robot, shape (N, 3) [N].
-    Where feet are soles, whose centres are the toes: points_m, where the points of every foot are, and point_forces_n,
-    the forces at them, which add up to forces_n, shape (N, K, 3) each. K is that of the foot of most points; one with
-    fewer has its centre, and no force, in the places left.
+    Arguments:
+        com_m: centre of mass c, shape (3,) [m].
+        rotation_rad: small body rotation Θ, shape (3,) [rad].
+        toes_m: a toe a contact, shape (N, 3) [m].
+        forces_n: contact forces on the robot, shape (N, 3) [N].
+        points_m, point_forces_n: where feet are soles, whose centres are the toes: where the points of every foot are,
+            and the forces at them, which add up to forces_n, shape (N, K, 3) each [m], [N]. K is that of the foot of
+            most points; one with fewer has its centre, and no force, in the places left.
+    Source:
+        Paper E §II.
+    Example:
+        >>> import numpy as np, stancekit
+        >>> problem = stancekit.sample("ground-3", rng=3)[0]
+        >>> nothing = np.zeros((3, 3))
+        >>> floating = stancekit.Posture(com_m=np.zeros(3), rotation_rad=np.zeros(3), toes_m=nothing, forces_n=nothing)
+        >>> stancekit.verify(problem, floating).accepted
+        False
     """
 
     com_m: Array
@@ -68,22 +88,33 @@ class Certificate:
 
     A posture problem is a course of one frame with one stance, in which placement i is contact i with one candidate.
 
-    tree: shape (K, 5), the nodes in preorder, a row each, (kind, i, j, first, second):
-      kind 0, a leaf: the other entries are 0;
-      kind 1, a choice: in the first child placement ``i`` stands on its candidate ``j``, in the second it does not;
-      kind 2, a cut of candidate ``j`` of placement ``i`` along the chord between two points of the border of the piece
-        that is left of it, given as border coordinates ``first`` < ``second``: the coordinate e + s is the point
-        v_e + s (v_{e+1} − v_e) of the piece's own vertices, 0 ≤ s < 1; the first child runs along the border from
-        ``first`` to ``second``, the second child from ``second`` round to ``first``, each beginning with the point it
-        runs from;
-      kind 3, a split of the force box of the ``i``-th limb that carries (the limbs of the stances, one stance after the
-        other): component ``j`` (0, 1, 2 for f_n, f_y, f_z) at the value ``first``, in units of the force scale; the
-        first child keeps the values up to it, the second those from it on.
-    multipliers: shape (leaves, count), the leaves in preorder, with S stances, M frames and N limbs: ν_F (S, 3) of the
-      balances of forces, ν_M (S, 3) of those of moments, r (M, N, 3) of reach, a (M − 1, 3) of the steps of the COM,
-      t (M − 1, 3) of those of the rotation, g (M − 1) of progress, b (moves, 3) of the steps of toes, all for the
-      non-dimensional problem; 6 + 3N for a posture. A leaf in which a placement has no candidate left needs none. Any
-      multipliers give a valid bound, so nothing here has to be trusted (``verify.check_certificate``).
+    Arguments:
+        tree: shape (K, 5), the nodes in preorder, a row each, (kind, i, j, first, second):
+            kind 0, a leaf: the other entries are 0;
+            kind 1, a choice: in the first child placement ``i`` stands on its candidate ``j``, in the second it does
+              not;
+            kind 2, a cut of candidate ``j`` of placement ``i`` along the chord between two points of the border of the
+              piece that is left of it, given as border coordinates ``first`` < ``second``: the coordinate e + s is the
+              point v_e + s (v_{e+1} − v_e) of the piece's own vertices, 0 ≤ s < 1; the first child runs along the
+              border from ``first`` to ``second``, the second child from ``second`` round to ``first``, each beginning
+              with the point it runs from;
+            kind 3, a split of the force box of the ``i``-th limb that carries (the limbs of the stances, one stance
+              after the other): component ``j`` (0, 1, 2 for f_n, f_y, f_z) at the value ``first``, in units of the
+              force scale; the first child keeps the values up to it, the second those from it on.
+        multipliers: shape (leaves, count), the leaves in preorder, with S stances, M frames and N limbs: ν_F (S, 3) of
+            the balances of forces, ν_M (S, 3) of those of moments, r (M, N, 3) of reach, a (M − 1, 3) of the steps of
+            the COM, t (M − 1, 3) of those of the rotation, g (M − 1) of progress, b (moves, 3) of the steps of toes,
+            all for the non-dimensional problem; 6 + 3N for a posture. A leaf in which a placement has no candidate left
+            needs none. Any multipliers give a valid bound, so nothing here has to be trusted
+            (``verify.check_certificate``).
+    Source:
+        Lagrangian bounds of paper E's P, branched where one bound does not do: docs/decisions/0003.
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("wall-3", rng=8)[0]
+        >>> certificate = stancekit.solve(problem).certificate
+        >>> certificate.tree.shape[1], stancekit.verify(problem, certificate).accepted
+        (5, True)
     """
 
     tree: Array
@@ -140,12 +171,27 @@ class Certificate:
 class Outcome:
     """What one planner says of one problem.
 
-    residual: largest violation of any constraint by ``posture``, non-dimensional; NaN without a posture.
-    residual_nm: norm of the net moment on the robot at ``posture`` [Nm]; NaN without a posture.
-    lower_bound: proved lower bound on the non-dimensional moment residual of the problem (0 when nothing is proved,
-    inf when even the problem without its moment balance has no answer).
-    solves: convex problems solved. claim: what an external solver said, before it was checked.
-    details: further numbers of the method, e.g. the margin of a relaxation.
+    Arguments:
+        status: of the problem itself.
+        method: which planner.
+        posture: that the verifier accepted, where feasible.
+        certificate: that the verifier accepted, where infeasible.
+        residual: largest violation of any constraint by ``posture``, non-dimensional; NaN without a posture.
+        residual_nm: norm of the net moment on the robot at ``posture`` [Nm]; NaN without a posture.
+        lower_bound: proved lower bound on the non-dimensional moment residual of the problem (0 when nothing is
+            proved, inf when even the problem without its moment balance has no answer).
+        solves: convex problems solved.
+        seconds: wall clock [s].
+        claim: what an external solver said, before it was checked.
+        message: why it is undecided.
+        details: further numbers of the method, e.g. the margin of a relaxation.
+    Source:
+        Paper E §II-§III; docs/decisions/0004.
+    Example:
+        >>> import stancekit
+        >>> outcome = stancekit.solve(stancekit.sample("wall-3", rng=8)[0])
+        >>> outcome.status is stancekit.Status.INFEASIBLE, outcome.posture, outcome.lower_bound > 0.0
+        (True, None, True)
     """
 
     status: Status

@@ -18,13 +18,26 @@ from .outcome import Certificate, Posture, Status
 class Plan:
     """M key frames over a course of P placements and S stances, for a robot with N limbs.
 
-    com_m: shape (M, 3) [m]; rotation_rad: small body rotation Θ, shape (M, 3) [rad]; toes_m: one a placement,
-    shape (P, 3) [m]; choice: the candidate patch of every placement, shape (P,); forces_n: forces on the robot in every
-    stance, world frame, zero for limbs that do not carry in it, shape (S, N, 3) [N].
-    Where feet are soles, whose centres are the toes: points_m, where the points of every placement's foot are, shape
-    (P, K, 3) [m], and point_forces_n, the forces at them, which add up to forces_n, (S, N, K, 3) [N]; see ``Posture``.
-    modes: z, the envelope that mode switching chose for each frame, shape (M,); None without mode switching.
-    provenance: how the plan was made, for people.
+    Arguments:
+        course: what it is a plan of.
+        com_m: shape (M, 3) [m].
+        rotation_rad: small body rotation Θ, shape (M, 3) [rad].
+        toes_m: one a placement, shape (P, 3) [m].
+        choice: the candidate patch of every placement, shape (P,).
+        forces_n: forces on the robot in every stance, world frame, zero for limbs that do not carry in it, shape
+            (S, N, 3) [N].
+        points_m, point_forces_n: where feet are soles, whose centres are the toes: where the points of every foot
+            put down are, shape (P, K, 3) [m], and the forces at them, which add up to forces_n, (S, N, K, 3) [N]; see
+            ``Posture``.
+        modes: z, the envelope that mode switching chose for each frame, shape (M,); None without mode switching.
+        provenance: how the plan was made, for people.
+    Source:
+        Paper E §IV-B, E11.
+    Example:
+        >>> import stancekit
+        >>> plan = stancekit.plan("walls", frames=3).plan
+        >>> plan.toes_at(0).shape, plan.posture(0).forces_n.shape[1]
+        ((6, 3), 3)
     """
 
     course: Course
@@ -82,12 +95,28 @@ class Plan:
 class PlanOutcome:
     """What one planner says of one course.
 
-    plan: accepted by the verifier where ``status`` is feasible. objective: of the plan; bound: proved lower bound on
-    the objective of any plan (inf where none exists, NaN where nothing is proved). certificate: of infeasibility.
-    residual: largest violation of any constraint, non-dimensional.
-    compile_s: time to write the model down; seconds: everything else, of which solver_seconds in the conic solver
-    itself and verifier_seconds in the verifier. solves: convex problems solved. claim: what a method says that cannot
-    prove it.
+    Arguments:
+        status: of the course itself.
+        method: which planner.
+        plan: accepted by the verifier where ``status`` is feasible.
+        objective: of the plan.
+        bound: proved lower bound on the objective of any plan (inf where none exists, NaN where nothing is proved).
+        certificate: of infeasibility.
+        residual: largest violation of any constraint, non-dimensional.
+        solves: convex problems solved.
+        compile_s: time to write the model down [s].
+        seconds: everything else [s], of which solver_seconds in the conic solver itself and verifier_seconds in the
+            verifier.
+        claim: what a method says that cannot prove it.
+        message: why it is undecided.
+        details: further numbers of the method.
+    Source:
+        Paper E §IV-B.
+    Example:
+        >>> import stancekit
+        >>> outcome = stancekit.plan("stairs", frames=3, reserve=False)
+        >>> outcome.bound <= outcome.objective
+        True
     """
 
     status: Status

@@ -33,14 +33,31 @@ SAMPLES = ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact")
 class Trajectory:
     """Torso, feet and contact forces over time: K samples on a uniform grid, E feet; arrays are read-only copies.
 
-    times_s: shape (K,) [s]; torso_m: centre of mass p_WB, shape (K, 3) [m]; rotation: R_WB, shape (K, 3, 3);
-    feet_m: p_WF, shape (K, E, 3) [m]; forces_n: contact forces on the robot f_W, shape (K, E, 3) [N];
-    contact: which feet stand, shape (K, E), bool; friction: ν of W5; adhesive: feet without a friction cone,
-    shape (E,), bool; start_xy_m, goal_xy_m: where the torso has to begin and to end, shape (2,) [m];
-    provenance: what made it, names to texts or numbers.
+    Shapes, finiteness and sense are the verifier's to judge (``verify``), so that whatever an optimiser returns can be
+    held and looked at.
 
-    Raises InvalidInput for values that are no arrays of numbers. Shapes, finiteness and sense are the verifier's to
-    judge (``judge.check_trajectory``), so that whatever an optimiser returns can be held and looked at.
+    Arguments:
+        times_s: shape (K,) [s].
+        torso_m: centre of mass p_WB, shape (K, 3) [m].
+        rotation: R_WB, shape (K, 3, 3).
+        feet_m: p_WF, shape (K, E, 3) [m].
+        forces_n: contact forces on the robot f_W, shape (K, E, 3) [N].
+        contact: which feet stand, shape (K, E), bool.
+        robot, terrain: what walks, and where.
+        friction: ν of W5.
+        adhesive: feet without a friction cone, shape (E,), bool.
+        start_xy_m, goal_xy_m: where the torso has to begin and to end, shape (2,) [m].
+        provenance: what made it, names to texts or numbers.
+    Raises:
+        InvalidInput: for values that are no arrays of numbers.
+    Source:
+        Paper W §III, W2-W7.
+    Example:
+        >>> import numpy as np, stancekit
+        >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+        >>> walked = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").trajectory
+        >>> walked.samples, stancekit.verify(walked).accepted
+        (401, True)
     """
 
     times_s: Array

@@ -70,14 +70,34 @@ class Stance:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Course:
-    """M key frames of one robot over one terrain.
+    """M key frames of one robot over one terrain. Usually laid out from YAML: ``load("my-course.yaml")``.
 
-    terrain: every surface there is, for worlds and pictures. placements: in order of frame, then limb; every limb has
-    one at frame 0. lifts: the limbs that move between frame k − 1 and k, a tuple a frame, the first empty.
-    next_lift: the limbs that would move after the last frame; what they leave behind must hold there, too.
-    com_nominal_m: shape (M, 3) [m]; com_radius_m: how far the COM may be from it, shape (M,) [m]. goal_m: shape (3,).
-    force_min, force_max: bounds on (f_n, f_y, f_z) of every contact in units of the weight, shape (3,).
-    modes: the mode of the terrain under each frame (0, 1, …), where a course says so, shape (M,): for reports only.
+    Arguments:
+        name: of the course.
+        robot: whose limbs are placed.
+        terrain: every surface there is, for worlds and pictures.
+        placements: toes put down, in order of frame, then limb; every limb has one at frame 0.
+        lifts: the limbs that move between frame k − 1 and k, a tuple a frame, the first empty.
+        next_lift: the limbs that would move after the last frame; what they leave behind must hold there, too.
+        com_nominal_m: shape (M, 3) [m].
+        com_radius_m: how far the COM may be from it, shape (M,) [m].
+        goal_m: where the last COM should be, shape (3,) [m].
+        steps: largest steps between neighbouring frames.
+        weights: of the objective.
+        tilt_limit_rad: largest component of Θ [rad].
+        gravity_m_s2: g [m/s²].
+        length_scale_m: unit of non-dimensional lengths [m].
+        force_min, force_max: bounds on (f_n, f_y, f_z) of every contact in units of the weight, shape (3,).
+        modes: mode of the terrain under each frame (0, 1, …), where a course says so, shape (M,): for reports only.
+    Raises:
+        InvalidInput: for a schedule and placements that do not fit each other, wrong shapes, numbers out of range.
+    Source:
+        Paper E §IV-B, E11.
+    Example:
+        >>> import stancekit
+        >>> course = stancekit.plan("walls", frames=4).plan.course
+        >>> course.frames, len(course.stances), course.robot.name
+        (4, 7, 'hexapod')
     """
 
     name: str

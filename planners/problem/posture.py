@@ -22,16 +22,38 @@ FORMAT = "stancekit/posture/1"
 GRAVITY_M_S2 = 9.81
 TILT_LIMIT_RAD = 0.2618  # 15°, the range of the linearised rotation (paper E §II)
 UP = (0.0, 0.0, 1.0)
+THREE_LEGS = ("RF", "RR", "LM")
+MAX_TILT_RAD = float(np.deg2rad(30.0))
+"""Of the problem classes of paper E §IV-A: a tripod of the hexapod's legs; how far a patch leans at most."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Contact:
     """One limb on one patch.
 
-    shoulder_m: shoulder in the body frame, shape (3,) [m]; reach_m: workspace radius [m]; reach_rows: half-spaces that
-    the toe is in, too; sole_m: points (forward, left) of a rigid flat foot, shape (K, 2) [m], on the patch with the yaw
-    yaw_rad [rad], whose centre is the toe (``terrain.sole``), None for a point foot;
-    force_min, force_max: bounds on (f_n, f_y, f_z), in units of the problem's force scale, shape (3,).
+    Arguments:
+        leg: name of the limb.
+        shoulder_m: v, the shoulder in the body frame, shape (3,) [m].
+        reach_m: Δ_FK, radius of the workspace about the shoulder [m].
+        patch: the terrain under the toe.
+        force_min, force_max: bounds on (f_n, f_y, f_z), in units of the problem's force scale, shape (3,).
+        reach_rows: half-spaces that the toe is in, too.
+        sole_m: points (forward, left) of a rigid flat foot, shape (K, 2) [m], on the patch with the yaw ``yaw_rad``
+            [rad], whose centre is the toe (``terrain.sole``); None for a point foot.
+    Raises:
+        InvalidInput: for wrong shapes, a reach that is not positive, bounds in the wrong order; all that is wrong.
+    Source:
+        Paper E §II, E2, E3 and E11.
+    Example:
+        >>> import numpy as np
+        >>> from stancekit import Contact, Patch, hexapod
+        >>> corners = np.array([[0.3, -0.3, -0.2], [0.4, -0.2, -0.2], [0.3, -0.1, -0.2]])
+        >>> patch = Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.6)
+        >>> (limb,) = hexapod().select(["RF"])
+        >>> contact = Contact(leg="RF", shoulder_m=limb.shoulder_m, reach_m=limb.reach_m, patch=patch,
+        ...                   force_min=[0, -1, -1], force_max=[1, 1, 1])
+        >>> contact.patch.friction
+        0.6
     """
 
     leg: str
@@ -80,7 +102,26 @@ class PostureProblem:
     """Can the robot hold still with these limbs on these patches, and how?
 
     Unknown are the centre of mass c, a small body rotation Θ, a toe on every patch and a force at every toe.
-    com_nominal_m: shape (3,) [m]; force_scale_n, length_scale_m: characteristic quantities of E3 and E4.
+
+    Arguments:
+        contacts: one or more, each of another limb.
+        mass_kg: of the robot [kg].
+        com_nominal_m: where the centre of mass should be, shape (3,) [m].
+        com_radius_m: how far from there it may be [m].
+        gravity_m_s2: g [m/s²].
+        force_scale_n, length_scale_m: characteristic quantities of E3 and E4 [N], [m]; the weight where None.
+        tilt_limit_rad: largest component of Θ, within which the rotation is linearised [rad].
+    Raises:
+        InvalidInput: for no contacts, a limb twice, numbers out of range; all that is wrong.
+    Source:
+        Paper E §II, E1-E11 of one frame.
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("wall-3", rng=0)[0]
+        >>> problem.legs, round(problem.weight_n, 1)
+        (('RF', 'RR', 'LM'), 98.1)
+        >>> stancekit.PostureProblem.from_json(problem.to_json()).to_json() == problem.to_json()
+        True
     """
 
     contacts: tuple[Contact, ...]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, TypeVar
@@ -56,6 +57,29 @@ class PostureBatch:
         if defect:
             raise InvalidInput(f"{self._where(defect[0])}.{defect[1]}")
 
+    @classmethod
+    def stacked(cls, problems: Sequence[PostureProblem]) -> PostureBatch:
+        """Problems that were drawn one by one, as a batch.
+
+        Raises InvalidInput unless they differ in vertices, normals and friction of their patches alone, which all have
+        as many corners.
+        """
+        if not problems:
+            raise InvalidInput("problems: expected one or more, got none")
+        first, patches = problems[0], [[contact.patch for contact in problem.contacts] for problem in problems]
+        for index, problem in enumerate(problems):
+            if _without_patches(problem) != _without_patches(first):
+                raise InvalidInput(f"problems[{index}]: expected body, limbs, limits and shear references of the first")
+        corners = {len(patch.vertices_m) for row in patches for patch in row}
+        if len(corners) != 1:
+            raise InvalidInput(f"problems: expected patches of as many corners each, got {sorted(corners)}")
+        return cls(
+            like=first,
+            vertices_m=np.array([[patch.vertices_m for patch in row] for row in patches]),
+            normals=np.array([[patch.normal for patch in row] for row in patches]),
+            friction=np.array([[patch.friction for patch in row] for row in patches]),
+        )
+
     def __len__(self) -> int:
         return len(self.vertices_m)
 
@@ -102,6 +126,15 @@ class PostureBatch:
     def _where(self, flat: int) -> str:
         """The name of a patch."""
         return "problems[{}].contacts[{}]".format(*divmod(flat, len(self.like.contacts)))
+
+
+def _without_patches(problem: PostureProblem) -> dict[str, Any]:
+    """The JSON form without what a batch has an array for."""
+    data = problem.to_json()
+    for contact in data["contacts"]:
+        for name in ("vertices_m", "normal", "friction"):
+            del contact[name]
+    return data
 
 
 def _with(value: Value, **changes: Any) -> Value:

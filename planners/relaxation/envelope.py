@@ -28,7 +28,18 @@ SIGNS = np.array([1.0, 1.0, -1.0, -1.0])[:, None, None, None]
 class Envelope:
     """One box: bounds on p (toes relative to the body, world axes) and f (contact frame), non-dimensional.
 
-    low, high: shape (N, 6), the columns p_x p_y p_z f_n f_y f_z.
+    Arguments:
+        low, high: shape (N, 6), the columns p_x p_y p_z f_n f_y f_z.
+    Raises:
+        InvalidInput: for other shapes, and where low exceeds high.
+    Source:
+        Paper E §III, B_S.
+    Example:
+        >>> import numpy as np
+        >>> from stancekit import Envelope
+        >>> box = Envelope.around(np.array([np.zeros((3, 6)), np.ones((3, 6))]))
+        >>> box.contacts, box.widened(0.1).contains(np.full((1, 3, 6), 1.05)).tolist()
+        (3, [True])
     """
 
     low: Array
@@ -118,9 +129,25 @@ class Corners(NamedTuple):
 class EnvelopeSet:
     """Envelopes learned for one class of problems; P1 may choose any one of them a posture (a binary each).
 
-    problem_class: name of the class, e.g. ``wall-3``. legs: whose rows the boxes have. normals: mean normals of the
-    training patches, shape (N, 3); tilt_rad: how far the training patches leaned from them, shape (N,) [rad].
-    provenance: how the set was learned, for people.
+    Arguments:
+        problem_class: name of the class, e.g. ``wall-3``.
+        legs: whose rows the boxes have, N names.
+        force_scale_n, length_scale_m: of the problems [N], [m].
+        normals: mean normals of the training patches, shape (N, 3).
+        tilt_rad: how far the training patches leaned from them, shape (N,) [rad].
+        envelopes: one box or more.
+        provenance: how the set was learned, for people.
+    Raises:
+        InvalidInput: for other shapes, normals that are no unit vectors, no boxes.
+    Source:
+        Paper E §III; the binaries of §IV-A.
+    Example:
+        >>> import numpy as np, stancekit
+        >>> problems = stancekit.sample("wall-3", 5, rng=0)
+        >>> box = stancekit.Envelope(low=np.full((3, 6), -1.0), high=np.ones((3, 6)))
+        >>> boxes = stancekit.EnvelopeSet.for_problems("wall-3", problems, [box])
+        >>> stancekit.solve(problems[0], "p1", envelopes=boxes).method
+        'p1'
     """
 
     problem_class: str

@@ -27,7 +27,7 @@ from ..equilibrium.terms import Body, Forces, FreeToes, Given, objective
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Corners, Envelope
-from .relaxed import Evidence, RelaxationAnswer, Relaxed
+from .relaxed import DualBound, RelaxationAnswer, Relaxed
 
 Axes = Literal["contact", "world"]
 
@@ -137,13 +137,13 @@ class McCormick:
         all_known = all(answer.known for answer in answers)
         return best if best.feasible or all_known else RelaxationAnswer(margin=float("nan"), solves=len(answers))
 
-    def examine(self, scaled: Scaled, box: Envelope) -> Evidence:
+    def dual_bound(self, scaled: Scaled, box: Envelope) -> DualBound:
         """Signed margin over this box, and what its solution and multipliers say about other boxes; of a posture."""
         given = Boxed(scaled, boxes=(box,))
         solution = self.rows.solve(given)
         answer = self._answer(solution, scaled)
         if answer.at is None:
-            return Evidence(margin=answer.margin)
+            return DualBound(margin=answer.margin)
         # The rows of the box are left out: they are linear in its bounds, and come back at another box.
         constant, slope = self.rows.lagrangian(given, solution, without=("envelope", "sides"))
         com, turn, weights, moments = (slope[solution.columns[n]] for n in ("com", "rotation", "weights", "moments"))
@@ -155,7 +155,7 @@ class McCormick:
         left = moments.reshape(-1, 3, 3) - rows[0] - rows[1] + rows[2] + rows[3]
         # of m: made up for by the rows low-low (−m) and low-high (+m)
         rows = np.maximum(rows, 0.0) + np.stack([np.maximum(left, 0), 0 * left, np.maximum(-left, 0), 0 * left])
-        return Evidence(
+        return DualBound(
             margin=answer.margin,
             point=answer.at,
             excess=answer.excess,

@@ -111,7 +111,7 @@ class RelaxationAnswer:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Evidence:
+class DualBound:
     """What one solve of P1 tells about every other box over the same posture problem.
 
     margin: as in ``RelaxationAnswer``; the rest is None where there is none.

@@ -24,7 +24,7 @@ SHANK = np.array([0.0, 0.25, 0.5, 0.75, 0.88])
 CLEARANCE_M = np.array([0.03, 0.03, 0.03, 0.026, 0.018])
 """Points of the shank, as shares of it from the knee, and how far they should keep off the terrain: the last are near
 the foot's own surface."""
-COMFORT = {
+WEIGHTS = {
     "approach": 1.0,  # shank not along the approach
     "up": 0.4,  # knee not above the shoulder
     "yaw": 0.15,
@@ -55,11 +55,11 @@ def limb_posture(
     does not matter. near: a posture to stay close to, shape (4,). clearance: how far points of the limb's frame, shape
     (K, 3), are from the terrain, shape (K,) [m].
     """
-    family, cost = discomforts(lengths, target, approach, servo, near=near, clearance=clearance)
+    family, cost = posture_cost(lengths, target, approach, servo, near=near, clearance=clearance)
     return np.asarray(family[np.argmin(cost)])
 
 
-def discomforts(
+def posture_cost(
     lengths: Array,
     target: Array,
     approach: Array,
@@ -77,7 +77,7 @@ def discomforts(
     if clearance is not None:
         points = links(lengths, family)
         short = np.maximum(CLEARANCE_M - clearance(points.reshape(-1, 3)).reshape(len(family), -1), 0.0)
-        cost = cost + COMFORT["clear"] * np.sum(short**2, axis=1)
+        cost = cost + WEIGHTS["clear"] * np.sum(short**2, axis=1)
     return np.clip(family, servo.lower_rad, servo.upper_rad), cost
 
 
@@ -150,16 +150,16 @@ def _discomfort(family: Array, approach: Array, servo: Servo, near: Array | None
     over = np.maximum(family - np.array(servo.upper_rad) + MARGIN_RAD, 0.0)
     under = np.maximum(np.array(servo.lower_rad) + MARGIN_RAD - family, 0.0)
     cost = (
-        -COMFORT["approach"] * lower @ approach
-        - COMFORT["up"] * upper[:, 2]
-        + COMFORT["yaw"] * family[:, 0] ** 2
-        + COMFORT["roll"] * family[:, 2] ** 2
-        + COMFORT["limits"] * np.sum(over**2 + under**2, axis=1)
-        + COMFORT["beyond"] * np.any(np.maximum(over, under) > MARGIN_RAD, axis=1)
-        + COMFORT["steep"] * np.maximum(np.abs(upper[:, 2]) - STEEP, 0.0) ** 2
+        -WEIGHTS["approach"] * lower @ approach
+        - WEIGHTS["up"] * upper[:, 2]
+        + WEIGHTS["yaw"] * family[:, 0] ** 2
+        + WEIGHTS["roll"] * family[:, 2] ** 2
+        + WEIGHTS["limits"] * np.sum(over**2 + under**2, axis=1)
+        + WEIGHTS["beyond"] * np.any(np.maximum(over, under) > MARGIN_RAD, axis=1)
+        + WEIGHTS["steep"] * np.maximum(np.abs(upper[:, 2]) - STEEP, 0.0) ** 2
     )
     if near is not None:
-        cost = cost + COMFORT["near"] * np.sum((family - near) ** 2, axis=1)
+        cost = cost + WEIGHTS["near"] * np.sum((family - near) ** 2, axis=1)
     return np.asarray(cost)
 
 

@@ -17,9 +17,22 @@ from .reach import ReachRows
 class Limb:
     """One limb: its shoulder in the body frame (paper E's v, E11) and the radius of its spherical workspace.
 
-    shoulder_m: p_BS, shape (3,) [m]; reach_m: Δ_FK of E11 [m]. reach_rows: half-spaces that the toe is in, too;
-    where they alone should count, reach_m is that of a ball which holds them. sole_m: points (forward, left) of a rigid
-    flat foot about its centre, shape (K, 2) [m]; None for a point foot. Reach and steps are of the centre.
+    Arguments:
+        name: a word.
+        shoulder_m: p_BS, shape (3,) [m].
+        reach_m: Δ_FK of E11 [m].
+        reach_rows: half-spaces that the toe is in, too; where they alone should count, reach_m is that of a ball which
+            holds them.
+        sole_m: points (forward, left) of a rigid flat foot about its centre, shape (K, 2) [m]; None for a point foot.
+            Reach and steps are of the centre.
+    Raises:
+        InvalidInput: for another name, a wrong shape, a reach that is not positive.
+    Source:
+        Paper E §II, E11.
+    Example:
+        >>> from stancekit import Limb
+        >>> Limb(name="LF", shoulder_m=[0.2, 0.1, 0.0], reach_m=0.4).shoulder_m.shape
+        (3,)
     """
 
     name: str
@@ -38,7 +51,22 @@ class Limb:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Robot:
-    """A body with point-contact limbs; its centre of mass stays at the body's origin (paper E §II)."""
+    """A body with point-contact limbs; its centre of mass stays at the body's origin.
+
+    Arguments:
+        name: a word.
+        mass_kg: of all of it [kg].
+        limbs: one or more, of different names.
+    Raises:
+        InvalidInput: for a mass that is not positive, no limbs, or two of one name.
+    Source:
+        Paper E §II.
+    Example:
+        >>> from stancekit import Limb, Robot
+        >>> limbs = [Limb(name=f"L{k}", shoulder_m=[0.1 * k, 0.1, 0.0], reach_m=0.4) for k in range(3)]
+        >>> Robot(name="tripod", mass_kg=4.0, limbs=tuple(limbs)).limb_names
+        ('L0', 'L1', 'L2')
+    """
 
     name: str
     mass_kg: float
@@ -66,7 +94,17 @@ class Robot:
 
 
 def hexapod() -> Robot:
-    """The default robot: six four-joint limbs on a hexagon of 0.18 m, 10 kg, 0.35 m of reach (paper E §IV-B)."""
+    """The default robot: six four-joint limbs on a hexagon of 0.18 m, 10 kg, 0.35 m of reach.
+
+    Returns:
+        A ``Robot`` with the limbs LF, LM, LR, RF, RM, RR.
+    Source:
+        Paper E §IV-B.
+    Example:
+        >>> from stancekit import hexapod
+        >>> hexapod().mass_kg, len(hexapod().limbs)
+        (10.0, 6)
+    """
     radius_m, reach_m = 0.18, 0.35
     azimuth_deg = {"LF": 30.0, "LM": 90.0, "LR": 150.0, "RF": -30.0, "RM": -90.0, "RR": -150.0}
     limbs = tuple(

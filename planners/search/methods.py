@@ -2,46 +2,181 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, get_args
 
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
+from ..plugins import Registry
 from ..projection.project import Projection
 from .answer import Acceptance, CoursePlanner, Planner
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # what a planner needs is imported when it is asked for: a command waits for nothing else
     from ..relaxation.envelope import EnvelopeSet
     from ..relaxation.modes import Modes
 
-Method = Literal["exact", "p1", "lift", "two-stage", "nlp", "micp"]
-METHODS: tuple[Method, ...] = get_args(Method)
-CourseMethod = Literal["two-stage", "micp", "nlp", "decoupled", "exact"]
-COURSE_METHODS: tuple[CourseMethod, ...] = get_args(CourseMethod)
 Relaxation = Literal["lift", "envelope"]
 RELAXATIONS: tuple[Relaxation, ...] = get_args(Relaxation)
 
 
-_PLANNERS: dict[str, tuple[str, str, tuple[str, ...]]] = {  # module, class, the options that it takes
-    "exact": ("exact", "ExactPlanner", ("time_limit_s",)),
-    "p1": ("posture", "TwoStagePlanner", ("envelopes", "projection")),
-    "lift": ("posture", "TwoStagePlanner", ("projection",)),
-    "two-stage": ("posture", "TwoStagePlanner", ("envelopes", "projection")),
-    "nlp": ("nlp", "NlpPlanner", ("time_limit_s",)),
-    "micp": ("micp", "MicpPlanner", ("solver", "grid", "envelope", "time_limit_s")),
-}
-_COURSE_PLANNERS: dict[tuple[str, str], tuple[str, str, tuple[str, ...]]] = {  # by name and relaxation
-    ("two-stage", "lift"): ("two_stage", "TwoStageCoursePlanner", ("projection", "time_limit_s")),
-    ("two-stage", "envelope"): ("enveloped", "EnvelopeCoursePlanner", ("envelopes", "projection", "time_limit_s")),
-    ("micp", ""): ("micp", "MicpPlanner", ("solver", "grid", "envelope", "gap", "projection", "time_limit_s")),
-    ("nlp", ""): ("nlp", "NlpPlanner", ("time_limit_s",)),
-    ("decoupled", ""): ("decoupled", "DecoupledPlanner", ()),
-    ("exact", ""): ("exact", "ExactCoursePlanner", ("gap", "time_limit_s")),
-}
+@dataclass(frozen=True, kw_only=True)
+class PlannerOptions:
+    """What a planner is made with; each uses those options that concern it.
+
+    envelopes: learned boxes; of courses also ``Modes``. relaxation: of courses, P1 of ``two-stage``. projection: P2,
+    the planner's own where None. solver, intervals: of ``micp``; envelope_use, too, of courses. gap: relative, of
+    ``micp`` and ``exact`` over courses; None takes the first point, or the default. time_limit_s: of one problem.
+    acceptance: when a claim counts. programs: to share; their engine solves the convex programs.
+    """
+
+    envelopes: EnvelopeSet | Modes | None = None
+    relaxation: Relaxation | None = None
+    projection: Projection | None = None
+    solver: str = "highs"
+    intervals: int = 4
+    envelope_use: Literal["rows", "shrink"] = "rows"
+    gap: float | None = None
+    time_limit_s: float = 30.0
+    acceptance: Acceptance = field(default_factory=Acceptance)
+    programs: Programs | None = None
+
+    @property
+    def boxes(self) -> EnvelopeSet | None:
+        """The envelopes. Raises InvalidInput for modes, between which only a planner of courses can switch."""
+        from ..relaxation.modes import Modes
+
+        if isinstance(self.envelopes, Modes):
+            raise InvalidInput("envelopes: expected envelopes, got modes, which are for courses")
+        return self.envelopes
+
+
+def _exact(options: PlannerOptions) -> Planner:
+    from .exact import ExactPlanner
+
+    return ExactPlanner(acceptance=options.acceptance, time_limit_s=options.time_limit_s, programs=options.programs)
+
+
+def _p1(options: PlannerOptions) -> Planner:
+    if options.envelopes is None:
+        raise InvalidInput("envelope: expected an envelope file for the method p1, got none")
+    return _staged(options, options.boxes, options.projection)
+
+
+def _lift(options: PlannerOptions) -> Planner:
+    return _staged(options, None, options.projection)
+
+
+def _two_stage(options: PlannerOptions) -> Planner:
+    return _staged(options, options.boxes, options.projection or "scp")
+
+
+def _staged(options: PlannerOptions, envelopes: EnvelopeSet | None, projection: Projection | None) -> Planner:
+    from .posture import TwoStagePlanner
+
+    return TwoStagePlanner(
+        envelopes=envelopes, projection=projection, acceptance=options.acceptance, programs=options.programs
+    )
+
+
+def _nlp(options: PlannerOptions) -> Planner:
+    from .nlp import NlpPlanner
+
+    return NlpPlanner(acceptance=options.acceptance, time_limit_s=options.time_limit_s, programs=options.programs)
+
+
+def _micp(options: PlannerOptions) -> Planner:
+    from ..relaxation.micp import Grid
+    from .micp import MicpPlanner
+
+    boxes = options.boxes
+    if boxes is not None and len(boxes.envelopes) > 1:
+        raise InvalidInput(f"envelope: expected one envelope for micp, got {len(boxes.envelopes)}")
+    return MicpPlanner(
+        solver=options.solver, grid=Grid(intervals=options.intervals), envelope=boxes,
+        time_limit_s=options.time_limit_s, acceptance=options.acceptance, programs=options.programs,
+    )  # fmt: skip
+
+
+def _course_two_stage(options: PlannerOptions) -> CoursePlanner:
+    projection = options.projection or "scp"
+    if options.envelopes is not None:
+        from .enveloped import EnvelopeCoursePlanner
+
+        return EnvelopeCoursePlanner(
+            options.envelopes, projection=projection, time_limit_s=options.time_limit_s,
+            acceptance=options.acceptance, programs=options.programs,
+        )  # fmt: skip
+    from .two_stage import TwoStageCoursePlanner
+
+    return TwoStageCoursePlanner(
+        projection=projection, time_limit_s=options.time_limit_s, acceptance=options.acceptance,
+        programs=options.programs,
+    )  # fmt: skip
+
+
+def _course_micp(options: PlannerOptions) -> CoursePlanner:
+    from ..relaxation.micp import Grid
+    from ..relaxation.modes import Modes
+    from .micp import MicpPlanner
+
+    if isinstance(options.envelopes, Modes):
+        raise InvalidInput("envelopes: expected one envelope for micp, got modes")
+    return MicpPlanner(
+        solver=options.solver, grid=Grid(intervals=options.intervals, envelope_use=options.envelope_use),
+        envelope=options.envelopes, gap=options.gap, projection=options.projection or "scp",
+        time_limit_s=options.time_limit_s, acceptance=options.acceptance, programs=options.programs,
+    )  # fmt: skip
+
+
+def _course_nlp(options: PlannerOptions) -> CoursePlanner:
+    from .nlp import NlpPlanner
+
+    _check_without("nlp", options)
+    return NlpPlanner(time_limit_s=options.time_limit_s, acceptance=options.acceptance, programs=options.programs)
+
+
+def _course_decoupled(options: PlannerOptions) -> CoursePlanner:
+    from .decoupled import DecoupledPlanner
+
+    _check_without("decoupled", options)
+    return DecoupledPlanner(acceptance=options.acceptance, programs=options.programs)
+
+
+def _course_exact(options: PlannerOptions) -> CoursePlanner:
+    from .exact import ExactCoursePlanner
+
+    _check_without("exact", options)
+    return ExactCoursePlanner(
+        gap=1e-3 if options.gap is None else options.gap, time_limit_s=options.time_limit_s,
+        acceptance=options.acceptance, programs=options.programs,
+    )  # fmt: skip
+
+
+def _check_without(name: str, options: PlannerOptions) -> None:
+    if options.envelopes is not None:
+        raise InvalidInput(f"envelopes: expected none for {name}, which has no use for them")
+
+
+METHODS = ("exact", "p1", "lift", "two-stage", "nlp", "micp")
+"""The planners of postures that are the package's own."""
+COURSE_METHODS = ("two-stage", "micp", "nlp", "decoupled", "exact")
+"""And those of courses."""
+PLANNERS: Registry[Callable[[PlannerOptions], Planner]] = Registry(
+    "method", "stancekit.planners", {name: f"{__name__}:_{name.replace('-', '_')}" for name in METHODS},
+    expected="something to call with PlannerOptions",
+)  # fmt: skip
+"""All planners of postures: called with ``PlannerOptions``, a class or function gives something with ``solve``."""
+COURSE_PLANNERS: Registry[Callable[[PlannerOptions], CoursePlanner]] = Registry(
+    "planner", "stancekit.course_planners",
+    {name: f"{__name__}:_course_{name.replace('-', '_')}" for name in COURSE_METHODS},
+    expected="something to call with PlannerOptions",
+)  # fmt: skip
+"""All planners of courses, likewise."""
 
 
 def make_planner(
-    method: Method,
+    method: str,
     *,
     envelopes: EnvelopeSet | None = None,
     projection: Projection | None = None,
@@ -53,25 +188,22 @@ def make_planner(
 ) -> Planner:
     """Make a planner of postures. ``two-stage`` uses the envelopes, or the lift without; ``p1`` needs envelopes.
 
+    method: a name of ``PLANNERS``, or "FILE.py:NAME"; what is not the package's own answers through the verifier.
     projection: P2 after ``two-stage`` (SCP where None), ``p1`` or ``lift`` (none where None).
     solver, intervals: of ``micp``. time_limit_s: of one problem, for the methods that search. programs: to share; their
     engine solves the convex programs.
     Raises InvalidInput for an unknown method, an envelope that is missing, or a solver that is not installed.
     """
-    if method not in _PLANNERS:
-        raise InvalidInput(f"method: expected one of {', '.join(METHODS)}, got {method!r}")
-    if method == "p1" and envelopes is None:
-        raise InvalidInput("envelope: expected an envelope file for the method p1, got none")
-    if method == "micp" and envelopes is not None and len(envelopes.envelopes) > 1:
-        raise InvalidInput(f"envelope: expected one envelope for micp, got {len(envelopes.envelopes)}")
-    options: dict[str, Any] = {
-        "envelopes": envelopes, "envelope": envelopes, "solver": solver, "time_limit_s": time_limit_s,
-        "projection": projection or ("scp" if method == "two-stage" else None),
-    }  # fmt: skip
-    if method == "micp":
-        options["grid"] = _grid(intervals=intervals)
-    planner: Planner = _made(_PLANNERS[method], options, acceptance, programs)
-    return planner
+    options = PlannerOptions(
+        envelopes=envelopes, projection=projection, solver=solver, intervals=intervals, time_limit_s=time_limit_s,
+        acceptance=acceptance, programs=programs,
+    )  # fmt: skip
+    planner = PLANNERS.get(method)(options)
+    if method in METHODS:
+        return planner
+    from .verified import VerifiedPlanner
+
+    return VerifiedPlanner(planner, method, acceptance)
 
 
 def make_course_planner(
@@ -90,51 +222,29 @@ def make_course_planner(
 ) -> CoursePlanner:
     """Make a planner of courses.
 
+    name: of ``COURSE_PLANNERS``, or "FILE.py:NAME"; what is not the package's own answers through the verifier.
     relaxation: P1 of ``two-stage``; where None, "envelope" with envelopes and "lift" without. envelopes: of "envelope"
     and, one box, of ``micp``; ``Modes`` make ``two-stage`` switch between them. solver, intervals, envelope_use: of
     ``micp``. gap: relative, of ``micp`` and ``exact``; None takes the first point, or the default. time_limit_s: of one
     course. programs: to share. Raises InvalidInput for an unknown name, envelopes that are missing or have no use, or a
     solver that is not installed.
     """
-    if name not in COURSE_METHODS:
-        raise InvalidInput(f"planner: expected one of {', '.join(COURSE_METHODS)}, got {name!r}")
+    make = COURSE_PLANNERS.get(name)
     if relaxation is not None and relaxation not in RELAXATIONS:
         raise InvalidInput(f"relaxation: expected one of {', '.join(RELAXATIONS)}, got {relaxation!r}")
-    if relaxation is not None and name != "two-stage":
+    if relaxation is not None and name in COURSE_METHODS and name != "two-stage":
         raise InvalidInput(f"relaxation: expected none for {name}, got {relaxation!r}")
     if relaxation == "lift" and envelopes is not None:
         raise InvalidInput("envelopes: expected none for the lift, which has no use for them")
     if relaxation == "envelope" and envelopes is None:
         raise InvalidInput("envelopes: expected an envelope or modes for the relaxation envelope, got none")
-    if envelopes is not None and name not in ("two-stage", "micp"):
-        raise InvalidInput(f"envelopes: expected none for {name}, which has no use for them")
-    options: dict[str, Any] = {
-        "envelopes": envelopes, "envelope": envelopes, "projection": projection, "solver": solver,
-        "time_limit_s": time_limit_s,
-    }  # fmt: skip
-    if gap is not None:
-        options["gap"] = gap
-    if name == "micp":
-        from ..relaxation.modes import Modes
+    options = PlannerOptions(
+        envelopes=envelopes, relaxation=relaxation, projection=projection, solver=solver, intervals=intervals,
+        envelope_use=envelope_use, gap=gap, time_limit_s=time_limit_s, acceptance=acceptance, programs=programs,
+    )  # fmt: skip
+    planner = make(options)
+    if name in COURSE_METHODS:
+        return planner
+    from .verified import VerifiedCoursePlanner
 
-        if isinstance(envelopes, Modes):
-            raise InvalidInput("envelopes: expected one envelope for micp, got modes")
-        options["grid"] = _grid(intervals=intervals, envelope_use=envelope_use)
-    p1 = ("lift" if envelopes is None else "envelope") if name == "two-stage" else ""
-    planner: CoursePlanner = _made(_COURSE_PLANNERS[name, p1], options, acceptance, programs)
-    return planner
-
-
-def _made(
-    entry: tuple[str, str, tuple[str, ...]], options: dict[str, Any], acceptance: Acceptance, programs: Programs | None
-) -> Any:
-    """A planner of one of the tables; its module is imported now."""
-    module, name, takes = entry
-    kind = getattr(import_module(f".{module}", __package__), name)
-    return kind(**{each: options[each] for each in takes if each in options}, acceptance=acceptance, programs=programs)
-
-
-def _grid(**options: Any) -> Any:
-    from ..relaxation.micp import Grid  # cvxpy takes a second to import
-
-    return Grid(**options)
+    return VerifiedCoursePlanner(planner, name, acceptance)

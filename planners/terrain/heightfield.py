@@ -25,9 +25,23 @@ MOST_POINTS = 4_000_000
 class HeightField:
     """Terrain heights on a rectilinear grid, interpolated by a natural bicubic spline.
 
-    x_m: shape (n,) and y_m: shape (m,), increasing [m]; heights_m: shape (n, m), h at (x_i, y_j) [m]; name: what the
-    terrain is called in messages. C² everywhere: beyond the grid the surface goes on along straight lines.
-    Raises InvalidInput for fewer than four grid lines, a hole (NaN), and for more than 200 m along an axis.
+    C² everywhere: beyond the grid the surface goes on along straight lines. ``from_function``, ``from_array`` and
+    ``from_file`` make one, too.
+
+    Arguments:
+        x_m, y_m: grid lines, shape (n,) and (m,), increasing [m].
+        heights_m: h at (x_i, y_j), shape (n, m) [m].
+        name: what the terrain is called in messages.
+    Raises:
+        InvalidInput: for fewer than four grid lines, a hole (NaN), and for more than 200 m along an axis.
+    Source:
+        Paper W §III-B, after W5.
+    Example:
+        >>> import numpy as np
+        >>> from stancekit import HeightField
+        >>> bowl = HeightField.from_function(lambda x, y: 0.1 * (x**2 + y**2), half_width_m=1.0, name="bowl")
+        >>> bowl.gradient(np.array([0.5, 0.0])).round(4).tolist()
+        [0.1, 0.0]
     """
 
     x_m: Array

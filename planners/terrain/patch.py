@@ -21,11 +21,22 @@ MOST_VERTICES = 512
 class Patch:
     """A convex planar polygon with a Coulomb friction coefficient (paper E §II, Fig. 2).
 
-    vertices_m: v_u in the world, in order around the border, shape (U, 3) with U ≥ 3 [m].
-    normal: unit normal n, out of the terrain towards the robot, shape (3,).
-    shear_reference: direction whose projection on the patch is the second shear axis z, shape (3,); not along n.
-    friction: μ ≥ 0.
-    Raises InvalidInput for a bent, non-convex or degenerate polygon and for a shear reference along the normal.
+    Arguments:
+        vertices_m: v_u in the world, in order around the border, shape (U, 3) with U ≥ 3 [m].
+        normal: unit normal n, out of the terrain towards the robot, shape (3,).
+        shear_reference: direction whose projection on the patch is the second shear axis z, shape (3,); not along n.
+        friction: μ ≥ 0.
+    Raises:
+        InvalidInput: for a bent, non-convex or degenerate polygon and for a shear reference along the normal.
+    Source:
+        Paper E §II, Fig. 2, E1 and E10.
+    Example:
+        >>> import numpy as np
+        >>> from stancekit import Patch
+        >>> square = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.1, 0.0], [0.0, 0.1, 0.0]])
+        >>> patch = Patch(vertices_m=square, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
+        >>> patch.frame.round(3).tolist()
+        [[0.0, 0.0, 1.0], [0.0, -1.0, 0.0], [1.0, 0.0, 0.0]]
     """
 
     vertices_m: Array

@@ -1,6 +1,6 @@
 """The closed loop: observe, choose an envelope, plan, verify, forward the next key frames, and look again.
 
-A policy is a callable from what is observed to the planner of the next key frames: a trained selector that chooses an
+A policy is a callable from an observation to the planner of the next key frames: a trained selector that chooses an
 envelope, or always the same. Where the robot is not where its plan has it, the rest is planned anew from where it is
 measured to stand, and feet that slid tell how much friction there really is.
 """
@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from stancekit.planners.errors import HardwareFault, InvalidInput, PlanningFailed
+from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import checked, gathered
 from stancekit.planners.problem.course import Course
 from stancekit.planners.robot.kinematics import Kinematics
@@ -28,19 +28,19 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 
 from ..acceptance import Accepted
+from ..motion.timeline import PlanMotion
 from ..prepared import Prepared
-from ..report import Rows
+from ..record import Record
 from ..run import Runner
 from ..safety.ending import Ended
-from ..safety.latch import Stopped
 from ..worlds.world import State
-from .estimation import com_of, deviation_m, felt_friction, standing_of
-from .slip_recovery import Catcher, SlideWatch
+from .estimation import deviation_m, estimate_friction, estimate_standing, measured_com_m
+from .slip_recovery import SlipDetector, SlipRecovery
 from .tracker import Continued, Target
 
 Answer = TypeVar("Answer")
 FELT_S = 0.1
-"""So far back feet that slide are asked for the friction that they feel."""
+"""So far back the friction that sliding feet feel is taken from."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,8 +63,8 @@ Policy = Callable[[Observation], CoursePlanner]
 class LoopSettings:
     """horizon: key frames a plan; 0 for all that are left. replan_m: a body or a foot farther than this from the plan
     has the rest planned anew, at the next moment when all feet stand; inf for never. most: so many plans at most.
-    shares: of the friction believed in, that are planned with. goal_m: how far from where its last plan has it the
-    centre of mass may end. learn_friction: believe what sliding feet feel."""
+    shares: of the estimated friction, that are planned with. goal_m: how far from where its last plan has it the
+    centre of mass may end. learn_friction: estimate it from what sliding feet feel."""
 
     horizon: int = 0
     replan_m: float = 0.012
@@ -86,7 +86,7 @@ class LoopSettings:
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopReport:
     """How it went. plans: made and run; replans: of these, because of a deviation. frames: key frames reached, of all
-    but the first. friction_share: believed at the end. com_final_m: from the last plan's end. seconds: of motion."""
+    but the first. friction_share: estimated at the end. com_final_m: from the last plan's end. seconds: of motion."""
 
     succeeded: bool
     message: str
@@ -110,7 +110,7 @@ class LoopReport:
 class ClosedLoop:
     """One course walked by one policy on the runner's world.
 
-    course: as it is believed to be. policy: None for the two-stage planner over the lift.
+    course: as far as it is known. policy: None for the two-stage planner over the lift.
     """
 
     def __init__(
@@ -122,8 +122,8 @@ class ClosedLoop:
         self._share = self._planned_share = 1.0
         self._frame = self._plans = self._replans = 0
         self._kinematics = Kinematics(course.robot, runner.world.servo, gravity_m_s2=course.gravity_m_s2)
-        self._catcher = Catcher(runner, self._kinematics)
-        self._watch, self._slid = SlideWatch(runner.world.rate_hz), False
+        self._recovery = SlipRecovery(runner, self._kinematics)
+        self._slips, self._slid = SlipDetector(runner.world.rate_hz), False
         self._plan_s = self._seconds = self._worst = 0.0
 
     def run(self, terrain: Sequence[Patch] | None = None, first: Accepted | None = None) -> LoopReport:
@@ -134,24 +134,12 @@ class ClosedLoop:
         """
         begin, runner = time.perf_counter(), self.runner
         prepared = runner.prepare(self._planned(None) if first is None else first)
-        self._plans = 1
-        message = ""
-        with runner.watched():
-            try:
-                runner.begin(prepared, terrain)
-                prepared = self._walk(prepared)
-            except (Stopped, HardwareFault, PlanningFailed, InvalidInput) as error:
-                message = str(error)
-                if not runner.begun:
-                    raise
-            except BaseException as error:
-                message = f"{type(error).__name__}: {error}"
-                raise
-            finally:
-                ended = runner.finish(prepared, message)
+        self._plans, self._prepared = 1, prepared
+        ended, message = runner.perform(prepared, self._walk, terrain)
+        prepared = self._prepared
         final = float("nan")
         if runner.state is not None:
-            final = float(np.linalg.norm(com_of(prepared.kinematics, runner.state) - prepared.plan.com_m[-1]))
+            final = float(np.linalg.norm(measured_com_m(prepared.kinematics, runner.state) - prepared.motion.goal_m))
         if not message and final > self.settings.goal_m:
             message = f"the centre of mass ended {1e3 * final:.0f} mm from its last plan's"
         report = LoopReport(
@@ -162,43 +150,52 @@ class ClosedLoop:
         runner.log.write("verdict", report.to_json())
         return report
 
-    def _walk(self, prepared: Prepared) -> Prepared:
-        """Plan after plan to the last key frame; the plan that was run last."""
-        runner = self.runner
-        while True:
-            rows, begun = Rows(), self._frame
-            self._watch, self._slid = SlideWatch(runner.world.rate_hz), False
-            try:
-                whole = runner.follow(prepared, rows, self._astray)
-            finally:
-                self._note(prepared, rows, begun)
-            if whole and self._frame == self.course.frames - 1:
-                return prepared
-            if self._plans >= self.settings.most:
-                raise PlanningFailed(f"no way found in {self._plans} plans, at frame {self._frame}")
-            self._replans += not whole
-            target, state = rows.pairs[-1]
-            if not whole:
-                self._believed(prepared, rows)
-            if self._slid:
-                state, seconds = self._catcher.stand(prepared.plan, rows, partial(self._believed, prepared))
-                self._seconds += seconds
-            told = f"frame {self._frame}, {self._share:.2f} of the friction believed in"
-            runner.decide("go on" if whole else "plan anew", told)
-            prepared = self._next(prepared, target, state)
-            runner.go([prepared.first.targets_rad if prepared.sees else prepared.first.angles_rad])
+    def _walk(self) -> str:
+        """Plan after plan to the last key frame; why not so far."""
+        try:
+            while not self._stretch(self._prepared):
+                pass
+        except (PlanningFailed, InvalidInput) as error:
+            return str(error)
+        return ""
 
-    def _believed(self, prepared: Prepared, rows: Rows) -> float:
-        """The share of the plan's friction that is believed in, after a look at what feet that slide feel just now."""
+    def _stretch(self, prepared: Prepared[PlanMotion]) -> bool:
+        """One plan to its end, or to where it is left for another, which is made; whether it was the last."""
+        runner = self.runner
+        record, begun = Record(), self._frame
+        self._slips, self._slid = SlipDetector(runner.world.rate_hz), False
+        try:
+            whole = runner.follow(prepared, record, self._astray)
+        finally:
+            self._count(record, begun)
+        if whole and self._frame == self.course.frames - 1:
+            return True
+        if self._plans >= self.settings.most:
+            raise PlanningFailed(f"no plan to the end in {self._plans} plans, at frame {self._frame}")
+        self._replans += not whole
+        target, state = record.pairs[-1]
+        if not whole:
+            self._estimate(prepared, record)
+        if self._slid:
+            state, seconds = self._recovery.recover(prepared.motion.plan, record, partial(self._estimate, prepared))
+            self._seconds += seconds
+        why = f"frame {self._frame}, friction estimated at {self._share:.2f} of the course's"
+        runner.decide("go on" if whole else "plan anew", why)
+        self._prepared = after = self._next(prepared, target, state)
+        runner.go([after.first.targets_rad if after.sees else after.first.angles_rad])
+        return False
+
+    def _estimate(self, prepared: Prepared[PlanMotion], record: Record) -> float:
+        """The share of the plan's friction that there is, by what feet that slide feel just now."""
         if self.settings.learn_friction:
-            felt = felt_friction(prepared.plan, rows, 1.0 / self.runner.world.rate_hz, FELT_S)
+            felt = estimate_friction(prepared.motion.plan, record, 1.0 / self.runner.world.rate_hz, FELT_S)
             self._share = min(self._share, self._planned_share * felt)
         return self._share / self._planned_share
 
-    def _next(self, before: Prepared, target: Target, state: State) -> Prepared:
+    def _next(self, before: Prepared[PlanMotion], target: Target, state: State) -> Prepared[PlanMotion]:
         """The next plan, from where the robot is measured to stand, or else from where it should."""
-        index, plan = round(target.instant.frame), before.plan
-        measured = standing_of(plan, index, target, state, self._kinematics) if before.sees else None
+        index, plan = round(target.sample.frame), before.motion.plan
+        measured = estimate_standing(plan, index, target, state, self._kinematics) if before.sees else None
         ends = Standing(
             com_m=plan.com_m[index], rotation_rad=plan.rotation_rad[index], toes_m=plan.toes_at(index),
             patches=tuple(plan.course.patch(int(p), plan.choice) for p in plan.course.holds[index]),
@@ -209,8 +206,8 @@ class ClosedLoop:
         for standing in ([] if measured is None else [measured]) + [ends]:
             kinematics = Continued(course.robot, servo, gravity_m_s2=course.gravity_m_s2, near=near)
             try:
-                accepted = self._thought(partial(self._planned, standing))
-                return self._thought(partial(self.runner.prepare, accepted, kinematics))
+                accepted = self._while_held(partial(self._planned, standing))
+                return self._while_held(partial(self.runner.prepare, accepted, kinematics))
             except (PlanningFailed, InvalidInput) as error:
                 failures.append(str(error))
                 self.runner.decide("no plan", str(error))
@@ -219,20 +216,20 @@ class ClosedLoop:
     def _planned(self, standing: Standing | None) -> Accepted:
         """Observe, choose, plan, verify. Raises PlanningFailed."""
         begin = time.perf_counter()
-        believed = self.course if self._share >= 1.0 else slippery(self.course, self._share)
+        estimate = self.course if self._share >= 1.0 else slippery(self.course, self._share)
         if standing is not None:
             duller = self._share / self._planned_share
             patches = tuple(replace(patch, friction=duller * patch.friction) for patch in standing.patches)
             standing = replace(standing, patches=patches)
 
-        def chosen(window: Course) -> CoursePlanner:
-            seen = Observation(
+        def planner_of(window: Course) -> CoursePlanner:
+            observation = Observation(
                 window=window, standing=standing, state=self.runner.state, friction_share=self._share, frame=self._frame
             )
-            return self._policy(seen)
+            return self._policy(observation)
 
         outcome = replan(
-            standing, believed, frame=self._frame, horizon=self.settings.horizon or None, planner=chosen,
+            standing, estimate, frame=self._frame, horizon=self.settings.horizon or None, planner=planner_of,
             shares=self.settings.shares,
         )  # fmt: skip
         self._plan_s += time.perf_counter() - begin
@@ -245,8 +242,8 @@ class ClosedLoop:
         self._plans, self._planned_share = self._plans + 1, self._share
         return accepted
 
-    def _thought(self, work: Callable[[], Answer]) -> Answer:
-        """The answer of some work, while something real is told again and again to stay where it is."""
+    def _while_held(self, work: Callable[[], Answer]) -> Answer:
+        """The answer of some work, while something real is sent again and again where it is."""
         world = self.runner.world
         if not world.real or world.dry:
             return work()
@@ -265,11 +262,11 @@ class ClosedLoop:
         self._worst = max(self._worst, away)
         if not np.isfinite(self.settings.replan_m):
             return False
-        self._slid = bool(self._watch.slides(target, state).any())
-        return self._slid or (min(target.instant.placement) >= 0 and away > self.settings.replan_m)
+        self._slid = bool(self._slips.slipping(target, state).any())
+        return self._slid or (min(target.sample.placement) >= 0 and away > self.settings.replan_m)
 
-    def _note(self, prepared: Prepared, rows: Rows, begun: int) -> None:
+    def _count(self, record: Record, begun: int) -> None:
         """How far it came."""
-        if rows.pairs:
-            self._frame = begun + round(rows.pairs[-1][0].instant.frame)
-            self._seconds += len(rows.pairs) / self.runner.world.rate_hz
+        if record.pairs:
+            self._frame = begun + round(record.pairs[-1][0].sample.frame)
+            self._seconds += len(record.pairs) / self.runner.world.rate_hz

@@ -5,9 +5,9 @@ Where P1 has no plan within the chosen envelopes, the lift plans, which needs no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +26,14 @@ from stancekit.planners.terrain import Patch
 
 from .closed_loop import Observation
 
-Predict = Callable[[Mapping[str, NDArray[Any]]], NDArray[Any]]
-"""From an observation of ``EnvelopeSelection-v0`` to its action, bounds of one or more envelopes."""
+
+class Predictor(Protocol):
+    """Whatever predicts as policies of stable-baselines3 do: every selector, every trained agent."""
+
+    def predict(self, observation: Mapping[str, NDArray[Any]], /) -> tuple[NDArray[Any], Any]:
+        """From an observation of ``EnvelopeSelection-v0`` to its action, bounds of one or more envelopes, and a state,
+        which is not looked at."""
+        ...
 
 
 class SelectorPolicy:
@@ -37,14 +43,14 @@ class SelectorPolicy:
     answered so far.
     """
 
-    def __init__(self, predict: Predict, learned: EnvelopeSet, programs: Programs | None = None) -> None:
+    def __init__(self, selector: Predictor, learned: EnvelopeSet, programs: Programs | None = None) -> None:
         self.learned, self.planners = learned, list[EnvelopeOrLift]()
-        self._predict, self._programs = predict, programs or Programs()
+        self._selector, self._programs = selector, programs or Programs()
         self._lift = TwoStageCoursePlanner(programs=self._programs)
 
     def __call__(self, observation: Observation) -> CoursePlanner:
         """The planner of the coming key frames."""
-        boxes = chosen(self._predict, self.learned, observation.window)
+        boxes = chosen(self._selector, self.learned, observation.window)
         if not boxes:
             return self._lift
         within = EnvelopeCoursePlanner(replace(self.learned, envelopes=boxes), programs=self._programs)
@@ -66,7 +72,7 @@ class SelectorPolicy:
         return inside, len(planned) - inside
 
 
-def chosen(predict: Predict, learned: EnvelopeSet, course: Course) -> tuple[Envelope, ...]:
+def chosen(selector: Predictor, learned: EnvelopeSet, course: Course) -> tuple[Envelope, ...]:
     """The different envelopes that a selector chooses for the stances of a course by these legs, first candidates."""
     names, found = course.robot.limb_names, dict[bytes, Envelope]()
     first = np.zeros(len(course.placements), dtype=int)
@@ -79,7 +85,7 @@ def chosen(predict: Predict, learned: EnvelopeSet, course: Course) -> tuple[Enve
         ordered = replace(
             problem, contacts=tuple(replace(contact, patch=triangular(contact.patch)) for contact in contacts)
         )
-        action = np.asarray(predict(observe(Scaled.of(ordered))), dtype=float)
+        action = np.asarray(selector.predict(observe(Scaled.of(ordered)))[0], dtype=float)
         for row in action.reshape(-1, 12 * len(learned.legs)):
             found.setdefault(row.tobytes(), Envelope.from_vector(row))
     return tuple(found.values())

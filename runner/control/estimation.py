@@ -15,7 +15,7 @@ from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.terrain import Patch
 
-from ..report import Rows
+from ..record import Record
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.world import State
 from .tracker import Target
@@ -27,7 +27,7 @@ BORDER_M = 0.02
 """So far beyond its patch's border a foot may have slid and still be taken for standing on the border."""
 
 
-def com_of(kinematics: Kinematics, state: State) -> Array:
+def measured_com_m(kinematics: Kinematics, state: State) -> Array:
     """The measured centre of mass, shape (3,) [m]."""
     return np.asarray(state.position_m + state.rotation @ kinematics.com_offset(state.angles_rad))
 
@@ -36,14 +36,14 @@ def deviation_m(target: Target, state: State, kinematics: Kinematics, can: World
     """How far the body or a foot that stands is from the plan [m]; 0 where the world does not measure the body."""
     if not can.has_body_pose:
         return 0.0
-    instant = target.instant
-    body = float(np.linalg.norm(com_of(kinematics, state) - instant.com_m))
-    stands = np.array(instant.placement) >= 0
-    feet = np.linalg.norm(state.feet_m - target.rolled_m - instant.feet_m, axis=1)[stands]
+    sample = target.sample
+    body = float(np.linalg.norm(measured_com_m(kinematics, state) - sample.com_m))
+    stands = np.array(sample.placement) >= 0
+    feet = np.linalg.norm(state.feet_m - target.rolled_m - sample.feet_m, axis=1)[stands]
     return max(body, float(feet.max(initial=0.0)))
 
 
-def standing_of(plan: Plan, frame: int, target: Target, state: State, kinematics: Kinematics) -> Standing | None:
+def estimate_standing(plan: Plan, frame: int, target: Target, state: State, kinematics: Kinematics) -> Standing | None:
     """Where the robot is measured to stand at a key frame of its plan; None where a foot left its patch.
 
     Feet are put back into the plane of their patch, and onto its border where they slid a little beyond.
@@ -58,20 +58,20 @@ def standing_of(plan: Plan, frame: int, target: Target, state: State, kinematics
             return None
         toes.append(inside)
     return Standing(
-        com_m=com_of(kinematics, state),
+        com_m=measured_com_m(kinematics, state),
         rotation_rad=Rotation.from_matrix(state.rotation).as_rotvec(),
         toes_m=np.array(toes),
         patches=patches,
     )
 
 
-def felt_friction(plan: Plan, rows: Rows, period_s: float, last_s: float = inf) -> float:
+def estimate_friction(plan: Plan, record: Record, period_s: float, last_s: float = inf) -> float:
     """The share of the plan's friction that sliding feet felt: the median of |tangential| over μ · normal; 1 where none
     slid. last_s: look at no more than so much of the end."""
     felt = []
-    pairs = rows.pairs[-int(min(last_s / period_s, len(rows.pairs))) - 1 :]
+    pairs = record.pairs[-int(min(last_s / period_s, len(record.pairs))) - 1 :]
     for (_, before), (target, state) in pairwise(pairs):
-        for limb, placement in enumerate(target.instant.placement):
+        for limb, placement in enumerate(target.sample.placement):
             if placement < 0:
                 continue
             patch = plan.course.patch(placement, plan.choice)

@@ -34,7 +34,7 @@ class _Stance:
     high: Array
 
 
-class ForceShare:
+class ForceDistribution:
     """Least Σ‖f‖² in balance, inside cones of a part of μ, for N contacts."""
 
     def __init__(self, contacts: int) -> None:
@@ -83,10 +83,10 @@ class ForceShare:
         return None
 
 
-def shared_forces(plan: Plan) -> Array:
+def distribute_forces(plan: Plan) -> Array:
     """Forces of all stances with a reserve of friction, the plan's own where there is none, shape (S, N, 3) [N]."""
-    share = ForceShare(len(plan.course.robot.limbs))
-    found = [share.solve(plan, index) for index in range(len(plan.course.stances))]
+    distribution = ForceDistribution(len(plan.course.robot.limbs))
+    found = [distribution.solve(plan, index) for index in range(len(plan.course.stances))]
     return np.array([plan.forces_n[i] if forces is None else forces for i, forces in enumerate(found)])
 
 

@@ -1,7 +1,7 @@
 """What a robot does at once when its feet slide: stay where it is, press harder, put down what is in the air.
 
 No plan is made for that. The body stays at the pose that was measured, the feet that stand press with forces that hold
-on the friction that they just felt, with a reserve (``planners.force_share``), and feet in the air go straight to the
+on the friction that they just felt, with a reserve (``force_distribution``), and feet in the air go straight to the
 surface next to them. Then there is time to plan anew.
 """
 
@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,12 +22,13 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.terrain.prism import Solid
 
-from ..motion.timeline import Instant
-from ..report import Rows
+from ..motion.motion import MotionSample
+from ..prepared import Tracked
+from ..record import Record
 from ..run import Runner
 from ..worlds.world import State
-from .estimation import com_of, nearest_on
-from .force_distribution import ForceShare
+from .estimation import measured_com_m, nearest_on
+from .force_distribution import ForceDistribution
 from .tracker import Continued, Target, Tracker
 
 WINDOW_S = 0.05
@@ -39,13 +41,13 @@ LAND_M_S = 0.3
 STAND_S = 0.3
 """Feet in the air come down with this mean speed; then everybody stands for a while."""
 KNOTS = 9
-CATCHES = 8
+ATTEMPTS = 8
 """So often forces are chosen anew while feet slide on."""
 GRIP_S = 0.1
 """So long new forces take to stop a foot."""
 
 
-class SlideWatch:
+class SlipDetector:
     """Which feet slide, from what is measured in every control period."""
 
     def __init__(self, rate_hz: float) -> None:
@@ -54,25 +56,25 @@ class SlideWatch:
         self._placement: tuple[int, ...] = ()
         self._since = np.zeros(0, dtype=int)
 
-    def slides(self, target: Target, state: State) -> NDArray[np.bool_]:
+    def slipping(self, target: Target, state: State) -> NDArray[np.bool_]:
         """shape (N,)."""
-        instant = target.instant
+        sample = target.sample
         if not self._placement:
-            self._since = np.full(len(instant.placement), self._stood)
+            self._since = np.full(len(sample.placement), self._stood)
         else:
-            same = np.array(instant.placement) == np.array(self._placement)
+            same = np.array(sample.placement) == np.array(self._placement)
             self._since = np.where(same, self._since + 1, 0)
-        self._placement = instant.placement
+        self._placement = sample.placement
         self._feet.append(state.feet_m - target.rolled_m)
         moved = self._feet[-1] - self._feet[0]
-        along = moved - np.einsum("ij,ij->i", moved, instant.normals)[:, None] * instant.normals
-        loaded = np.einsum("ij,ij->i", state.forces_n, instant.normals) > LOADED_N
-        stands = (np.array(instant.placement) >= 0) & (self._since >= self._stood)
+        along = moved - np.einsum("ij,ij->i", moved, sample.normals)[:, None] * sample.normals
+        loaded = np.einsum("ij,ij->i", state.forces_n, sample.normals) > LOADED_N
+        stands = (np.array(sample.placement) >= 0) & (self._since >= self._stood)
         return np.asarray(stands & loaded & (np.linalg.norm(along, axis=1) > SLID_M))
 
 
-class Stand:
-    """A motion that goes nowhere, ``Followed`` by a tracker: the body stays, feet in the air are put down.
+class StandingMotion:
+    """A ``Motion`` that goes nowhere: the body stays, feet in the air are put down.
 
     now: whose feet stand, at which frame. com_m, rotation_rad: the measured body; feet_m: the measured centres of the
     feet, shape (N, 3) [m]; toes_m, normals: where all feet shall stand. forces_n: before and after feet in the air came
@@ -82,14 +84,14 @@ class Stand:
     solids: tuple[Solid, ...] = ()
 
     def __init__(
-        self, now: Instant, *, com_m: Array, rotation_rad: Array, feet_m: Array, toes_m: Array, normals: Array,
+        self, now: MotionSample, *, com_m: Array, rotation_rad: Array, feet_m: Array, toes_m: Array, normals: Array,
         forces_n: tuple[Array, Array], placement: tuple[int, ...],
     ) -> None:  # fmt: skip
         self._now, self._com, self._rotation, self._feet = now, com_m, rotation_rad, feet_m
         self._down, self._normals, self._forces = toes_m + FOOT_RADIUS_M * normals, normals, forces_n
         self._placement, self._air = placement, np.array(now.placement) < 0
-        way = np.linalg.norm(self._down - feet_m, axis=1)[self._air]
-        self._land_s = float(way.max(initial=0.0)) / LAND_M_S
+        lengths_m = np.linalg.norm(self._down - feet_m, axis=1)[self._air]
+        self._land_s = float(lengths_m.max(initial=0.0)) / LAND_M_S
 
     @property
     def seconds(self) -> float:
@@ -98,51 +100,50 @@ class Stand:
 
     @property
     def knots_s(self) -> Array:
-        """As of ``Followed``."""
+        """As of ``Motion``."""
         return np.linspace(0.0, self.seconds, KNOTS)
 
-    def at(self, time_s: float) -> Instant:
+    def at(self, time_s: float) -> MotionSample:
         """What should be at a time; the ends are held."""
         down = time_s >= self._land_s
         part = 1.0 if down else time_s / self._land_s
-        way = part * (self._down - self._feet)
-        return Instant(
+        moved = part * (self._down - self._feet)
+        return MotionSample(
             com_m=self._com, rotation_rad=self._rotation, frame=self._now.frame,
-            feet_m=self._feet + np.where(self._air[:, None], way, 0.0),
+            feet_m=self._feet + np.where(self._air[:, None], moved, 0.0),
             forces_n=self._forces[1] if down else self._forces[0],
             placement=self._placement if down else self._now.placement, normals=self._normals,
         )  # fmt: skip
 
 
-class Catcher:
+class SlipRecovery:
     """Brings a robot whose feet slide to a stand on a runner's world. kinematics: of its robot."""
 
     def __init__(self, runner: Runner, kinematics: Kinematics) -> None:
         self._runner, self._kinematics = runner, kinematics
-        self._sharing = ForceShare(len(kinematics.robot.limbs))
+        self._distribution = ForceDistribution(len(kinematics.robot.limbs))
 
-    def stand(self, plan: Plan, rows: Rows, believed: Callable[[Rows], float]) -> tuple[State, float]:
+    def recover(self, plan: Plan, record: Record, estimate: Callable[[Record], float]) -> tuple[State, float]:
         """Where that leads to, and how long it took [s].
 
-        rows: of the plan's motion so far. believed: the share of the plan's friction that is believed in, after a look
-        at what was measured. Raises Stopped, HardwareFault.
+        record: of the plan's motion so far. estimate: the share of the plan's friction that there is, by what was
+        measured. Raises Stopped, HardwareFault.
         """
-        (target, state), share = rows.pairs[-1], believed(rows)
-        now, rate_hz, periods = target.instant, self._runner.world.rate_hz, 0
-        for _ in range(CATCHES):
-            self._runner.decide("stand", f"feet slide, {share:.2f} of the planned friction believed in")
-            tracker = Tracker(
-                self._motion(plan, now, state, share), self._continued(state), rate_hz, self._runner.settings.feel
-            )
-            rows, still = self._followed(tracker, state)
-            periods += len(rows.pairs)
-            target, state = rows.pairs[-1]
-            now, share = target.instant, believed(rows)
+        (target, state), share = record.pairs[-1], estimate(record)
+        now, rate_hz, periods = target.sample, self._runner.world.rate_hz, 0
+        for _ in range(ATTEMPTS):
+            self._runner.decide("stand", f"feet slide, friction estimated at {share:.2f} of the planned")
+            record, slips = Record(), SlipDetector(rate_hz)
+            tracked = self._tracked(self._motion(plan, now, state, share), state)
+            still = self._runner.follow(tracked, record, partial(_still_slips, slips, record, rate_hz))
+            periods += len(record.pairs)
+            target, state = record.pairs[-1]
+            now, share = target.sample, estimate(record)
             if still:
                 break
         return state, periods / rate_hz
 
-    def _motion(self, plan: Plan, now: Instant, state: State, share: float) -> Stand:
+    def _motion(self, plan: Plan, now: MotionSample, state: State, share: float) -> StandingMotion:
         """Standing where the robot is, with the forces for this share of the friction; those of now where none are."""
         course, index = plan.course, round(now.frame)
         holds = tuple(int(placement) for placement in course.holds[index])
@@ -151,29 +152,27 @@ class Catcher:
         normals = np.array([patch.normal for patch in patches])
         under = state.feet_m - FOOT_RADIUS_M * normals
         toes = np.array([nearest_on(patch, toe) for patch, toe in zip(patches, under, strict=True)])
-        com_m, stands = com_of(self._kinematics, state), np.array(now.placement) >= 0
+        com_m, stands = measured_com_m(self._kinematics, state), np.array(now.placement) >= 0
         turned = Rotation.from_matrix(state.rotation).as_rotvec()
-        first = self._sharing.forces(course, toes - com_m, patches, stands)
+        first = self._distribution.forces(course, toes - com_m, patches, stands)
         first = now.forces_n if first is None else first
-        then = self._sharing.forces(course, toes - com_m, patches, np.full_like(stands, True))
-        return Stand(
+        then = self._distribution.forces(course, toes - com_m, patches, np.full_like(stands, True))
+        return StandingMotion(
             replace(now, frame=float(index)), com_m=com_m, rotation_rad=turned,
             feet_m=state.feet_m, toes_m=toes, normals=normals, forces_n=(first, first if then is None else then),
             placement=holds,
         )  # fmt: skip
 
-    def _followed(self, tracker: Tracker, state: State) -> tuple[Rows, bool]:
-        """To the end, or until feet slide although they were pressed for a while; whether none did."""
-        runner, rows, watch = self._runner, Rows(), SlideWatch(self._runner.world.rate_hz)
-        tracker.start()
-        while (target := tracker.next(state.forces_n)) is not None:
-            state = runner.send(target.targets_rad, target.angles_rad)
-            runner.check_body(target, state)
-            rows.add(target, state, 0.0, 0.0)
-            if watch.slides(target, state).any() and len(rows.pairs) > GRIP_S * runner.world.rate_hz:
-                return rows, False
-        return rows, True
-
-    def _continued(self, state: State) -> Kinematics:
+    def _tracked(self, motion: StandingMotion, state: State) -> Tracked[StandingMotion]:
+        """Ready to be followed from where the robot was measured, with the forces that its feet feel now."""
         robot, servo = self._kinematics.robot, self._kinematics.servo
-        return Continued(robot, servo, gravity_m_s2=self._kinematics.gravity_m_s2, near=state.angles_rad)
+        near = Continued(robot, servo, gravity_m_s2=self._kinematics.gravity_m_s2, near=state.angles_rad)
+        tracker = Tracker(motion, near, self._runner.world.rate_hz, self._runner.settings.feedback)
+        first = tracker.start()
+        felt = replace(first, sample=replace(first.sample, forces_n=state.forces_n))
+        return Tracked(motion=motion, tracker=tracker, first=felt, sees=True)
+
+
+def _still_slips(slips: SlipDetector, record: Record, rate_hz: float, target: Target, state: State) -> bool:
+    """Whether feet slide although they were pressed for a while."""
+    return bool(slips.slipping(target, state).any()) and len(record.pairs) > GRIP_S * rate_hz

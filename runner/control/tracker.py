@@ -20,17 +20,17 @@ from stancekit.planners.files.arrays import Array, checked, gathered
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 
-from ..motion.redundancy import PosturePath
-from ..motion.timeline import Followed, Instant
+from ..motion.motion import Motion, MotionSample
+from ..motion.redundancy import RedundancyResolution
 
 DRAWN_S = 0.1
 """Time constant with which joints come back to the posture chosen for them, where feet that feel led them off it."""
 STUCK_M = 1e-3
-"""A foot in the air that inverse kinematics leaves farther than this from its way is looked for anew."""
+"""A foot in the air that inverse kinematics leaves farther than this from its path is looked for anew."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Feel:
+class ContactFeedback:
     """What feet that feel do.
 
     touch_n: a foot that presses this hard on its patch touches it. seek_m_s, seek_m: how fast a foot that should touch
@@ -45,21 +45,21 @@ class Feel:
     press_n: float = 40.0
 
     def __post_init__(self) -> None:
-        gathered(*(lambda n=n: checked(getattr(self, n), f"feel.{n}", least=0.0) for n in self.__annotations__))
+        gathered(*(lambda n=n: checked(getattr(self, n), f"feedback.{n}", least=0.0) for n in self.__annotations__))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Target:
     """What is sent for one control period, and why; J joints, N limbs.
 
-    targets_rad: shape (J,). instant: what should be at its end. origin_m: of the body's frame, shape (3,); the centre
-    of mass, which should be at instant.com_m, is shift_m away in the body. angles_rad, torques_nm: planned, shape (J,).
+    targets_rad: shape (J,). sample: what should be at its end. origin_m: of the body's frame, shape (3,); the centre
+    of mass, which should be at sample.com_m, is shift_m away in the body. angles_rad, torques_nm: planned, shape (J,).
     rolled_m: how far the feet should have rolled since they were put down, shape (N, 3). error_m: of the inverse
     kinematics, shape (N,).
     """
 
     targets_rad: Array
-    instant: Instant
+    sample: MotionSample
     origin_m: Array
     shift_m: Array
     angles_rad: Array
@@ -71,9 +71,11 @@ class Target:
 class Tracker:
     """Follows one motion once. ``start`` first, then ``next`` until it says that the motion is over."""
 
-    def __init__(self, motion: Followed, kinematics: Kinematics, rate_hz: float, feel: Feel = Feel()) -> None:
-        self._motion, self._kinematics, self._feel, self._period_s = motion, kinematics, feel, 1.0 / rate_hz
-        self._wished = PosturePath(motion, kinematics, near_of(kinematics))
+    def __init__(
+        self, motion: Motion, kinematics: Kinematics, rate_hz: float, feedback: ContactFeedback = ContactFeedback()
+    ) -> None:
+        self._motion, self._kinematics, self._feedback, self._period_s = motion, kinematics, feedback, 1.0 / rate_hz
+        self._wished = RedundancyResolution(motion, kinematics, near_of(kinematics))
         limbs = len(kinematics.robot.limbs)
         self._time_s = 0.0
         self._depth, self._pressed, self._rolled = np.zeros(limbs), np.zeros((limbs, 3)), np.zeros((limbs, 3))
@@ -96,62 +98,62 @@ class Tracker:
         now, then = self._motion.at(self._time_s), self._motion.at(self._time_s + self._period_s)
         felt, wanted = (np.einsum("ij,ij->i", forces, then.normals) for forces in (forces_n, then.forces_n))
         stands, lands = np.array(then.placement) >= 0, np.array(now.placement) < 0
-        missing = stands & (lands | (wanted > 4.0 * self._feel.touch_n))
-        missing &= (felt < self._feel.touch_n) & (self._depth < self._feel.seek_m)
+        missing = stands & (lands | (wanted > 4.0 * self._feedback.touch_n))
+        missing &= (felt < self._feedback.touch_n) & (self._depth < self._feedback.seek_m)
         landing = missing & lands
-        self._depth = np.where(missing, self._depth + self._feel.seek_m_s * self._period_s, self._depth)
+        self._depth = np.where(missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth)
         self._depth = np.where(stands, self._depth, 0.9 * self._depth)
         self._press(then, forces_n, stands)
         if not landing.any():
             self._time_s += self._period_s
         return self._target(now if landing.any() else then, self._depth)
 
-    def _press(self, instant: Instant, forces_n: Array, stands: NDArray[np.bool_]) -> None:
+    def _press(self, sample: MotionSample, forces_n: Array, stands: NDArray[np.bool_]) -> None:
         """Sum up what is missing, less its share that moves or turns the body as a whole."""
-        gap = np.where(stands[:, None], instant.forces_n - forces_n, 0.0)
-        arms = instant.feet_m - instant.com_m
+        gap = np.where(stands[:, None], sample.forces_n - forces_n, 0.0)
+        arms = sample.feet_m - sample.com_m
         maps = [np.concatenate([np.eye(3), _skew(arm)]) for arm in arms]
         whole = np.concatenate(maps, axis=1) * np.repeat(stands, 3)
         gap = gap - (np.linalg.pinv(whole) @ (whole @ gap.ravel())).reshape(-1, 3)
-        pressed = self._pressed + self._feel.press_hz * self._period_s * gap
+        pressed = self._pressed + self._feedback.press_hz * self._period_s * gap
         pressed = np.where(stands[:, None], pressed, 0.9 * self._pressed)
-        self._pressed = np.clip(pressed, -self._feel.press_n, self._feel.press_n)
+        self._pressed = np.clip(pressed, -self._feedback.press_n, self._feedback.press_n)
 
-    def _target(self, instant: Instant, depth: Array) -> Target:
-        angles, error, origin = self._solved(instant, depth)
-        rotation = rotation_of(instant.rotation_rad)
-        planned = self._kinematics.torques(angles, rotation, instant.forces_n)
-        given = self._kinematics.torques(angles, rotation, instant.forces_n + self._pressed)
+    def _target(self, sample: MotionSample, depth: Array) -> Target:
+        angles, error, origin = self._solved(sample, depth)
+        rotation = rotation_of(sample.rotation_rad)
+        planned = self._kinematics.torques(angles, rotation, sample.forces_n)
+        given = self._kinematics.torques(angles, rotation, sample.forces_n + self._pressed)
         servo = self._kinematics.servo
         given = given + servo.damping_nms_rad * (angles - self._angles) / self._period_s
         shift, self._angles = self._shift, angles
-        self._roll(instant, rotation @ self._kinematics.foot_frames(angles))
+        self._roll(sample, rotation @ self._kinematics.foot_frames(angles))
         self._shift = self._kinematics.com_offset(angles)
         return Target(
-            targets_rad=angles + given / servo.stiffness_nm_rad, instant=instant, origin_m=origin, shift_m=shift,
+            targets_rad=angles + given / servo.stiffness_nm_rad, sample=sample, origin_m=origin, shift_m=shift,
             angles_rad=angles, torques_nm=planned, rolled_m=self._rolled, error_m=error,
         )  # fmt: skip
 
-    def _roll(self, instant: Instant, turned: Array) -> None:
+    def _roll(self, sample: MotionSample, turned: Array) -> None:
         """A sphere that rolls by a small turn ω moves by ω × r n. turned: orientations of the feet, (N, 3, 3)."""
         between = turned @ self._turned.transpose(0, 2, 1)
         turn = 0.5 * (between - between.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]]
-        moved = FOOT_RADIUS_M * np.cross(turn, instant.normals)
-        stands = np.array(instant.placement)[:, None] >= 0
+        moved = FOOT_RADIUS_M * np.cross(turn, sample.normals)
+        stands = np.array(sample.placement)[:, None] >= 0
         self._rolled = np.where(stands, self._rolled + moved, 0.9 * self._rolled)
         self._turned = turned
 
-    def _solved(self, instant: Instant, depth: Array) -> tuple[Array, Array, Array]:
+    def _solved(self, sample: MotionSample, depth: Array) -> tuple[Array, Array, Array]:
         """Angles, errors of the feet and the body's origin."""
-        rotation = rotation_of(instant.rotation_rad)
-        origin = instant.com_m - rotation @ self._shift
+        rotation = rotation_of(sample.rotation_rad)
+        origin = sample.com_m - rotation @ self._shift
         wish = self._wished.at(self._time_s)
-        feet = (instant.feet_m + self._rolled - depth[:, None] * instant.normals - origin) @ rotation
+        feet = (sample.feet_m + self._rolled - depth[:, None] * sample.normals - origin) @ rotation
         near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
         self._wish = wish
         angles, error = self._kinematics.reach(feet, near, near)
-        stuck = (error > STUCK_M) & (np.array(instant.placement) < 0)
-        if stuck.any():  # at a limit on its way: begin again where it should end
+        stuck = (error > STUCK_M) & (np.array(sample.placement) < 0)
+        if stuck.any():  # at a limit on its path: begin again where it should end
             other, missed = self._kinematics.reach(feet, wish, wish)
             stuck &= missed < error
             angles = np.where(np.repeat(stuck, len(angles) // len(stuck)), other, angles)

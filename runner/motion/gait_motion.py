@@ -5,6 +5,9 @@ A gait is dynamic: at another pace its forces balance no longer, so it is run as
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation, Slerp
@@ -14,7 +17,7 @@ from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.terrain.prism import Solid
 
-from .timeline import Instant
+from .motion import MotionSample
 
 SETTLE_S = 0.5
 """At rest before and after."""
@@ -23,11 +26,12 @@ KNOT_S = 0.05
 
 
 class GaitMotion:
-    """A trajectory over time. Feet are spheres: a radius above what they touch. ``Instant.frame`` counts seconds.
+    """A trajectory over time. Feet are spheres: a radius above what they touch. ``MotionSample.frame`` counts seconds.
 
-    stances: what every stance is called, of all feet; ``Instant.placement`` counts them.
+    stances: what every stance is called, of all feet; ``MotionSample.placement`` counts them.
     """
 
+    counted = "seconds"
     solids: tuple[Solid, ...] = ()
 
     def __init__(self, trajectory: Trajectory) -> None:
@@ -35,10 +39,29 @@ class GaitMotion:
         self._turned = Slerp(trajectory.times_s, Rotation.from_matrix(trajectory.rotation))
         self._normals = trajectory.terrain.normal(trajectory.feet_m[..., :2])
         self._placement = placements(trajectory.contact)
-        self.stances = tuple(
+        self.stances: Sequence[str] = tuple(
             f"{trajectory.robot.foot_names[foot]}, put down at {trajectory.times_s[row]:.2f} s,"
             for row, foot in (np.argwhere(self._placement == k)[0] for k in range(int(self._placement.max()) + 1))
         )
+
+    @property
+    def content(self) -> Trajectory:
+        """The trajectory."""
+        return self.trajectory
+
+    @property
+    def last_frame(self) -> float:
+        """The end [s]."""
+        return self.seconds
+
+    @property
+    def goal_m(self) -> Array:
+        """Where the torso ends, shape (3,) [m]."""
+        return np.asarray(self.trajectory.torso_m[-1])
+
+    def entry(self) -> dict[str, Any]:
+        """Where it goes, for a log."""
+        return {"start_m": self.trajectory.torso_m[0], "goal_m": self.trajectory.torso_m[-1]}
 
     @property
     def seconds(self) -> float:
@@ -50,7 +73,7 @@ class GaitMotion:
         """Times at which postures are chosen, shape (T,) [s]."""
         return np.linspace(0.0, self.seconds, int(np.ceil(self.seconds / KNOT_S)) + 1)
 
-    def at(self, time_s: float) -> Instant:
+    def at(self, time_s: float) -> MotionSample:
         """What should be at a time; the ends are held."""
         times = self.trajectory.times_s
         now = float(np.clip(times[0] + time_s - SETTLE_S, times[0], times[-1]))
@@ -62,7 +85,7 @@ class GaitMotion:
 
         normals = between(self._normals)
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        return Instant(
+        return MotionSample(
             com_m=between(self.trajectory.torso_m),
             rotation_rad=self._turned(now).as_rotvec(),
             frame=min(max(time_s, 0.0), self.seconds),

@@ -1,7 +1,7 @@
 """Which of a limb's postures to take along a motion: four joints have one more than a foot's position needs.
 
 Chosen for every limb at once over the whole motion, by dynamic programming over the closed-form family of postures
-(``planners.limb_posture``): comfortable ones, and near each other, so that no joint jumps from one branch to another
+(``planners.robot.leg_ik``): comfortable ones, and near each other, so that no joint jumps from one branch to another
 and no limb walks into a joint limit that a posture on the way would have avoided.
 """
 
@@ -16,12 +16,12 @@ from scipy.ndimage import gaussian_filter1d
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.leg_ik import clearance_of, discomforts
+from stancekit.planners.robot.leg_ik import clearance_of, posture_cost
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.urdf import link_lengths, outward_rad
 from stancekit.planners.terrain.prism import Solid
 
-from .timeline import Followed, Instant
+from .motion import Motion, MotionSample
 
 ROUGH = 10
 """The shift of the centre of mass, which depends on the postures, is looked at at every tenth knot."""
@@ -33,16 +33,16 @@ SMOOTHED = 2.0
 """Standard deviation of the smoothing over the family's steps, in knots; what it moves of a foot the tracker undoes."""
 
 
-class PosturePath:
+class RedundancyResolution:
     """Comfortable joint angles over a motion: what inverse kinematics is drawn to. ``at`` a time: shape (J,) [rad]."""
 
-    def __init__(self, motion: Followed, kinematics: Kinematics, near_rad: Array | None = None) -> None:
+    def __init__(self, motion: Motion, kinematics: Kinematics, near_rad: Array | None = None) -> None:
         times = motion.knots_s
-        instants = [motion.at(float(time_s)) for time_s in times]
+        samples = [motion.at(float(time_s)) for time_s in times]
         shifts = np.zeros((len(times), 3))
-        _, rough = _families(instants, shifts, motion.solids, kinematics, slice(None, None, ROUGH))
+        _, rough = _families(samples, shifts, motion.solids, kinematics, slice(None, None, ROUGH))
         shifts = np.repeat([kinematics.com_offset(q) for q in rough], ROUGH, axis=0)[: len(times)]
-        tables, _ = _families(instants, shifts, motion.solids, kinematics, slice(None))
+        tables, _ = _families(samples, shifts, motion.solids, kinematics, slice(None))
         near = None if near_rad is None else np.asarray(near_rad).reshape(len(tables), -1)
         chosen = [_cheapest(table, None if near is None else near[limb]) for limb, table in enumerate(tables)]
         path = np.concatenate([gaussian_filter1d(q, SMOOTHED, axis=0, mode="nearest") for q in chosen], axis=1)
@@ -59,20 +59,20 @@ Table = list[tuple[Array, Array]]
 
 
 def _families(
-    instants: Sequence[Instant], shifts: Array, solids: Sequence[Solid], kinematics: Kinematics, chosen: slice
+    samples: Sequence[MotionSample], shifts: Array, solids: Sequence[Solid], kinematics: Kinematics, chosen: slice
 ) -> tuple[list[Table], Array]:
     """Tables of all limbs, and the cheapest postures at every knot alone, shape (T, J)."""
     tables = list[Table]()
     for i, limb in enumerate(kinematics.robot.limbs):
         frame, table = rotation_of([0.0, 0.0, outward_rad(limb)]), Table()
-        for instant, shift in zip(instants[chosen], shifts[chosen], strict=True):
-            turn = rotation_of(instant.rotation_rad)
-            origin = instant.com_m - turn @ shift
+        for sample, shift in zip(samples[chosen], shifts[chosen], strict=True):
+            turn = rotation_of(sample.rotation_rad)
+            origin = sample.com_m - turn @ shift
             shoulder, toward = origin + turn @ limb.shoulder_m, turn @ frame
             close = [solid for solid in solids if solid.distance(shoulder[None])[0] < 1.3 * limb.reach_m]
             table.append(
-                discomforts(
-                    link_lengths(limb), toward.T @ (instant.feet_m[i] - shoulder), -toward.T @ instant.normals[i],
+                posture_cost(
+                    link_lengths(limb), toward.T @ (sample.feet_m[i] - shoulder), -toward.T @ sample.normals[i],
                     kinematics.servo, clearance=clearance_of(shoulder, toward, close) if close else None,
                 )
             )  # fmt: skip
@@ -82,7 +82,7 @@ def _families(
 
 
 def _cheapest(table: Table, near: Array | None) -> Array:
-    """The cheapest way through a table, shape (T, 4)."""
+    """The cheapest path through a table, shape (T, 4)."""
     family, cost = table[0]
     total = cost if near is None else cost + LEFT * np.sum((family - near) ** 2, axis=1)
     back = list[Array]()

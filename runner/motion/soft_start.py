@@ -15,7 +15,7 @@ from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from ..worlds.world import Solids
 
 SLACK_M = 0.006
-"""So deep a foot may be in a surface on the way: what it stands on, and what it is off by, is no collision."""
+"""So deep a foot may be in a surface on the path: what it stands on, and what it is off by, is no collision."""
 SAMPLES = 40
 STILL_RAD = 1e-4
 PEAK = 1.875
@@ -24,14 +24,14 @@ PEAK = 1.875
 
 def soft_motion(start_rad: Array, goal_rad: Array, speed_rad_s: float, rate_hz: float) -> Iterator[Array]:
     """Joint angles from start to goal, no joint faster than this, at rest at both ends, shape (J,) each."""
-    way = np.asarray(goal_rad) - start_rad
-    longest = float(np.abs(way).max())
+    change = np.asarray(goal_rad) - start_rad
+    longest = float(np.abs(change).max())
     if longest <= STILL_RAD:
         return
     periods = max(1, int(np.ceil(PEAK * longest / speed_rad_s * rate_hz)))
     for k in range(1, periods + 1):
         s = k / periods
-        yield start_rad + s * s * s * (10.0 - 15.0 * s + 6.0 * s * s) * way
+        yield start_rad + s * s * s * (10.0 - 15.0 * s + 6.0 * s * s) * change
 
 
 def soft_start(
@@ -47,7 +47,7 @@ def soft_start(
 
     pose: position, shape (3,) [m], and rotation of the body, shape (3, 3). normals: of the surfaces that the feet stand
     on, shape (N, 3). Goes straight where no foot enters a surface; else over a pose whose feet are off by clearance_m.
-    Raises InvalidInput with the limb's name where both ways are blocked.
+    Raises InvalidInput with the limb's name where both paths are blocked.
     """
     depth, limb = _deepest(kinematics, solids, pose, [measured_rad, first_rad])
     if depth <= SLACK_M:
@@ -64,12 +64,12 @@ def soft_start(
 
 
 def _deepest(
-    kinematics: Kinematics, solids: Solids, pose: tuple[Array, Array], way: Sequence[Array]
+    kinematics: Kinematics, solids: Solids, pose: tuple[Array, Array], path: Sequence[Array]
 ) -> tuple[float, str]:
     """How deep feet are in surfaces at most, and whose [m]; negative where all are outside."""
     position, rotation = pose
     worst = np.full(len(kinematics.robot.limbs), -np.inf)
-    for start, goal in pairwise(way):
+    for start, goal in pairwise(path):
         for s in np.linspace(0.0, 1.0, SAMPLES):
             feet = position + kinematics.feet(start + s * (goal - start)) @ rotation.T
             for solid in solids:

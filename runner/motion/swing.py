@@ -1,4 +1,4 @@
-"""The way of a foot from one toe to the next: up along the patch's normal, across, down along the next one's."""
+"""The path of a foot from one toe to the next: up along the patch's normal, across, down along the next one's."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.terrain.prism import Solid
 
 KEPT_M = 0.006
-"""Feet stay this far from the terrain on their way across."""
+"""Feet stay this far from the terrain on their path across."""
 RAISES_M = (0.0, 0.02, 0.04, 0.07, 0.10, 0.14)
 """How much higher than usual a foot may be lifted, and how much higher it may come from."""
 SHARES = np.linspace(0.0, 1.0, 21)
@@ -45,7 +45,7 @@ class Swing:
 def clear_swing(
     ends: tuple[Array, Array], normals: tuple[Array, Array], clearance_m: float, solids: Sequence[Solid]
 ) -> Swing:
-    """The lowest swing that stays off the terrain on its way across; the clearest one where none does.
+    """The lowest swing that stays off the terrain on its path across; the clearest one where none does.
 
     ends, normals: of the two toes' surfaces, the foot's centres, shape (3,) [m]. clearance_m: least lift.
     """
@@ -55,8 +55,8 @@ def clear_swing(
             start=ends[0], lifted=ends[0] + (clearance_m + up) * normals[0],
             lowered=ends[1] + (clearance_m + down) * normals[1], end=ends[1],
         )  # fmt: skip
-        way = swing.lifted + SHARES[:, None] * (swing.lowered - swing.lifted)
-        gap = min((float(solid.distance(way).min()) for solid in solids), default=np.inf) - FOOT_RADIUS_M
+        path = swing.lifted + SHARES[:, None] * (swing.lowered - swing.lifted)
+        gap = min((float(solid.distance(path).min()) for solid in solids), default=np.inf) - FOOT_RADIUS_M
         if gap >= KEPT_M:
             return swing
         if gap > most:

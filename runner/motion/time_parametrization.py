@@ -1,8 +1,8 @@
 """Time parametrisation: how slow a motion must be for joints with limits of velocity, acceleration and torque.
 
-Every phase of ``Motion`` scales with the pace: at pace p velocities are p times, accelerations and the torques that
-they take p² times those at pace 1, and torques at rest are the same. So the pace is known after one look along the
-motion, which is inverse kinematics of the whole plan; a second look checks it.
+Every phase of ``PlanMotion`` scales with the pace: at pace p velocities are p times, accelerations and the torques that
+they take p² times those at pace 1, and torques at rest are the same. So the pace is known after one profile of
+the motion, which is inverse kinematics of the whole plan; a second profile checks it.
 """
 
 from __future__ import annotations
@@ -18,40 +18,44 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import REACHED_M, Kinematics, pinocchio, rotation_of
 from stancekit.planners.robot.urdf import hexapod_urdf
 
-from ..control.tracker import Feel, Tracker
+from ..control.tracker import ContactFeedback, Tracker
 from ..worlds.capabilities import WorldCapabilities
-from .timeline import Followed, Instant, Motion, Timing
+from .motion import Motion, MotionSample
+from .timeline import PlanMotion, Timing
 
 ACCELERATION_RAD_S2 = 60.0
+LIMIT_SHARE = 0.9
+"""Of the limits of velocity and torque that may be used."""
 RATE_HZ = 100.0
-"""How often the motion is looked at."""
+"""How often the motion is sampled."""
 LEAST_PACE = 0.02
 ROUNDS = 4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Look:
+class JointProfile:
     """A motion as the joints have it, T times, J joints.
 
-    time_s: shape (T,). angles_rad, velocity_rad_s, acceleration_rad_s2, still_nm, moving_nm: shape (T, J); still_nm are
-    torques at rest under the planned forces, moving_nm what accelerations add. error_m: of inverse kinematics, (T, N).
+    time_s: shape (T,). angles_rad, velocity_rad_s, acceleration_rad_s2, static_nm, dynamic_nm: shape (T, J);
+    static_nm are torques at rest under the planned forces, dynamic_nm what accelerations add. error_m: of inverse
+    kinematics, shape (T, N).
     """
 
     time_s: Array
     angles_rad: Array
     velocity_rad_s: Array
     acceleration_rad_s2: Array
-    still_nm: Array
-    moving_nm: Array
+    static_nm: Array
+    dynamic_nm: Array
     error_m: Array
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Paced:
+class TimedMotion:
     """A motion that joints can do. pace: of that asked for, 1 where it was slow enough. bound_by: what made it slower,
     with the joint, empty at 1. velocity, acceleration, torque: greatest use of the limits, 1 at the limit."""
 
-    motion: Motion
+    motion: PlanMotion
     pace: float
     bound_by: str
     velocity: float
@@ -59,7 +63,7 @@ class Paced:
     torque: float
 
 
-def paced(
+def parametrize(
     plan: Plan,
     kinematics: Kinematics,
     can: WorldCapabilities,
@@ -67,25 +71,25 @@ def paced(
     *,
     forces_n: Array | None = None,
     acceleration_rad_s2: float = ACCELERATION_RAD_S2,
-    share: float = 0.9,
+    share: float = LIMIT_SHARE,
     hung: bool = False,
-) -> Paced:
+) -> TimedMotion:
     """The plan's motion, slowed down until all limits hold.
 
     share: of the limits of velocity and torque that may be used. hung: the robot hangs in a stand, its feet carry
-    nothing. Raises InvalidInput, with time, limb and joint, where
-    a foot is out of reach, or a torque at rest too large: no pace helps there.
+    nothing. Raises InvalidInput, with time, limb and joint, where a foot is out of reach, or a torque at rest too
+    large: no pace helps there.
     """
     pace, bound_by = 1.0, ""
     for _ in range(ROUNDS):
-        motion = Motion(plan, timing.at_pace(pace), forces_n)
-        seen = look(motion, kinematics, hung=hung)
-        check_still(seen, kinematics, can, share)
-        uses = uses_of(seen, can, acceleration_rad_s2, share)
+        motion = PlanMotion(plan, timing.at_pace(pace), forces_n)
+        profile = joint_profile(motion, kinematics, hung=hung)
+        check_static(profile, kinematics, can, share)
+        uses = limit_use(profile, can, acceleration_rad_s2=acceleration_rad_s2, share=share)
         slower = min((1.0 / use if name == "velocity" else use**-0.5) for name, (use, _) in uses.items() if use > 0.0)
         if slower >= 1.0 - 1e-6:
             values = {name: use for name, (use, _) in uses.items()}
-            return Paced(motion=motion, pace=pace, bound_by=bound_by, **values)
+            return TimedMotion(motion=motion, pace=pace, bound_by=bound_by, **values)
         name = max(uses, key=lambda n: uses[n][0] if n == "velocity" else uses[n][0] ** 0.5)
         bound_by = f"{name} of {can.joints[uses[name][1]]}"
         pace *= 0.995 * slower
@@ -94,7 +98,9 @@ def paced(
     raise InvalidInput(f"pace: expected limits that some pace keeps, got none down to {pace:.3g}, bound by {bound_by}")
 
 
-def look(motion: Followed, kinematics: Kinematics, rate_hz: float = RATE_HZ, *, hung: bool = False) -> Look:
+def joint_profile(
+    motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ, *, hung: bool = False
+) -> JointProfile:
     """Inverse kinematics along a whole motion, as the tracker does it when all feet feel what they should."""
     tracker, period_s = Tracker(motion, kinematics, rate_hz, BLIND), 1.0 / rate_hz
     first = tracker.start()
@@ -107,33 +113,33 @@ def look(motion: Followed, kinematics: Kinematics, rate_hz: float = RATE_HZ, *, 
     acceleration = np.zeros_like(angles)
     acceleration[1:-1] = (angles[2:] - 2.0 * angles[1:-1] + angles[:-2]) / period_s**2
     body = np.zeros((len(angles), 3))
-    com = np.array([target.instant.com_m for target in targets])
+    com = np.array([target.sample.com_m for target in targets])
     body[1:-1] = (com[2:] - 2.0 * com[1:-1] + com[:-2]) / period_s**2
     limbs = _Limbs(kinematics)
-    moving = [
-        limbs.torques(q, v, a, target.instant, 0.0 * push if hung else push)
+    dynamic = [
+        limbs.torques(q, v, a, target.sample, 0.0 * push if hung else push)
         for q, v, a, target, push in zip(angles, velocity, acceleration, targets, body, strict=True)
     ]
-    still = (
-        [kinematics.torques(q, np.eye(3), np.zeros_like(first.instant.forces_n)) for q in angles]
+    static = (
+        [kinematics.torques(q, np.eye(3), np.zeros_like(first.sample.forces_n)) for q in angles]
         if hung
         else [target.torques_nm for target in targets]
     )
-    return Look(
+    return JointProfile(
         time_s=np.arange(len(angles), dtype=float) * np.float64(period_s), angles_rad=angles, velocity_rad_s=velocity,
-        acceleration_rad_s2=acceleration, still_nm=np.array(still),
-        moving_nm=np.array(moving), error_m=np.array([target.error_m for target in targets]),
+        acceleration_rad_s2=acceleration, static_nm=np.array(static),
+        dynamic_nm=np.array(dynamic), error_m=np.array([target.error_m for target in targets]),
     )  # fmt: skip
 
 
-BLIND = Feel(press_hz=0.0)
+BLIND = ContactFeedback(press_hz=0.0)
 """For feet that feel nothing: what is expected is taken for felt."""
 
 
-def expected(instant: Instant) -> Array:
+def expected(sample: MotionSample) -> Array:
     """What feet feel when all goes as planned, shape (N, 3) [N]: all touch, however little they carry; of those in the
     air the tracker takes no notice."""
-    return np.asarray(instant.forces_n + 2.0 * BLIND.touch_n * instant.normals)
+    return np.asarray(sample.forces_n + 2.0 * BLIND.touch_n * sample.normals)
 
 
 class _Limbs:
@@ -145,25 +151,31 @@ class _Limbs:
         self._model.gravity.linear = np.zeros(3)
         self._data = self._model.createData()
 
-    def torques(self, angles: Array, velocity: Array, acceleration: Array, instant: Instant, push: Array) -> Array:
+    def torques(self, angles: Array, velocity: Array, acceleration: Array, sample: MotionSample, push: Array) -> Array:
         """shape (J,) [Nm]; push: acceleration of the centre of mass, shape (3,) [m/s²], shared by feet that stand."""
         robot, servo = self._kinematics.robot, self._kinematics.servo
         own = self._pin.rnea(self._model, self._data, angles, velocity, acceleration) + servo.rotor_kg_m2 * acceleration
-        stands = np.array(instant.placement) >= 0
+        stands = np.array(sample.placement) >= 0
         shared = np.where(stands[:, None], robot.mass_kg * push / max(1, int(stands.sum())), 0.0)
-        rotation = rotation_of(instant.rotation_rad)
+        rotation = rotation_of(sample.rotation_rad)
         with_push = self._kinematics.torques(angles, rotation, shared)
         without = self._kinematics.torques(angles, rotation, np.zeros_like(shared))
         return np.asarray(own + with_push - without)
 
 
-def uses_of(seen: Look, can: WorldCapabilities, acceleration: float, share: float) -> dict[str, tuple[float, int]]:
+def limit_use(
+    profile: JointProfile,
+    can: WorldCapabilities,
+    *,
+    acceleration_rad_s2: float = ACCELERATION_RAD_S2,
+    share: float = LIMIT_SHARE,
+) -> dict[str, tuple[float, int]]:
     """The greatest use of every limit, with the joint; that of torque is of what torques at rest leave."""
-    room = share * can.torque_nm - np.abs(seen.still_nm)
+    room = share * can.torque_nm - np.abs(profile.static_nm)
     tables = {
-        "velocity": np.abs(seen.velocity_rad_s) / (share * can.velocity_rad_s),
-        "acceleration": np.abs(seen.acceleration_rad_s2) / acceleration,
-        "torque": np.abs(seen.moving_nm) / room,
+        "velocity": np.abs(profile.velocity_rad_s) / (share * can.velocity_rad_s),
+        "acceleration": np.abs(profile.acceleration_rad_s2) / acceleration_rad_s2,
+        "torque": np.abs(profile.dynamic_nm) / room,
     }
     return {
         name: (float(table.max()), int(np.unravel_index(int(np.argmax(table)), table.shape)[1]))
@@ -171,25 +183,26 @@ def uses_of(seen: Look, can: WorldCapabilities, acceleration: float, share: floa
     }
 
 
-def check_still(seen: Look, kinematics: Kinematics, can: WorldCapabilities, share: float) -> None:
+def check_static(profile: JointProfile, kinematics: Kinematics, can: WorldCapabilities, share: float) -> None:
     """Raise InvalidInput for what no pace helps with."""
-    row, limb = np.unravel_index(int(np.argmax(seen.error_m)), seen.error_m.shape)
-    if seen.error_m[row, limb] > 10.0 * REACHED_M:
+    row, limb = np.unravel_index(int(np.argmax(profile.error_m)), profile.error_m.shape)
+    if profile.error_m[row, limb] > 10.0 * REACHED_M:
         raise InvalidInput(
-            f"motion: {seen.time_s[row]:.2f} s, limb {kinematics.robot.limb_names[int(limb)]}: its foot stays "
-            f"{1e3 * seen.error_m[row, limb]:.2g} mm from where it should be"
+            f"motion: {profile.time_s[row]:.2f} s, limb {kinematics.robot.limb_names[int(limb)]}: its foot stays "
+            f"{1e3 * profile.error_m[row, limb]:.2g} mm from where it should be"
         )
-    over = np.abs(seen.still_nm) - share * can.torque_nm
+    over = np.abs(profile.static_nm) - share * can.torque_nm
     row, joint = np.unravel_index(int(np.argmax(over)), over.shape)
     if over[row, joint] >= 0.0:
         raise InvalidInput(
-            f"motion: {seen.time_s[row]:.2f} s, joint {can.joints[int(joint)]}: "
-            f"{abs(seen.still_nm[row, joint]):.3g} Nm at rest, expected less than {share * can.torque_nm[joint]:.3g}"
+            f"motion: {profile.time_s[row]:.2f} s, joint {can.joints[int(joint)]}: "
+            f"{abs(profile.static_nm[row, joint]):.3g} Nm at rest, "
+            f"expected less than {share * can.torque_nm[joint]:.3g}"
         )
-    beyond = np.maximum(can.lower_rad - seen.angles_rad, seen.angles_rad - can.upper_rad)
+    beyond = np.maximum(can.lower_rad - profile.angles_rad, profile.angles_rad - can.upper_rad)
     row, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
     if beyond[row, joint] > 1e-6:
         raise InvalidInput(
-            f"motion: {seen.time_s[row]:.2f} s, joint {can.joints[int(joint)]}: {beyond[row, joint]:.3g} rad "
+            f"motion: {profile.time_s[row]:.2f} s, joint {can.joints[int(joint)]}: {beyond[row, joint]:.3g} rad "
             "beyond its limit"
         )

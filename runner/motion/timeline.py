@@ -6,9 +6,10 @@ one common progress, so that every point on the way is in balance as both ends a
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from functools import cached_property
-from typing import Protocol
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from stancekit.planners.files.arrays import Array, checked, gathered
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.terrain.prism import Solid
 
+from .motion import MotionSample
 from .swing import Swing, clear_swing
 
 KNOTS = 10
@@ -56,24 +58,6 @@ class Timing:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Instant:
-    """What should be at one time; N limbs.
-
-    com_m, rotation_rad: body; frame: progress in key frames, e.g. 1.5 half way from frame 1 to 2. feet_m: centres of
-    the feet, shape (N, 3). forces_n: on the robot, shape (N, 3). placement: what every limb stands on, −1 in the air.
-    normals: of the surface that a limb stands on, leaves or comes to, shape (N, 3).
-    """
-
-    com_m: Array
-    rotation_rad: Array
-    frame: float
-    feet_m: Array
-    forces_n: Array
-    placement: tuple[int, ...]
-    normals: Array
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
 class _Phase:
     """A stretch of time: body between two frames' poses, forces between two sets, some limbs on a part of a swing."""
 
@@ -84,32 +68,13 @@ class _Phase:
     swings: dict[int, tuple[Swing, float, float]] = field(default_factory=dict)
 
 
-class Followed(Protocol):
-    """What a tracker can follow. knots_s: times from 0 to its end at which postures of the limbs are chosen, the same
-    moments at every pace; solids: what limbs keep off."""
-
-    solids: tuple[Solid, ...]
-
-    @property
-    def seconds(self) -> float:
-        """How long it takes [s]."""
-        ...
-
-    @property
-    def knots_s(self) -> Array:
-        """shape (T,) [s]."""
-        ...
-
-    def at(self, time_s: float) -> Instant:
-        """What should be at a time; the ends are held."""
-        ...
-
-
-class Motion:
+class PlanMotion:
     """A plan over time. forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None.
 
     Raises InvalidInput where all limbs lift at once: nobody carries, and no position control can do that.
     """
+
+    counted = "key frames"
 
     def __init__(self, plan: Plan, timing: Timing = Timing(), forces_n: Array | None = None) -> None:
         self.plan, self.timing = plan, timing
@@ -121,6 +86,31 @@ class Motion:
         normals = np.array([course.patch(p, plan.choice).normal for p in range(len(course.placements))])
         self.normals = normals
         self._feet = plan.toes_m + FOOT_RADIUS_M * normals
+
+    @property
+    def content(self) -> Plan:
+        """The plan."""
+        return self.plan
+
+    @property
+    def last_frame(self) -> float:
+        """The last key frame."""
+        return self.plan.course.frames - 1
+
+    @property
+    def goal_m(self) -> Array:
+        """The plan's last centre of mass, shape (3,) [m]."""
+        return np.asarray(self.plan.com_m[-1])
+
+    @property
+    def stances(self) -> Sequence[str]:
+        """Of every placement."""
+        return [f"{each.limb}, put down at frame {each.frame}," for each in self.plan.course.placements]
+
+    def entry(self) -> dict[str, Any]:
+        """The key frames, for a log."""
+        plan = self.plan
+        return {"com_m": plan.com_m, "toes_m": plan.toes_m, "holds": plan.course.holds}
 
     @cached_property
     def phases(self) -> tuple[_Phase, ...]:
@@ -144,7 +134,7 @@ class Motion:
         """How long it takes [s]."""
         return float(self._ends[-1])
 
-    def at(self, time_s: float) -> Instant:
+    def at(self, time_s: float) -> MotionSample:
         """What should be at a time; the ends are held."""
         index = min(int(np.searchsorted(self._ends, time_s, side="left")), len(self.phases) - 1)
         phase = self.phases[index]
@@ -157,7 +147,7 @@ class Motion:
             feet[limb] = swing.at(start + s * (end - start))
             if start > 0.0:
                 normals[limb] = self.normals[plan.course.holds[b][limb]]
-        return Instant(
+        return MotionSample(
             com_m=plan.com_m[a] + s * (plan.com_m[b] - plan.com_m[a]),
             rotation_rad=plan.rotation_rad[a] + s * (plan.rotation_rad[b] - plan.rotation_rad[a]),
             frame=a + s * (b - a),

@@ -15,7 +15,8 @@ from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
 
 from ..motion.soft_start import soft_motion
-from .guard import SafeWorld, Stoppable
+from ..worlds.world import Stoppable
+from .guard import SafeWorld
 from .latch import Stopped
 
 Ending = Literal["hold", "home", "torque-off"]
@@ -42,7 +43,7 @@ def end(world: SafeWorld, ending: Ending, home: Sequence[Array] | None, speed_ra
     """Bring the robot into the state that was asked for; it never raises for what goes wrong on the way.
 
     home: joint angles on the way there, home last, shape (J,) [rad] each, gone along at this speed; None where there is
-    no way.
+    no path.
     """
     stopped = world.latch.tripped
     begin = world.latch.time_s if stopped else time.monotonic()

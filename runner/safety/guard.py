@@ -22,40 +22,10 @@ from stancekit.planners.gait.trajectory import Trajectory
 from ..acceptance import proven
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.dry_run import NullWorld
-from ..worlds.world import State, Terrain, World
-from .heartbeat import Guardian
+from ..worlds.world import Actuator, State, Terrain, World
+from .heartbeat import HeartbeatMonitor
 from .latch import Source, StopLatch, Stopped
 from .watchdog import Watchdog
-
-__all__ = ["Actuator", "Limits", "SafeWorld", "Stoppable", "WorldCapabilities", "capabilities_of"]
-
-
-@runtime_checkable
-class Stoppable(Protocol):
-    """A world that can be left in a state: standing as it is, or without torque."""
-
-    def hold(self) -> None:
-        """Send nothing any more; the joints keep what they were told last.
-
-        Where an arming was interrupted, it makes sure that the torque is as it was before, or raises HardwareFault.
-        """
-        ...
-
-    def relax(self) -> None:
-        """Torque off everywhere."""
-        ...
-
-
-@runtime_checkable
-class Actuator(Stoppable, Protocol):
-    """A world that moves something real: it takes no step unless armed."""
-
-    armed: bool
-
-    def torque(self, on: bool) -> None:
-        """Arm, at the measured pose; or let go. An arming that is interrupted, by whatever it raises, leaves no torque
-        on that was off before."""
-        ...
 
 
 @runtime_checkable
@@ -98,7 +68,7 @@ class SafeWorld:
     dry: nothing is sent to anything real; a ``NullWorld`` answers what would have been sent. A simulation is nothing
     real. latch: the world's. sources: asked before every command. sent, clipped, refused: numbers of commands that went
     through, that were changed on the way, and that came after the stop. armed: an arming came to its end, or none is
-    needed. guardian: told of every command.
+    needed. monitor: gets a beat for every command.
     """
 
     def __init__(
@@ -109,18 +79,21 @@ class SafeWorld:
         dry: bool = True,
         sources: Sequence[Source] = (),
         clock: Callable[[], float] = time.monotonic,
-        guardian: Guardian | None = None,
+        monitor: HeartbeatMonitor | None = None,
     ) -> None:
         self.world, self.limits = world, limits
         self.latch: StopLatch = world.latch
-        self.name, self.robot, self.servo = world.name, world.robot, world.servo
+        self.name, self.kind, self.robot, self.servo = world.name, world.kind, world.robot, world.servo
         self.joints, self.rate_hz = world.joints, world.rate_hz
         self.capabilities = capabilities_of(world)
+        self._bounds = _bounds(self.capabilities, limits)
         self.real = isinstance(world, Actuator)
+        if world.kind == "hardware" and not self.real:  # else it would move without having been armed
+            raise InvalidInput(f"world {world.name}: expected hardware to have armed, torque, hold and relax")
         self.dry = dry and self.real
         self.sent = self.clipped = self.refused = 0
         self.armed = not self.real
-        self.watchdog = Watchdog(world.latch, limits.silent_s if self.real else float("inf"), clock, guardian)
+        self.watchdog = Watchdog(world.latch, limits.silent_s if self.real else float("inf"), clock, monitor)
         self.latch.listen(*sources, self.watchdog.look)
         self._to: World = world
         self._last: Array | None = None
@@ -191,13 +164,11 @@ class SafeWorld:
 
     def within(self, targets_rad: Array) -> Array:
         """The targets within the limits of position, velocity and step, shape (J,) [rad]."""
-        can, limits, last = self.capabilities, self.limits, self.last_rad
-        most = np.minimum(limits.velocity_share * can.velocity_rad_s / self.rate_hz, limits.step_rad)
-        middle = 0.5 * (can.lower_rad + can.upper_rad)
-        lower = np.minimum(can.lower_rad + limits.margin_rad, middle)
-        upper = np.maximum(can.upper_rad - limits.margin_rad, middle)
+        last, (lower, upper, most) = self.last_rad, self._bounds
         # a joint that begins beyond its limits comes back no faster than any other moves
-        return np.asarray(np.clip(np.clip(targets_rad, lower, upper), last - most, last + most))
+        return np.asarray(
+            np.minimum(np.maximum(np.minimum(np.maximum(targets_rad, lower), upper), last - most), last + most)
+        )
 
     def close(self) -> None:
         """Close the world."""
@@ -241,18 +212,15 @@ def capabilities_of(world: World) -> WorldCapabilities:
     """What the world says that it can do; of a simulation, what its servos can, and that it feels everything."""
     if isinstance(world, _Capable):
         return world.capabilities
-    limbs = len(world.robot.limbs)
-    joints = len(world.joints)
-    return WorldCapabilities(
-        joints=world.joints,
-        rate_hz=world.rate_hz,
-        lower_rad=np.tile(world.servo.lower_rad, limbs),
-        upper_rad=np.tile(world.servo.upper_rad, limbs),
-        velocity_rad_s=np.full(joints, world.servo.velocity_rad_s),
-        torque_nm=np.full(joints, world.servo.torque_nm),
-        has_body_pose=True,
-        has_contact_forces=True,
-    )
+    return WorldCapabilities.of_servos(world.robot, world.servo, world.rate_hz, senses=True)
+
+
+def _bounds(can: WorldCapabilities, limits: Limits) -> tuple[Array, Array, Array]:
+    """The least and the greatest angle of every joint, and how far it may move in a period, shape (J,) each."""
+    middle = 0.5 * (can.lower_rad + can.upper_rad)
+    lower = np.minimum(can.lower_rad + limits.margin_rad, middle)
+    upper = np.maximum(can.upper_rad - limits.margin_rad, middle)
+    return lower, upper, np.minimum(limits.velocity_share * can.velocity_rad_s / can.rate_hz, limits.step_rad)
 
 
 def _wrong(targets: Array, joints: Sequence[str]) -> str:

@@ -1,6 +1,6 @@
-"""The guardian: a small process beside the host, which acts where the host falls silent altogether or is gone.
+"""The monitor: a small process beside the host, which acts where the host falls silent altogether or is gone.
 
-No thread of a process helps it when all of it hangs (SIGSTOP, a call that never returns) or is killed. The guardian
+No thread of a process helps it when all of it hangs (SIGSTOP, a call that never returns) or is killed. The monitor
 hears a beat for every command, and answers. Without one for too long, or when the pipe ends without a farewell, it
 cancels all goals of a robot behind a rosbridge, over a connection of its own. A servo bus has room for one owner, so
 there it opens nothing: it says that the servos' own bus watchdogs stop them.
@@ -28,11 +28,11 @@ from ..worlds.ros.follow import AGAIN_S
 from ..worlds.ros.goal import cancel_all
 from ..worlds.ros.setup import RosSetup
 
-BEAT, REST, FAREWELL = b".", b"-", b"q"
+BEAT, REST, CLOSE = b".", b"-", b"q"
 ROUNDS = 3
 """A cancel is sent so often: one that comes before its goal is lost, and one that waits in a queue needs time."""
 READY_S = 20.0
-"""So long the guardian may take to start and to connect."""
+"""So long the monitor may take to start and to connect."""
 ANSWER_S = 1.0
 """A beat may go so long without an answer, or four times the limit for the host, if that is more."""
 END_S = 5.0
@@ -40,22 +40,22 @@ END_S = 5.0
 BUS = "the servos are stopped by their own bus watchdogs, and hold"
 
 
-class Guardian:
-    """The host's side. A context manager: entered, the guardian is there, and connected.
+class HeartbeatMonitor:
+    """The host's side. A context manager: entered, the monitor is there, and connected.
 
     limit_s: the longest silence between two beats; the first begins the watch. setup: of a robot behind a rosbridge,
-    None for anything else. Raises InvalidInput where the guardian could not connect.
+    None for anything else. Raises InvalidInput where the monitor could not connect.
     """
 
     def __init__(self, limit_s: float, setup: RosSetup | None = None) -> None:
         self.limit_s, self._setup = limit_s, setup
         self._child: subprocess.Popen[bytes] | None = None
         self._asked_s: float | None = None  # when the first beat was that has no answer yet
-        self._mute = False
+        self._unresponsive = False
 
     @property
     def pid(self) -> int:
-        """Of the guardian's process."""
+        """Of the monitor's process."""
         return -1 if self._child is None else self._child.pid
 
     def beat(self) -> None:
@@ -70,33 +70,33 @@ class Guardian:
         self._say(REST)
 
     def gone(self) -> str | None:
-        """A source of stops: a robot is not moved without its guardian."""
+        """A source of stops: a robot is not moved without its monitor."""
         if self._child is None:
             return None
         if self._child.poll() is not None:
-            return "the guardian process is gone"
+            return "the heartbeat monitor is gone"
         asked_s = self._asked_s
         if self._answered():
             self._asked_s = None
         elif asked_s is not None and time.monotonic() - asked_s > max(4.0 * self.limit_s, ANSWER_S):
-            self._mute = True
-        return "the guardian process does not answer" if self._mute else None
+            self._unresponsive = True
+        return "the heartbeat monitor does not answer" if self._unresponsive else None
 
     def __enter__(self) -> Self:
-        told = {"limit_s": self.limit_s, "ros": None if self._setup is None else asdict(self._setup)}
+        orders = {"limit_s": self.limit_s, "ros": None if self._setup is None else asdict(self._setup)}
         command = [sys.executable, "-m", "stancekit.runner.safety.heartbeat"]
         self._child = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0, start_new_session=True
         )  # a session of its own: Ctrl-C is for the host
         stdin, stdout = _pipes(self._child)
         with contextlib.suppress(BrokenPipeError):  # one that ended at once says nothing, either
-            stdin.write(json.dumps(told).encode() + b"\n")
-        os.set_blocking(stdin.fileno(), False)  # the host never waits for its guardian
-        heard = stdout.readline() if select.select([stdout], [], [], READY_S)[0] else b""
-        if heard != b"ready\n":
+            stdin.write(json.dumps(orders).encode() + b"\n")
+        os.set_blocking(stdin.fileno(), False)  # the host never waits for its monitor
+        answer = stdout.readline() if select.select([stdout], [], [], READY_S)[0] else b""
+        if answer != b"ready\n":
             self._end(kill=True)
             raise InvalidInput(
-                f"guardian: {heard.decode(errors='replace').strip() or 'expected it to start, it did not'}"
+                f"heartbeat monitor: {answer.decode(errors='replace').strip() or 'expected it to start, it did not'}"
             )
         os.set_blocking(stdout.fileno(), False)
         return self
@@ -104,7 +104,7 @@ class Guardian:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._end(kill=self._mute or not self._say(FAREWELL))
+        self._end(kill=self._unresponsive or not self._say(CLOSE))
 
     def _end(self, *, kill: bool) -> None:
         """Let it end. kill: at once, where it would take the end of the pipe for that of the host."""
@@ -145,7 +145,7 @@ def watch(stream: int, limit_s: float, answers: int) -> str:
         if not select.select([stream], [], [], limit_s if beating else None)[0]:
             return f"the host was silent for {limit_s:g} s"
         words = os.read(stream, 4096)
-        if FAREWELL in words:
+        if CLOSE in words:
             return ""
         if not words:
             return "the host is gone"
@@ -155,9 +155,9 @@ def watch(stream: int, limit_s: float, answers: int) -> str:
 
 
 def main() -> int:
-    """The guardian's own process: told by one line what to guard, then beats."""
-    told = json.loads(_line(0))
-    setup = None if told["ros"] is None else TypeAdapter(RosSetup).validate_python(told["ros"])
+    """The monitor's own process: one line says what to guard, then beats."""
+    orders = json.loads(_line(0))
+    setup = None if orders["ros"] is None else TypeAdapter(RosSetup).validate_python(orders["ros"])
     link = None if setup is None else RosLink(setup.host, setup.port, setup.timeout_s)
     if link is not None:
         try:
@@ -167,10 +167,10 @@ def main() -> int:
             return 1
     sys.stdout.write("ready\n")
     sys.stdout.flush()
-    why = watch(0, told["limit_s"], 1)
+    why = watch(0, orders["limit_s"], 1)
     if why:
         done = BUS if setup is None or link is None else _cancelled(setup, link)
-        sys.stderr.write(f"stancekit: guardian: {why}: {done}\n")
+        sys.stderr.write(f"stancekit: heartbeat monitor: {why}: {done}\n")
     if link is not None:
         link.close()
     return 0

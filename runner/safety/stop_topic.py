@@ -36,7 +36,7 @@ class StopTopic:
 
     def __enter__(self) -> Self:
         self._link.open()
-        self._link.subscribe(self.topic, "std_msgs/Bool", self._heard)  # this name both versions of ROS take
+        self._link.subscribe(self.topic, "std_msgs/Bool", self._on_message)  # this name both versions of ROS take
         return self
 
     def __exit__(
@@ -44,8 +44,8 @@ class StopTopic:
     ) -> None:
         self._link.close()
 
-    def _heard(self, message: Message) -> None:
-        told = message.get("data")
-        if not isinstance(told, bool):
-            raise InvalidInput(f"expected data to be true or false, got {shown(told, 40)}")
-        self._pressed = self._pressed or told
+    def _on_message(self, message: Message) -> None:
+        pressed = message.get("data")
+        if not isinstance(pressed, bool):
+            raise InvalidInput(f"expected data to be true or false, got {shown(pressed, 40)}")
+        self._pressed = self._pressed or pressed

@@ -1,8 +1,8 @@
 """The host's own watchdog: a loop that falls silent is stopped, whatever it hangs in.
 
 A thread trips the latch; that is enough for a loop that is late. A process that hangs altogether no thread of its own
-can help: there the device's bus watchdog stops it (``worlds.dynamixel``), or another process does (``guardian``). Where
-such a process goes on (SIGCONT), its first look at the clock trips the latch, before anything is sent.
+can help: there the device's bus watchdog stops it (``worlds.dynamixel``), or another process (``heartbeat``). Where a
+process goes on (SIGCONT), its first look at the clock trips the latch, before anything is sent.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from .heartbeat import Guardian
+from .heartbeat import HeartbeatMonitor
 from .latch import StopLatch
 
 
@@ -23,7 +23,7 @@ class Watchdog:
     While it is entered, and from ``guard`` on, it does so where the process stood still for so long, kicked or not.
 
     clock: in seconds, never set back; what the wall clock does is no matter. A limit of infinity watches nothing.
-    guardian: is told the same.
+    monitor: gets the same.
     """
 
     def __init__(
@@ -31,10 +31,10 @@ class Watchdog:
         latch: StopLatch,
         limit_s: float,
         clock: Callable[[], float] = time.monotonic,
-        guardian: Guardian | None = None,
+        monitor: HeartbeatMonitor | None = None,
     ) -> None:
         self.limit_s = limit_s
-        self._guardian = guardian
+        self._monitor = monitor
         self._latch, self._clock = latch, clock
         self._last: float | None = None
         self._pulse: float | None = None  # when its thread ran last
@@ -45,8 +45,8 @@ class Watchdog:
         """The loop lives. One that comes too late trips the latch itself."""
         self.look()
         self._last = self._clock()
-        if self._guardian is not None:
-            self._guardian.beat()
+        if self._monitor is not None:
+            self._monitor.beat()
 
     def guard(self) -> None:
         """Watch from now on that the process does not stand still, whatever the loop waits for."""
@@ -55,8 +55,8 @@ class Watchdog:
     def rest(self) -> None:
         """Watch nothing until the next kick, or ``guard``."""
         self._last = self._pulse = None
-        if self._guardian is not None:
-            self._guardian.rest()
+        if self._monitor is not None:
+            self._monitor.rest()
 
     def look(self) -> None:
         """Trip the latch where the last kick, or the last sign of life of the process, is too long ago."""

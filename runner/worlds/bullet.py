@@ -9,17 +9,14 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.posture import GRAVITY_M_S2
-from stancekit.planners.robot import Robot
-from stancekit.planners.robot.urdf import Servo, foot_names, hexapod_urdf, joint_names
+from stancekit.planners.robot.urdf import foot_names, hexapod_urdf
 from stancekit.planners.terrain.prism import Solid
 
-from .world import SPACING_M, Ground, LatchedWorld, State, Terrain, sendable
+from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld, sendable
+from .world import Ground, State, Terrain
 
-PHYSICS_S = 1e-3
 
-
-class BulletWorld(LatchedWorld):
+class BulletWorld(SimulatedWorld):
     """One robot on one terrain in PyBullet. Raises InvalidInput where PyBullet is not installed.
 
     PyBullet's own position control is a rigid constraint that leaves contact forces to chance; here the joints are
@@ -28,10 +25,8 @@ class BulletWorld(LatchedWorld):
 
     name = "bullet"
 
-    def __init__(
-        self, robot: Robot, servo: Servo = Servo(), *, rate_hz: float = 200.0, gravity_m_s2: float = GRAVITY_M_S2
-    ) -> None:
-        super().__init__()
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
         try:
             import pybullet
         except ImportError:
@@ -39,11 +34,7 @@ class BulletWorld(LatchedWorld):
                 "world: expected PyBullet, it is not installed: pip install 'stancekit[bullet]' (Linux, Python 3.11)"
             ) from None
         self._bullet: Any = pybullet
-        self.robot, self.servo, self.rate_hz = robot, servo, rate_hz
-        self._gravity = gravity_m_s2
-        self.joints = joint_names(robot)
-        self._substeps = max(1, round(1.0 / (rate_hz * PHYSICS_S)))
-        self._urdf = hexapod_urdf(robot, servo, rotors_in_links=True)  # PyBullet knows no rotors
+        self._urdf = hexapod_urdf(self.robot, self.servo, rotors_in_links=True)  # PyBullet knows no rotors
         self._client = pybullet.connect(pybullet.DIRECT)
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
@@ -89,7 +80,7 @@ class BulletWorld(LatchedWorld):
         """An empty world. The order of contacts is fixed, or two runs differ."""
         bullet, client = self._bullet, self._client
         bullet.resetSimulation(physicsClientId=client)
-        bullet.setGravity(0.0, 0.0, -self._gravity, physicsClientId=client)
+        bullet.setGravity(0.0, 0.0, -self.gravity_m_s2, physicsClientId=client)
         bullet.setPhysicsEngineParameter(
             fixedTimeStep=PHYSICS_S, numSolverIterations=150, deterministicOverlappingPairs=1, enableConeFriction=1,
             physicsClientId=client,

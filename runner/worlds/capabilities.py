@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
 
 from stancekit.planners.files.arrays import Array, checked, frozen
+from stancekit.planners.robot import Robot
+from stancekit.planners.robot.urdf import Servo, joint_names
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,6 +29,16 @@ class WorldCapabilities:
     torque_nm: Array
     has_body_pose: bool
     has_contact_forces: bool
+
+    @classmethod
+    def of_servos(cls, robot: Robot, servo: Servo, rate_hz: float, *, senses: bool) -> Self:
+        """What such servos at every joint can do. senses: the body's pose and contact forces are measured."""
+        joints, limbs = joint_names(robot), len(robot.limbs)
+        return cls(
+            joints=joints, rate_hz=rate_hz, lower_rad=np.tile(servo.lower_rad, limbs),
+            upper_rad=np.tile(servo.upper_rad, limbs), velocity_rad_s=np.full(len(joints), servo.velocity_rad_s),
+            torque_nm=np.full(len(joints), servo.torque_nm), has_body_pose=senses, has_contact_forces=senses,
+        )  # fmt: skip
 
     def __post_init__(self) -> None:
         checked(self.rate_hz, "capabilities.rate_hz", above=0.0)

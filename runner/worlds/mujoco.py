@@ -8,14 +8,12 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.posture import GRAVITY_M_S2
-from stancekit.planners.robot import Robot
-from stancekit.planners.robot.urdf import Servo, foot_names, hexapod_urdf, joint_names
+from stancekit.planners.robot.urdf import foot_names, hexapod_urdf
 from stancekit.planners.terrain.prism import Solid
 
-from .world import SPACING_M, Ground, LatchedWorld, State, Terrain, sendable
+from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld, sendable
+from .world import Ground, State, Terrain
 
-PHYSICS_S = 1e-3
 CONTACT_S, CONTACT_DAMPING = 0.004, 1.0
 """Time constant and damping ratio of a contact (solref)."""
 STIFF = 100.0
@@ -26,24 +24,18 @@ ICE = 1e-6
 """At and below this friction a contact has no friction rows at all."""
 
 
-class MujocoWorld(LatchedWorld):
+class MujocoWorld(SimulatedWorld):
     """One robot on one terrain in MuJoCo. Raises InvalidInput where MuJoCo is not installed."""
 
     name = "mujoco"
 
-    def __init__(
-        self, robot: Robot, servo: Servo = Servo(), *, rate_hz: float = 200.0, gravity_m_s2: float = GRAVITY_M_S2
-    ) -> None:
-        super().__init__()
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        super().__init__(*arguments, **options)
         try:
             import mujoco
         except ImportError:
             raise InvalidInput("world: expected MuJoCo, it is not installed: pip install 'stancekit[mujoco]'") from None
         self._mujoco = mujoco
-        self.robot, self.servo, self.rate_hz = robot, servo, rate_hz
-        self._gravity = gravity_m_s2
-        self.joints = joint_names(robot)
-        self._substeps = max(1, round(1.0 / (rate_hz * PHYSICS_S)))
         self._model: Any = None
         self._data: Any = None
 
@@ -80,7 +72,7 @@ class MujocoWorld(LatchedWorld):
         spec = kinds.MjSpec.from_string(hexapod_urdf(self.robot, self.servo))
         spec.compiler.fusestatic = False  # or the body, and the feet, are merged into their parents
         spec.option.timestep = PHYSICS_S
-        spec.option.gravity = [0.0, 0.0, -self._gravity]
+        spec.option.gravity = [0.0, 0.0, -self.gravity_m_s2]
         spec.option.integrator = kinds.mjtIntegrator.mjINT_IMPLICITFAST
         spec.option.cone = kinds.mjtCone.mjCONE_ELLIPTIC
         spec.option.impratio = STIFF

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -13,7 +13,8 @@ from stancekit.planners.robot import Robot
 from stancekit.planners.robot.urdf import Servo, joint_names
 
 from .capabilities import WorldCapabilities
-from .world import LatchedWorld, State, Terrain
+from .settings import WorldSettings
+from .world import LatchedWorld, State, Terrain, WorldKind
 
 
 class ReplayWorld(LatchedWorld):
@@ -23,6 +24,7 @@ class ReplayWorld(LatchedWorld):
     log of another robot.
     """
 
+    kind: WorldKind = "recording"
     name = "replay"
 
     def __init__(self, path: str | Path, robot: Robot, servo: Servo = Servo()) -> None:
@@ -48,13 +50,15 @@ class ReplayWorld(LatchedWorld):
         self._sees = bool(plan.get("sees", True))
         self._row = 0
         self.worst_rad = 0.0
-        limbs = len(robot.limbs)
-        self.capabilities = WorldCapabilities(
-            joints=self.joints, rate_hz=self.rate_hz, lower_rad=np.tile(servo.lower_rad, limbs),
-            upper_rad=np.tile(servo.upper_rad, limbs), velocity_rad_s=np.full(len(self.joints), servo.velocity_rad_s),
-            torque_nm=np.full(len(self.joints), servo.torque_nm), has_body_pose=self._sees,
-            has_contact_forces=self._sees,
-        )  # fmt: skip
+        self.capabilities = WorldCapabilities.of_servos(robot, servo, self.rate_hz, senses=self._sees)
+
+    @classmethod
+    def make(cls, settings: WorldSettings) -> Self:
+        """As ``WorldClass``."""
+        path = settings.file("a log", cls.name)
+        if settings.rate_hz is not None:
+            raise InvalidInput("rate_hz: expected none with world replay: the log has its own")
+        return cls(path, settings.robot, settings.servo)
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """The first measurement of the log."""

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Literal, Protocol, Self, runtime_checkable
 
 import numpy as np
 
@@ -66,16 +66,18 @@ Solids = Sequence[Solid | Ground]
 """What has a ``distance``."""
 Terrain = Sequence[Patch] | Ground
 """Flat patches, each a solid body behind its surface; or heights."""
-SPACING_M = 0.025
-"""Of the grid that simulators get of heights."""
+WorldKind = Literal["simulation", "recording", "hardware"]
+"""Whether a world computes what happens, repeats what happened, or moves something real."""
 
 
 class World(Protocol):
     """Three verbs, and what it can do. A context manager; ``reset`` may be called again.
 
-    latch: what it sends to the robot goes through ``latch.sending()``; tripped, it sends nothing any more.
+    kind: what is of "hardware" is an ``Actuator``, too, and moves only when armed. latch: what it sends to the robot
+    goes through ``latch.sending()``; tripped, it sends nothing any more.
     """
 
+    kind: WorldKind
     name: str
     latch: StopLatch
     robot: Robot
@@ -102,8 +104,41 @@ class World(Protocol):
     ) -> None: ...
 
 
+@runtime_checkable
+class Stoppable(Protocol):
+    """A world that can be left in a state: standing as it is, or without torque."""
+
+    def hold(self) -> None:
+        """Send nothing any more; the joints keep what they were told last.
+
+        Where an arming was interrupted, it makes sure that the torque is as it was before, or raises HardwareFault.
+        """
+        ...
+
+    def relax(self) -> None:
+        """Torque off everywhere."""
+        ...
+
+
+@runtime_checkable
+class Actuator(Stoppable, Protocol):
+    """A world that moves something real: it takes no step unless armed."""
+
+    armed: bool
+
+    def torque(self, on: bool) -> None:
+        """Arm, at the measured pose; or let go. An arming that is interrupted, by whatever it raises, leaves no torque
+        on that was off before."""
+        ...
+
+
 class LatchedWorld(ABC):
-    """What the worlds here have in common: a latch, and that they close at the end of a ``with`` block."""
+    """What the worlds here have in common: a latch, and that they close at the end of a ``with`` block.
+
+    kind: "hardware" unless a world says that it is not.
+    """
+
+    kind: WorldKind = "hardware"
 
     def __init__(self) -> None:
         self.latch = StopLatch()
@@ -119,11 +154,3 @@ class LatchedWorld(ABC):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-def sendable(targets: Array, before: Array, servo: Servo, period_s: float) -> Array:
-    """Targets as a servo takes them: within the joints' limits, and no farther from the last ones than it can turn."""
-    step = servo.velocity_rad_s * period_s
-    limbs = len(targets) // len(servo.lower_rad)
-    kept = np.clip(targets, np.tile(servo.lower_rad, limbs), np.tile(servo.upper_rad, limbs))
-    return np.asarray(np.clip(kept, before - step, before + step))

@@ -15,8 +15,8 @@ import pytest
 
 from stancekit.cli.main import main
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
 
 PLAN = LabelPlan(distribution="wall-3", feasible=8, infeasible=8, shard_size=4, seed=2)
 

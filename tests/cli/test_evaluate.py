@@ -7,7 +7,7 @@ import pytest
 
 from stancekit.cli.console import out
 from stancekit.cli.evaluate import score_table
-from stancekit.learners.evaluate import TABLE_I, Score, Share
+from stancekit.learners.evaluation.evaluate import TABLE_I, Score, Share
 
 SHARES = ("p1_feasible", "p1_infeasible", "project_fix_p", "project_scp")
 
@@ -27,7 +27,7 @@ def test_the_rows_are_shares_with_their_intervals(stancekit, labelled, envelopes
 
 
 def test_shares_agree_with_solve(stancekit, labelled, envelopes, write):
-    from stancekit.learners.dataset import Dataset
+    from stancekit.learners.data.dataset import Dataset
 
     data = Dataset.open(labelled)
     file = write("p.jsonl", *(data.row(index).problem.to_json() for index in data.feasible))

@@ -15,7 +15,7 @@ from scipy.ndimage import gaussian_filter
 
 from stancekit.cli import gait as gait_command
 from stancekit.planners.gait.trajectory_file import check_file, read_trajectory
-from stancekit.views import gait_video
+from stancekit.views import gaits
 
 LIVELY = ("plain.npy", "--goal", "0.6,0.1", "--chart", "decoupled", "--duration-s", "2")
 SHORT = ("plain.npy", "--goal", "0.2,0.1", "--chart", "decoupled", "--duration-s", "2")
@@ -128,10 +128,11 @@ def test_the_portfolio_stops_at_the_first_chart_that_is_accepted(gait):
     assert [one["chart"] for one in json.loads(out)["attempts"]] == ["decoupled"]
 
 
+@pytest.mark.usefixtures("gl")
 def test_pictures_pages_and_films_are_drawn(gait, monkeypatch):
     pytest.importorskip("imageio_ffmpeg")
-    whole = gait_video.motion_frames
-    monkeypatch.setattr(gait_video, "motion_frames", lambda *of, **how: islice(whole(*of, **how), 3))
+    whole = gaits.motion_frames
+    monkeypatch.setattr(gaits, "motion_frames", lambda *of, **how: islice(whole(*of, **how), 3))
     files = ["a.png", "b.svg", "c.mp4", "d.html"]
     drawn = ("--picture", "a.png", "--convergence", "b.svg", "--html", "d.html", "--video", "c.mp4")
     code, _, _ = gait(*SHORT, *drawn)

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from stancekit.learners import labelling
-from stancekit.learners.dataset import Dataset
-from stancekit.learners.shards import LabellingFailed
+from stancekit.learners.data import labelling
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.shards import LabellingFailed
 
 SAME = ("--feasible", "8", "--infeasible", "8", "--shard-size", "4", "--seed", "2", "--workers", "1")
 COMMAND = [sys.executable, "-m", "stancekit.cli.main", "label", "wall-3"]
@@ -74,7 +74,7 @@ def test_killed_at_any_moment_nothing_is_lost_and_nothing_double(stancekit, labe
     assert counts[-1] >= 3
     assert stancekit("label", "wall-3", "data", *SAME).code == 0
     assert shards(folder) == shards(labelled)
-    rows = [(row.shard, row.row) for row in Dataset.open(folder)]
+    rows = [(row.shard, row.row) for row in Dataset.open(folder).rows()]
     assert len(rows) == len(set(rows)) == 16
 
 
@@ -115,7 +115,7 @@ def test_a_distribution_that_lacks_a_label_fails(stancekit, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("ice-3", "data"), "distribution: expected one of ground-3, wall-3, wall-5, got 'ice-3'"),
+        (("ice-3", "data"), "distribution: expected one of ground-3, wall-3, wall-5, or FILE.py:NAME, got 'ice-3'"),
         (("wall-3", "data", "--feasible", "-1"), "--feasible: expected an integer of at least 0, got -1"),
         (("wall-3", "data", "--seed", "-1"), "--seed: expected an integer of at least 0, got -1"),
         (("wall-3", "data", "--shard-size", "0"), "--shard-size: expected an integer of at least 1, got 0"),

@@ -20,7 +20,7 @@ from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.answer.plan_file import check_file
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import builtin_courses
-from stancekit.views.plan_page import check_page
+from stancekit.views.page import check_page
 
 
 @pytest.fixture
@@ -162,6 +162,7 @@ def test_a_file_of_modes_that_is_none_is_told(refusal, tmp_path):
     assert refusal("walls", "--envelope", "modes.json") == "modes.json: names: expected a list of texts, got 3"
 
 
+@pytest.mark.usefixtures("gl")
 def test_a_page_and_a_video_are_written(plan, tmp_path):
     pytest.importorskip("imageio_ffmpeg")
     try:

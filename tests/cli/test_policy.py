@@ -9,14 +9,14 @@ import pytest
 import torch
 
 from stancekit.cli.policy import read_policy
-from stancekit.envs.expert import expert_envelopes
-from stancekit.learners.policy_file import PolicyShape, TrainedPolicy
 from stancekit.learners.selectors.chooser import Chooser
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
-from stancekit.planners.answer.answer_file import write_envelopes
+from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
+from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.runner.control.closed_loop import Observation
 
 COURSE = read_course("walls", frames=3)
@@ -28,7 +28,7 @@ def write_selector(kind: str, path: Path, problem: str = "wall-3") -> None:
     torch.manual_seed(0)
     small = Architecture(width=8, layers=1)
     if kind == "envelope":
-        write_envelopes(path, EXPERT)
+        write_boxes(path, EXPERT)
     elif kind == "chooser":
         Chooser(ChoiceNetwork(small, 1), EXPERT).save(path)
     elif kind == "neural":
@@ -62,7 +62,7 @@ def test_the_lift_needs_no_selector() -> None:
 
 def test_selectors_that_do_not_fit_are_refused_with_their_file(tmp_path: Path) -> None:
     path = tmp_path / "five.json"
-    write_envelopes(path, expert_envelopes("wall", legs=("RF", "RM", "RR", "LF", "LR")))
+    write_boxes(path, expert_envelopes("wall", legs=("RF", "RM", "RR", "LF", "LR")))
     with pytest.raises(InvalidInput, match=r"five.json: policy: expected a selector for stances of walls, got one for"):
         read_policy(str(path), COURSE)
     with pytest.raises(InvalidInput, match=r"none.json: expected a file, found nothing there"):

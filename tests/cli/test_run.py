@@ -20,10 +20,10 @@ pytest.importorskip("mcap")
 from stancekit.cli.main import main, run
 from stancekit.cli.replay import Replay
 from stancekit.cli.run import Run
-from stancekit.envs.expert import expert_envelopes
-from stancekit.planners.answer.answer_file import write_envelopes
+from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.answer.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -77,7 +77,7 @@ def test_a_plan_is_run_logged_drawn_and_replayed(folder: Path, capsys: pytest.Ca
 def test_a_selector_file_walks_a_course_with_less_friction_than_it_says(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_envelopes(folder / "wall-3.json", expert_envelopes("wall"))
+    write_boxes(folder / "wall-3.json", expert_envelopes("wall"))
     (folder / "short.yaml").write_text(
         resources.files("stancekit.configs.courses")
         .joinpath("walls.yaml")

@@ -9,7 +9,7 @@ pytest.importorskip("stable_baselines3")
 
 from stancekit.cli.main import run
 from stancekit.cli.train import Train
-from stancekit.learners.train_config import TrainConfig
+from stancekit.learners.training.train_config import TrainConfig
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("train-*.yaml"))
 

@@ -16,14 +16,13 @@ from PIL import Image
 
 from stancekit.configs import config_path
 from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.expert import expert_envelopes
-from stancekit.learners.labelling import label
-from stancekit.learners.ledger import LabelPlan
-from stancekit.learners.policy_file import PolicyShape, TrainedPolicy
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.selectors.chooser import Chooser
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
-from stancekit.planners.answer.answer_file import write_envelopes
+from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy
+from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.answer.plan_file import write_plan
 from stancekit.planners.answer.proof_file import write_proof
 from stancekit.planners.gait.trajectory import Trajectory
@@ -31,6 +30,7 @@ from stancekit.planners.gait.trajectory_file import write_trajectory
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.single_body import GaitRobot, hexapod_walker
 from stancekit.planners.robot.urdf import hexapod_urdf, joint_names
@@ -64,7 +64,7 @@ def _postures(folder: Path) -> None:
     (folder / "problems.jsonl").write_text("".join(json.dumps(problem) + "\n" for problem in problems))
     (folder / "one.json").write_text(json.dumps(problems[0]))
     command(("solve", "problems.jsonl", "--certificate", "--out", "answers.jsonl"))
-    write_envelopes(folder / "envelope.json", expert_envelopes("wall"))
+    write_boxes(folder / "envelope.json", expert_envelopes("wall"))
     label(LabelPlan(distribution="wall-3", feasible=2, infeasible=2, shard_size=4, seed=2), folder / "data")
     quota = {"feasible": 2, "infeasible": 2}
     train = yaml.safe_load(config_path("train-selection.yaml").read_text())

@@ -12,13 +12,14 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
 from stancekit.envs.distributions.courses import icy_walls
-from stancekit.envs.expert import TerrainRule, expert_envelopes
 from stancekit.envs.traverse import NO_MODE, TraverseEnv, TraverseWeights
+from stancekit.learners.selectors.terrain_rule import TerrainRule
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.verify import check_plan
 
 PROGRAMS = Programs()

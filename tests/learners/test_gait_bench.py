@@ -202,7 +202,7 @@ def test_pictures_are_of_what_has_iterates_and_of_directions_where_tasks_go_all_
 
 def test_a_picture_says_how_many_guesses_there_may_be_and_a_method_has_one_colour_in_all(tmp_path, monkeypatch):
     drawn = {}
-    monkeypatch.setattr("stancekit.views.plot.save", lambda figure, path: drawn.update({path.stem: figure}))
+    monkeypatch.setattr("stancekit.views.sheet.save", lambda figure, path: drawn.update({path.stem: figure}))
     solved = {"violations": [0.4, 0.2, 3e-5], "cpu_s": 2.0}
     names = ("ambient-lbfgs", "warped", "decoupled")
     rows = [row(name, "cone", **solved) for name in names] + [row("decoupled", "cone", seed=1, **solved)]

@@ -20,7 +20,8 @@ from stancekit.planners.terrain import Patch
 from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport, LoopSettings, Observation
 from stancekit.runner.control.estimation import nearest_on
 from stancekit.runner.motion.timeline import Timing
-from stancekit.runner.run import Runner, RunSettings
+from stancekit.runner.run import Runner
+from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from tests.emulators.memory_world import MemoryWorld
 from tests.emulators.slipping import SlippingWorld
@@ -95,7 +96,7 @@ def test_a_course_that_cannot_be_planned_fails_before_anything_moves() -> None:
     runner = Runner(make_world("mujoco", course.robot), settings=FAST)
     with pytest.raises(PlanningFailed, match="frame 0: "):
         ClosedLoop(course, runner).run()
-    assert not runner.begun
+    assert runner.state is None
 
 
 def dropping(settings: LoopSettings) -> LoopReport:

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,12 +13,22 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.runner.execution import Execution, Tolerance, Trace, simulate, slips
+from stancekit.runner.execution import Execution, Tolerance
 from stancekit.runner.motion.timeline import Timing
+from stancekit.runner.run import simulate
+from stancekit.runner.settings import RunSettings
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("mujoco")
-FAST = Timing().at_pace(2.0)
+FAST = RunSettings(timing=Timing().at_pace(2.0), check_limits=False)
+
+
+def executed(plan: Plan, world: str = "mujoco", **options: Any) -> Execution:
+    """What the record of a simulation says."""
+    report = simulate(plan, world, **({"settings": FAST} | options))
+    assert report.execution is not None
+    assert report.succeeded == report.execution.succeeded
+    return report.execution
 
 
 @pytest.fixture(scope="module")
@@ -35,14 +46,14 @@ def planned() -> Callable[[str], Plan]:
 
 @pytest.fixture(scope="module")
 def climbed(planned: Callable[[str], Plan]) -> Execution:
-    return simulate(planned("walls"), "mujoco", timing=FAST)
+    return executed(planned("walls"))
 
 
 @pytest.mark.parametrize("world", ["mujoco", "bullet"])
 @pytest.mark.parametrize("course", ["stairs", "walls"])
 def test_a_step_is_executed_as_planned(course: str, world: str, planned: Callable[[str], Plan]) -> None:
     pytest.importorskip({"bullet": "pybullet", "mujoco": "mujoco"}[world])
-    run = simulate(planned(course), world, timing=FAST)
+    run = executed(planned(course), world)
     assert run.succeeded, run.message
     assert run.fallen_s is None
     assert run.com_worst_m < 0.006
@@ -70,7 +81,7 @@ def test_the_trace_is_consistent(climbed: Execution) -> None:
 
 
 def test_the_same_plan_runs_the_same_way_twice(planned: Callable[[str], Plan], climbed: Execution) -> None:
-    again = simulate(planned("walls"), "mujoco", timing=FAST)
+    again = executed(planned("walls"))
     np.testing.assert_array_equal(again.trace.com_m, climbed.trace.com_m)
     np.testing.assert_array_equal(again.trace.forces_n, climbed.trace.forces_n)
 
@@ -79,8 +90,8 @@ def test_walls_that_are_more_slippery_than_planned_end_in_a_fall_that_is_reporte
     planned: Callable[[str], Plan],
 ) -> None:
     plan = planned("walls")
-    icy = replace(plan, course=replace(plan.course, terrain=slippery(plan.course, 0.2).terrain))
-    run = simulate(icy, "mujoco")
+    settings = RunSettings(check_limits=False)
+    run = executed(plan, settings=settings, terrain=slippery(plan.course, 0.2).terrain)
     assert not run.succeeded
     assert run.fallen_s is not None
     assert run.message.startswith(f"fell after {run.fallen_s:.2f} s, at frame ")
@@ -89,7 +100,7 @@ def test_walls_that_are_more_slippery_than_planned_end_in_a_fall_that_is_reporte
 
 
 def test_what_is_not_good_enough_is_said_in_full(planned: Callable[[str], Plan]) -> None:
-    run = simulate(planned("walls"), "mujoco", timing=FAST, tolerance=Tolerance(com_m=1e-7, slip_m=1e-7))
+    run = executed(planned("walls"), settings=replace(FAST, tolerance=Tolerance(com_m=1e-7, slip_m=1e-7)))
     assert not run.succeeded
     assert run.fallen_s is None
     assert "the centre of mass ended" in run.message
@@ -112,12 +123,8 @@ def test_what_a_foot_rolls_is_no_slip_but_what_it_slides_is(climbed: Execution) 
     standing = int(trace.placement[0, 0])
     slid = trace.feet_m.copy()
     slid[len(slid) // 2 :, 0] += [0.0, 0.0, 0.01]
-    assert slips(_with(trace, feet_m=slid), 9)[standing] == pytest.approx(0.01, abs=0.003)
+    assert replace(trace, feet_m=slid).slips(9)[standing] == pytest.approx(0.01, abs=0.003)
     rolled = trace.rolled_m.copy()
     rolled[len(slid) // 2 :, 0] += [0.0, 0.0, 0.01]
-    both = slips(_with(trace, feet_m=slid, rolled_m=rolled), 9)[standing]
-    assert both == pytest.approx(slips(trace, 9)[standing], abs=1e-12)
-
-
-def _with(trace: Trace, **arrays: np.ndarray) -> Trace:
-    return replace(trace, **arrays)
+    both = replace(trace, feet_m=slid, rolled_m=rolled).slips(9)[standing]
+    assert both == pytest.approx(trace.slips(9)[standing], abs=1e-12)

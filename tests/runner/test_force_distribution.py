@@ -1,4 +1,4 @@
-"""Forces shared with a reserve of friction: balance, cones, and the least of all, against a model written again."""
+"""Forces distributed with a reserve of friction: balance, cones, and the least of all, by a model written again."""
 
 from dataclasses import replace
 
@@ -11,7 +11,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
-from stancekit.runner.control.force_distribution import LEAST, RESERVES, ForceShare, shared_forces
+from stancekit.runner.control.force_distribution import LEAST, RESERVES, ForceDistribution, distribute_forces
 
 
 @pytest.fixture(scope="module")
@@ -21,8 +21,8 @@ def climb() -> Plan:
     return outcome.plan
 
 
-def test_shared_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: Plan) -> None:
-    course, forces = climb.course, shared_forces(climb)
+def test_distributed_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: Plan) -> None:
+    course, forces = climb.course, distribute_forces(climb)
     assert forces.shape == climb.forces_n.shape
     for stance, of in zip(forces, course.stances, strict=True):
         arms = climb.toes_at(of.frame) - climb.com_m[of.frame]
@@ -38,14 +38,14 @@ def test_shared_forces_balance_and_stay_within_the_cones_with_a_reserve(climb: P
             assert np.linalg.norm(stance[limb] - normal * patch.normal) <= RESERVES[-1] * patch.friction * normal + 1e-4
 
 
-def test_the_plan_with_shared_forces_is_one_that_the_verifier_accepts(climb: Plan) -> None:
-    assert check_plan(replace(climb, forces_n=shared_forces(climb))).accepted
+def test_the_plan_with_distributed_forces_is_one_that_the_verifier_accepts(climb: Plan) -> None:
+    assert check_plan(replace(climb, forces_n=distribute_forces(climb))).accepted
 
 
 def test_they_are_the_least_for_their_reserve(climb: Plan) -> None:
     course, stance = climb.course, 0
     of = course.stances[stance]
-    found = ForceShare(6).solve(climb, stance)
+    found = ForceDistribution(6).solve(climb, stance)
     assert found is not None
     forces = cp.Variable((len(of.limbs), 3))
     arms = climb.toes_at(of.frame)[list(of.limbs)] - climb.com_m[of.frame]
@@ -63,8 +63,8 @@ def test_they_are_the_least_for_their_reserve(climb: Plan) -> None:
 
 def test_where_the_cones_leave_no_room_there_is_none_and_the_plan_keeps_its_own(climb: Plan) -> None:
     icy = replace(climb, course=slippery(climb.course, 0.01))
-    assert ForceShare(6).solve(icy, 0) is None
-    np.testing.assert_array_equal(shared_forces(icy), climb.forces_n)
+    assert ForceDistribution(6).solve(icy, 0) is None
+    np.testing.assert_array_equal(distribute_forces(icy), climb.forces_n)
 
 
 def test_forces_of_any_limbs_that_bear_balance_within_the_reserve(climb: Plan) -> None:
@@ -72,7 +72,7 @@ def test_forces_of_any_limbs_that_bear_balance_within_the_reserve(climb: Plan) -
     patches = [course.patch(int(p), climb.choice) for p in course.holds[frame]]
     arms = climb.toes_at(frame) - climb.com_m[frame]
     bears = np.array([True, True, True, True, True, False])
-    forces = ForceShare(6).forces(course, arms, patches, bears)
+    forces = ForceDistribution(6).forces(course, arms, patches, bears)
     assert forces is not None
     assert not forces[5].any()
     np.testing.assert_allclose(forces.sum(axis=0), [0.0, 0.0, course.weight_n], atol=1e-4)

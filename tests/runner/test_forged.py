@@ -16,9 +16,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.method.attempt import Attempted
 from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.verify import check_plan
-from stancekit.runner.acceptance import Accepted, proven
-from stancekit.runner.accepted_gait import AcceptedGait, walker
-from stancekit.runner.run import Runner, RunSettings
+from stancekit.runner.acceptance import Accepted, AcceptedGait, proven, walker
+from stancekit.runner.run import Runner
+from stancekit.runner.settings import RunSettings
 from tests.emulators.memory_world import MemoryWorld
 
 Step = Callable[[str], Plan]

@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.runner.safety.ending import end
-from stancekit.runner.safety.guard import Actuator, Limits, SafeWorld, Stoppable, capabilities_of
+from stancekit.runner.safety.guard import Limits, SafeWorld, capabilities_of
 from stancekit.runner.safety.latch import Stopped
-from stancekit.runner.worlds.world import World
+from stancekit.runner.worlds.world import Actuator, Stoppable, World
 from tests.emulators.memory_world import MemoryWorld, silent
 
 START = np.tile([0.0, 0.3, 0.0, 1.2], 6)

@@ -1,4 +1,4 @@
-"""The guardian process: what it does for a host that is killed or stands still altogether, and when it does nothing."""
+"""The heartbeat monitor: what it does for a host that is killed or stands still, and when it does nothing."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ pytest.importorskip("websockets")
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.runner.safety.heartbeat import ANSWER_S, BUS, ROUNDS, Guardian, _cancelled
+from stancekit.runner.safety.heartbeat import ANSWER_S, BUS, ROUNDS, HeartbeatMonitor, _cancelled
 from stancekit.runner.safety.latch import StopLatch
 from stancekit.runner.safety.watchdog import Watchdog
 from stancekit.runner.worlds.ros.bridge import RosLink
@@ -29,15 +29,15 @@ LIMIT_S = 1.0
 HOST = """
 import sys
 import numpy as np
-from stancekit.runner.safety.heartbeat import Guardian
+from stancekit.runner.safety.heartbeat import HeartbeatMonitor
 from stancekit.runner.worlds.ros.driver import RosWorld
 from tests.emulators.ros_robots import JOINTS, ROBOT, START, reset, same_names
 
 setup = same_names(JOINTS, port=int(sys.argv[1]), ros=int(sys.argv[2]))
-with Guardian(float(sys.argv[3]), setup) as guardian, RosWorld(ROBOT, setup) as world:
+with HeartbeatMonitor(float(sys.argv[3]), setup) as monitor, RosWorld(ROBOT, setup) as world:
     reset(world)
     world.torque(True)
-    world.run_trajectory(np.array([4.9]), START[None, :] + 1.0, lambda state: guardian.beat())
+    world.run_trajectory(np.array([4.9]), START[None, :] + 1.0, lambda state: monitor.beat())
 """
 """Hands a whole trajectory over, which goes on without its host, and beats for every feedback."""
 
@@ -72,80 +72,83 @@ def test_a_goal_whose_host_is_killed_or_stands_still_is_cancelled(ros: Literal[1
             host.kill()
             said = host.communicate()[1]
         why = "the host is gone" if number == signal.SIGKILL else f"the host was silent for {LIMIT_S:g} s"
-        assert f"stancekit: guardian: {why}: a cancel was sent for all goals of /joint_trajectory_controller" in said
+        assert (
+            f"stancekit: heartbeat monitor: {why}: a cancel was sent for all goals of /joint_trajectory_controller"
+            in said
+        )
         assert bridge.errors == []
 
 
 def test_it_cancels_nothing_while_the_host_beats_or_rests_or_takes_its_leave() -> None:
     with RosBridge(JOINTS, START) as bridge:
-        with Guardian(0.3, same_names(JOINTS, port=bridge.port)) as guardian:
-            watchdog = Watchdog(StopLatch(), float("inf"), guardian=guardian)
+        with HeartbeatMonitor(0.3, same_names(JOINTS, port=bridge.port)) as monitor:
+            watchdog = Watchdog(StopLatch(), float("inf"), monitor=monitor)
             for _ in range(40):
                 watchdog.kick()
                 time.sleep(0.01)
             watchdog.rest()
             time.sleep(0.5)
-            assert guardian.gone() is None
+            assert monitor.gone() is None
         assert commands(bridge) == []
-        assert guardian.gone() is None
+        assert monitor.gone() is None
 
 
 def test_for_servos_it_opens_nothing_and_says_who_stops_them(capfd: pytest.CaptureFixture[str]) -> None:
-    with Guardian(0.1) as guardian:
-        guardian.beat()
-        until(lambda: guardian.gone() is not None, 5.0)
-        assert guardian.gone() == "the guardian process is gone"
-        guardian.beat()  # to nobody
-    assert capfd.readouterr().err == f"stancekit: guardian: the host was silent for 0.1 s: {BUS}\n"
+    with HeartbeatMonitor(0.1) as monitor:
+        monitor.beat()
+        until(lambda: monitor.gone() is not None, 5.0)
+        assert monitor.gone() == "the heartbeat monitor is gone"
+        monitor.beat()  # to nobody
+    assert capfd.readouterr().err == f"stancekit: heartbeat monitor: the host was silent for 0.1 s: {BUS}\n"
 
 
-def test_a_guardian_that_is_killed_is_a_reason_to_stop() -> None:
+def test_a_heartbeat_monitor_that_is_killed_is_a_reason_to_stop() -> None:
     latch = StopLatch()
-    with Guardian(1.0) as guardian:
-        latch.listen(guardian.gone)
+    with HeartbeatMonitor(1.0) as monitor:
+        latch.listen(monitor.gone)
         latch.poll()
         assert not latch.tripped
-        os.kill(guardian.pid, signal.SIGKILL)
-        until(lambda: guardian.gone() is not None, 5.0)
+        os.kill(monitor.pid, signal.SIGKILL)
+        until(lambda: monitor.gone() is not None, 5.0)
         latch.poll()
-    assert latch.reason == "the guardian process is gone"
+    assert latch.reason == "the heartbeat monitor is gone"
 
 
-def test_a_guardian_that_stands_still_is_a_reason_to_stop_and_keeps_nobody_waiting() -> None:
+def test_a_heartbeat_monitor_that_stands_still_is_a_reason_to_stop_and_keeps_nobody_waiting() -> None:
     def beaten() -> bool:
-        guardian.beat()
-        return guardian.gone() is not None
+        monitor.beat()
+        return monitor.gone() is not None
 
-    with Guardian(0.3) as guardian:
-        lives = time.monotonic() + 1.2 * max(4.0 * guardian.limit_s, ANSWER_S)
+    with HeartbeatMonitor(0.3) as monitor:
+        lives = time.monotonic() + 1.2 * max(4.0 * monitor.limit_s, ANSWER_S)
         while time.monotonic() < lives:
             assert not beaten()
             time.sleep(0.01)
-        pid = guardian.pid
+        pid = monitor.pid
         os.kill(pid, signal.SIGSTOP)
         until(beaten, 5.0)
-        assert guardian.gone() == "the guardian process does not answer"
+        assert monitor.gone() == "the heartbeat monitor does not answer"
         left = time.monotonic()
     assert time.monotonic() < left + 1.0
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
 
 
-def test_a_farewell_that_finds_no_room_or_no_reader_ends_the_guardian_all_the_same(
+def test_a_close_that_finds_no_room_or_no_reader_ends_the_monitor_all_the_same(
     monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("stancekit.runner.safety.heartbeat.END_S", 0.2)
     for beats in (1, 100000):  # more than a pipe has room for
-        with Guardian(60.0) as guardian:
-            os.kill(guardian.pid, signal.SIGSTOP)
+        with HeartbeatMonitor(60.0) as monitor:
+            os.kill(monitor.pid, signal.SIGSTOP)
             for _ in range(beats):
-                guardian.beat()
+                monitor.beat()
             left = time.monotonic()
         assert time.monotonic() < left + 2.0
     assert capfd.readouterr().err == ""
 
 
-def test_a_guardian_that_ends_before_it_was_told_anything_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_heartbeat_monitor_that_ends_before_it_got_anything_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "executable", "/bin/false")
     began = subprocess.Popen
 
@@ -155,8 +158,8 @@ def test_a_guardian_that_ends_before_it_was_told_anything_is_one_line(monkeypatc
         return child
 
     monkeypatch.setattr(subprocess, "Popen", ended)
-    with pytest.raises(InvalidInput, match="guardian: expected it to start, it did not"):
-        Guardian(1.0).__enter__()
+    with pytest.raises(InvalidInput, match="heartbeat monitor: expected it to start, it did not"):
+        HeartbeatMonitor(1.0).__enter__()
 
 
 def test_a_cancel_over_a_new_connection_leaves_none_open(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -179,5 +182,5 @@ def test_a_cancel_over_a_new_connection_leaves_none_open(monkeypatch: pytest.Mon
 def test_where_no_rosbridge_is_it_does_not_begin() -> None:
     with RosBridge(JOINTS, START) as bridge:
         port = bridge.port
-    with pytest.raises(InvalidInput, match=f"guardian: rosbridge ws://127.0.0.1:{port}: expected a rosbridge"):
-        Guardian(1.0, same_names(JOINTS, port=port)).__enter__()
+    with pytest.raises(InvalidInput, match=f"heartbeat monitor: rosbridge ws://127.0.0.1:{port}: expected a rosbridge"):
+        HeartbeatMonitor(1.0, same_names(JOINTS, port=port)).__enter__()

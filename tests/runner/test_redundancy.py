@@ -16,9 +16,9 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.control.tracker import Continued
-from stancekit.runner.motion.redundancy import LEFT, TURNED, PosturePath, _cheapest
-from stancekit.runner.motion.time_parametrization import look
-from stancekit.runner.motion.timeline import Motion, Timing
+from stancekit.runner.motion.redundancy import LEFT, TURNED, RedundancyResolution, _cheapest
+from stancekit.runner.motion.time_parametrization import joint_profile
+from stancekit.runner.motion.timeline import PlanMotion, Timing
 
 
 @pytest.fixture(scope="module")
@@ -48,22 +48,22 @@ def test_the_way_through_a_table_is_the_cheapest_of_all(near: Array | None) -> N
 
 def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:
     kinematics = Kinematics(plan.course.robot)
-    fast, slow = (PosturePath(Motion(plan, Timing().at_pace(pace)), kinematics) for pace in (1.0, 0.5))
-    for time_s in np.linspace(0.0, Motion(plan).seconds, 23):
+    fast, slow = (RedundancyResolution(PlanMotion(plan, Timing().at_pace(pace)), kinematics) for pace in (1.0, 0.5))
+    for time_s in np.linspace(0.0, PlanMotion(plan).seconds, 23):
         np.testing.assert_allclose(fast.at(time_s), slow.at(2.0 * time_s), atol=1e-6)
 
 
 def test_a_robot_that_is_somewhere_goes_on_from_there(plan: Plan) -> None:
     robot = plan.course.robot
-    motion, kinematics = Motion(plan), Kinematics(robot)
-    alone = PosturePath(motion, kinematics).at(0.0)
+    motion, kinematics = PlanMotion(plan), Kinematics(robot)
+    alone = RedundancyResolution(motion, kinematics).at(0.0)
     other = alone.copy()
     other[0] -= 1.5  # of the left front limb: its knee elsewhere
     feet = kinematics.feet(alone)
     near, error = kinematics.reach(feet, other, other)
     assert error.max() < 1e-4
     assert np.abs(near - alone).max() > 0.3, "another posture of the same feet"
-    first = look(motion, Continued(robot, near=near)).angles_rad[0]
+    first = joint_profile(motion, Continued(robot, near=near)).angles_rad[0]
     assert np.abs(first - near).max() < 0.15
 
 
@@ -72,6 +72,6 @@ def test_courses_on_which_joints_once_jumped_or_feet_stayed_behind_are_walked_sm
     course = perturbed("walls", np.random.default_rng([0, index]), frames=3)
     plan = TwoStageCoursePlanner().solve(course).plan
     assert plan is not None
-    seen = look(Motion(plan), Kinematics(course.robot))
+    seen = joint_profile(PlanMotion(plan), Kinematics(course.robot))
     assert seen.error_m.max() < 1e-5
     assert np.abs(seen.acceleration_rad_s2).max() < 60.0

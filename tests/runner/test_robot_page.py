@@ -15,7 +15,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.worlds.catalogue import make_run_world
+from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.ros.setup import RosSetup
 
 PAGE = (Path(__file__).parents[2] / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
@@ -38,7 +38,7 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
         exec(compile(snippet, "running-on-a-robot.md", "exec"), {})
     assert len(capsys.readouterr().out.split(",")) == 24
     for world, setup in (("ros", "ros.yaml"), ("dynamixel", "servos.yaml")):
-        made = make_run_world(world, plan.course, setup=Path(setup))
+        made = make_world(world, plan.course.robot, setup=Path(setup))
         accepted.check_fits(made)
         made.close()
 

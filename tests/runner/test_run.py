@@ -27,7 +27,8 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.log import McapLog, read_log
 from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.report import RunReport
-from stancekit.runner.run import Runner, RunSettings
+from stancekit.runner.run import Runner, simulate
+from stancekit.runner.settings import RunSettings
 from tests.emulators.memory_world import MemoryWorld, silent
 
 FAST = RunSettings(timing=Timing().at_pace(2.0))
@@ -46,8 +47,8 @@ def ran(world: MemoryWorld, accepted: Accepted, settings: RunSettings = FAST, **
 def lifted(accepted: Accepted) -> tuple[Array, Array]:
     """Angles of the first pose, and of one with all feet 2 cm off their surfaces."""
     prepared = Runner(MemoryWorld()).prepare(accepted)
-    first, normals = prepared.first.angles_rad, prepared.first.instant.normals
-    rotation = rotation_of(prepared.first.instant.rotation_rad)
+    first, normals = prepared.first.angles_rad, prepared.first.sample.normals
+    rotation = rotation_of(prepared.first.sample.rotation_rad)
     feet = prepared.kinematics.feet(first) + 0.02 * normals @ rotation
     return first, prepared.kinematics.reach(feet, first, first)[0]
 
@@ -237,23 +238,23 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
 ) -> None:
     pytest.importorskip("mujoco")
     pytest.importorskip("mcap")
-    from stancekit.runner.execution import execute
-    from stancekit.runner.worlds.catalogue import make_run_world
+    from stancekit.runner.worlds import make_world
     from stancekit.views.tracking_plot import draw_tracking
 
     path, course = tmp_path / "run.mcap", accepted.plan.course
     with McapLog(path) as log:
-        report = Runner(make_run_world("mujoco", course), settings=FAST, log=log).run(accepted)
+        report = Runner(make_world("mujoco", course.robot), settings=FAST, log=log).run(accepted)
     assert report.succeeded, report.message
-    with make_run_world("mujoco", course) as world:
-        alone = execute(accepted.plan, world, timing=FAST.timing.at_pace(report.pace))
+    timing = FAST.timing.at_pace(report.pace)
+    alone = simulate(accepted.plan, settings=RunSettings(timing=timing, check_limits=False)).execution
     assert report.execution is not None
+    assert alone is not None
     assert report.execution.com_worst_m == pytest.approx(alone.com_worst_m, abs=2e-4)
-    again = Runner(make_run_world("replay", course, setup=path), settings=FAST).run(accepted)
+    again = Runner(make_world("replay", course.robot, setup=path), settings=FAST).run(accepted)
     assert again.replay_rad == 0.0
     assert again.joint_rms_rad == report.joint_rms_rad
     slower = replace(FAST, timing=Timing())
-    other = Runner(make_run_world("replay", course, setup=path), settings=slower).run(accepted)
+    other = Runner(make_world("replay", course.robot, setup=path), settings=slower).run(accepted)
     assert "the log ends after" in other.message
     figure = draw_tracking(read_log(path))
     lines = figure.axes[0].lines
@@ -265,25 +266,25 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
 
 
 def test_worlds_by_name_ask_for_their_files(accepted: Accepted, tmp_path: Path) -> None:
-    from stancekit.runner.worlds.catalogue import make_run_world
+    from stancekit.runner.worlds import make_world
 
     course = accepted.plan.course
     for name, said in (
         ("replay", "setup: expected a log with world replay, got none"),
         ("dynamixel", "setup: expected a calibration file with world dynamixel, got none"),
         ("ros", "setup: expected a set-up file with world ros, got none"),
-        ("gazebo", "world: expected one of bullet, mujoco, replay, dynamixel, ros, got 'gazebo'"),
+        ("gazebo", "world: expected one of bullet, mujoco, replay, dynamixel, ros, or FILE.py:NAME, got 'gazebo'"),
     ):
         with pytest.raises(InvalidInput, match=said):
-            make_run_world(name, course)
+            make_world(name, course.robot)
     with pytest.raises(InvalidInput, match="setup: expected none with world mujoco"):
-        make_run_world("mujoco", course, setup=tmp_path)
+        make_world("mujoco", course.robot, setup=tmp_path)
 
 
 def test_a_set_up_file_that_names_another_robot_is_refused(accepted: Accepted, tmp_path: Path) -> None:
     pytest.importorskip("dynamixel_sdk")
     pytest.importorskip("roslibpy")
-    from stancekit.runner.worlds.catalogue import make_run_world
+    from stancekit.runner.worlds import make_world
     from stancekit.runner.worlds.dynamixel.calibration import nominal
     from stancekit.runner.worlds.ros.setup import same_names
 
@@ -291,14 +292,14 @@ def test_a_set_up_file_that_names_another_robot_is_refused(accepted: Accepted, t
     setup = tmp_path / "setup.yaml"
     for who in (None, "hexapod"):
         nominal(joints, port="none", robot=who).write(setup)
-        with make_run_world("dynamixel", course, setup=setup) as world:
+        with make_world("dynamixel", course.robot, setup=setup) as world:
             assert world.joints == joints
         same_names(joints, robot=who).write(setup)
-        with make_run_world("ros", course, setup=setup) as world:
+        with make_world("ros", course.robot, setup=setup) as world:
             assert world.joints == joints
     same_names(joints, robot="ant").write(setup)
     with pytest.raises(InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"):
-        make_run_world("ros", course, setup=setup)
+        make_world("ros", course.robot, setup=setup)
     nominal(joints, port="none", robot="ant").write(setup)
     with pytest.raises(InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"):
-        make_run_world("dynamixel", course, setup=setup)
+        make_world("dynamixel", course.robot, setup=setup)

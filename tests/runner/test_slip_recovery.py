@@ -9,9 +9,9 @@ import pytest
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
-from stancekit.runner.control.slip_recovery import LAND_M_S, STAND_S, SlideWatch, Stand
+from stancekit.runner.control.slip_recovery import LAND_M_S, STAND_S, SlipDetector, StandingMotion
 from stancekit.runner.control.tracker import Target
-from stancekit.runner.motion.timeline import Instant
+from stancekit.runner.motion.motion import MotionSample
 from stancekit.runner.worlds.world import State
 
 RATE_HZ = 200.0
@@ -19,16 +19,16 @@ UP = np.tile([0.0, 0.0, 1.0], (6, 1))
 FEET = np.random.default_rng(0).uniform(-0.3, 0.3, (6, 3))
 
 
-def instant(placement: tuple[int, ...] = tuple(range(6))) -> Instant:
-    return Instant(
+def sample(placement: tuple[int, ...] = tuple(range(6))) -> MotionSample:
+    return MotionSample(
         com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=FEET, forces_n=20.0 * UP, placement=placement,
         normals=UP,
     )  # fmt: skip
 
 
-def target(now: Instant, rolled_m: Array | None = None) -> Target:
+def target(now: MotionSample, rolled_m: Array | None = None) -> Target:
     return Target(
-        targets_rad=np.zeros(24), instant=now, origin_m=np.zeros(3), shift_m=np.zeros(3), angles_rad=np.zeros(24),
+        targets_rad=np.zeros(24), sample=now, origin_m=np.zeros(3), shift_m=np.zeros(3), angles_rad=np.zeros(24),
         torques_nm=np.zeros(24), rolled_m=np.zeros((6, 3)) if rolled_m is None else rolled_m, error_m=np.zeros(6),
     )  # fmt: skip
 
@@ -45,11 +45,11 @@ def seen(
     way: Array, *, load_n: float = 20.0, placement: tuple[int, ...] = tuple(range(6)), rolls: bool = False
 ) -> Array:
     """Feet 1 moves along a way in 0.1 s; who was seen to slide at any time."""
-    watch, found = SlideWatch(RATE_HZ), np.zeros(6, dtype=bool)
+    watch, found = SlipDetector(RATE_HZ), np.zeros(6, dtype=bool)
     for k in range(20):
         moved = np.zeros((6, 3))
         moved[1] = way * k / 19
-        found |= watch.slides(target(instant(placement), moved if rolls else None), state(FEET + moved, load_n))
+        found |= watch.slipping(target(sample(placement), moved if rolls else None), state(FEET + moved, load_n))
     return found
 
 
@@ -72,22 +72,22 @@ def test_what_is_pressed_creeps_carries_nothing_flies_or_rolls_slides_not(way: l
 
 
 def test_a_foot_that_was_just_put_down_may_find_its_place() -> None:
-    watch, slid = SlideWatch(RATE_HZ), list[bool]()
+    watch, slid = SlipDetector(RATE_HZ), list[bool]()
     for k in range(60):
         moved = np.zeros((6, 3))
         moved[1, 0] = 0.06e-3 * k
         placement = (0, -1 if k < 5 else 1, 2, 3, 4, 5)
-        slid.append(bool(watch.slides(target(instant(placement)), state(FEET + 5.0 * moved)).any()))
+        slid.append(bool(watch.slipping(target(sample(placement)), state(FEET + 5.0 * moved)).any()))
     first = slid.index(True)
     assert 5 + 0.1 * RATE_HZ <= first <= 5 + 0.1 * RATE_HZ + 1
 
 
 def test_feet_in_the_air_come_down_and_the_others_and_the_body_stay() -> None:
-    now = instant((0, -1, 2, -1, 4, -1))
+    now = sample((0, -1, 2, -1, 4, -1))
     toes = FEET - FOOT_RADIUS_M * UP
     toes[1::2] -= [0.0, 0.0, 0.06]
     pushes = 20.0 * UP, 10.0 * UP
-    motion = Stand(
+    motion = StandingMotion(
         replace(now, frame=2.0), com_m=np.ones(3), rotation_rad=np.full(3, 0.1), feet_m=FEET, toes_m=toes, normals=UP,
         forces_n=pushes, placement=tuple(range(6, 12)),
     )  # fmt: skip

@@ -26,14 +26,15 @@ from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import Tracker
 from stancekit.runner.motion.time_parametrization import BLIND
-from stancekit.runner.motion.timeline import Timing
+from stancekit.runner.motion.timeline import PlanMotion, Timing
 from stancekit.runner.prepared import Prepared
 from stancekit.runner.report import RunReport
-from stancekit.runner.run import Runner, RunSettings
+from stancekit.runner.run import Runner
 from stancekit.runner.safety.ending import end
 from stancekit.runner.safety.estop import SIGNALS
 from stancekit.runner.safety.guard import SafeWorld
 from stancekit.runner.safety.latch import Stopped
+from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.memory_world import MemoryWorld
@@ -153,15 +154,15 @@ def accepted(step: Callable[[str], Plan]) -> Accepted:
 
 
 @pytest.fixture(scope="module")
-def prepared(step: Callable[[str], Plan]) -> Prepared:
+def prepared(step: Callable[[str], Plan]) -> Prepared[PlanMotion]:
     return Runner(MemoryWorld(), settings=FAST).prepare(Accepted.verified(step("walls"), "walls"))
 
 
 @pytest.fixture(autouse=True)
-def timed_once(prepared: Prepared, monkeypatch: pytest.MonkeyPatch) -> None:
+def timed_once(prepared: Prepared[PlanMotion], monkeypatch: pytest.MonkeyPatch) -> None:
     """Plans are timed once for all worlds in memory, which takes longest."""
 
-    def again(runner: Runner, accepted: Accepted) -> Prepared:
+    def again(runner: Runner, accepted: Accepted) -> Prepared[PlanMotion]:
         tracker = Tracker(prepared.motion, prepared.kinematics, runner.world.rate_hz, BLIND)
         return replace(prepared, tracker=tracker, first=tracker.start())
 

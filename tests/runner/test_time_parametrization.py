@@ -14,8 +14,14 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.runner.motion.soft_start import PEAK, soft_motion, soft_start
-from stancekit.runner.motion.time_parametrization import ACCELERATION_RAD_S2, Look, expected, look, paced
-from stancekit.runner.motion.timeline import Motion, Timing
+from stancekit.runner.motion.time_parametrization import (
+    ACCELERATION_RAD_S2,
+    JointProfile,
+    expected,
+    joint_profile,
+    parametrize,
+)
+from stancekit.runner.motion.timeline import PlanMotion, Timing
 from stancekit.runner.worlds.capabilities import WorldCapabilities
 from tests.emulators.memory_world import MemoryWorld
 
@@ -33,47 +39,51 @@ def kinematics(plan: Plan) -> Kinematics:
 
 
 @pytest.fixture(scope="module")
-def seen(plan: Plan, kinematics: Kinematics) -> Look:
-    return look(Motion(plan), kinematics)
+def seen(plan: Plan, kinematics: Kinematics) -> JointProfile:
+    return joint_profile(PlanMotion(plan), kinematics)
 
 
 def with_limits(**limits: float) -> WorldCapabilities:
     return replace(CAN, **{name: np.full(24, value) for name, value in limits.items()})  # type: ignore[arg-type]
 
 
-def test_the_look_is_along_the_whole_motion_and_reaches_every_foot(plan: Plan, seen: Look) -> None:
-    assert seen.time_s[-1] == pytest.approx(Motion(plan).seconds, abs=0.011)
+def test_the_look_is_along_the_whole_motion_and_reaches_every_foot(plan: Plan, seen: JointProfile) -> None:
+    assert seen.time_s[-1] == pytest.approx(PlanMotion(plan).seconds, abs=0.011)
     assert seen.error_m.max() < 1e-5
 
 
-def test_feet_of_the_angles_are_where_the_motion_has_them(plan: Plan, seen: Look, kinematics: Kinematics) -> None:
-    motion = Motion(plan)
+def test_feet_of_the_angles_are_where_the_motion_has_them(
+    plan: Plan, seen: JointProfile, kinematics: Kinematics
+) -> None:
+    motion = PlanMotion(plan)
     for row in range(0, len(seen.time_s), 40):
-        instant = motion.at(seen.time_s[row])
+        sample = motion.at(seen.time_s[row])
         angles = seen.angles_rad[row]
-        rotation = rotation_of(instant.rotation_rad)
-        origin = instant.com_m - rotation @ kinematics.com_offset(angles)
+        rotation = rotation_of(sample.rotation_rad)
+        origin = sample.com_m - rotation @ kinematics.com_offset(angles)
         feet = origin + kinematics.feet(angles) @ rotation.T
         # feet roll on their surfaces by up to their radius times a limb's turn, and the offset is of the last period
-        assert np.linalg.norm(feet - instant.feet_m, axis=1).max() < 0.015
+        assert np.linalg.norm(feet - sample.feet_m, axis=1).max() < 0.015
 
 
 def test_velocities_scale_with_the_pace_and_accelerations_and_torques_with_its_square(
-    plan: Plan, seen: Look, kinematics: Kinematics
+    plan: Plan, seen: JointProfile, kinematics: Kinematics
 ) -> None:
-    slow = look(Motion(plan, Timing().at_pace(0.5)), kinematics)
-    for name, factor in (("velocity_rad_s", 0.5), ("acceleration_rad_s2", 0.25), ("moving_nm", 0.25)):
+    slow = joint_profile(PlanMotion(plan, Timing().at_pace(0.5)), kinematics)
+    for name, factor in (("velocity_rad_s", 0.5), ("acceleration_rad_s2", 0.25), ("dynamic_nm", 0.25)):
         fast_peak, slow_peak = (np.percentile(np.abs(getattr(each, name)), 99.5) for each in (seen, slow))
         assert slow_peak == pytest.approx(factor * fast_peak, rel=0.06), name
-    assert np.abs(slow.still_nm).max() == pytest.approx(np.abs(seen.still_nm).max(), rel=1e-2)
+    assert np.abs(slow.static_nm).max() == pytest.approx(np.abs(seen.static_nm).max(), rel=1e-2)
 
 
-def test_accelerating_torques_are_those_of_newton_and_euler(seen: Look, plan: Plan, kinematics: Kinematics) -> None:
+def test_accelerating_torques_are_those_of_newton_and_euler(
+    seen: JointProfile, plan: Plan, kinematics: Kinematics
+) -> None:
     """Power: what the joints' torques do while nobody stands is the change of kinetic energy, and of a rotor alone."""
     from stancekit.runner.motion.time_parametrization import _Limbs
 
-    limbs, instant = _Limbs(kinematics), Motion(plan).at(0.0)
-    air = replace(instant, placement=(-1,) * 6)
+    limbs, sample = _Limbs(kinematics), PlanMotion(plan).at(0.0)
+    air = replace(sample, placement=(-1,) * 6)
     rng = np.random.default_rng(0)
     angles, velocity, acceleration = (rng.uniform(-1.0, 1.0, 24) for _ in range(3))
     step = 1e-5
@@ -91,55 +101,57 @@ def test_accelerating_torques_are_those_of_newton_and_euler(seen: Look, plan: Pl
 def test_a_body_that_accelerates_takes_torques_of_its_mass_times_that(plan: Plan, kinematics: Kinematics) -> None:
     from stancekit.runner.motion.time_parametrization import _Limbs
 
-    limbs, instant, still = _Limbs(kinematics), Motion(plan).at(0.0), np.zeros(24)
+    limbs, sample, still = _Limbs(kinematics), PlanMotion(plan).at(0.0), np.zeros(24)
     angles = np.tile([0.1, 0.4, 0.0, 1.0], 6)
     push = np.array([0.3, -0.2, 0.5])
-    torques = limbs.torques(angles, still, still, instant, push)
+    torques = limbs.torques(angles, still, still, sample, push)
     step, rate = 1e-6, np.random.default_rng(1).normal(size=24)
-    rotation = rotation_of(instant.rotation_rad)
+    rotation = rotation_of(sample.rotation_rad)
     moved = (kinematics.feet(angles + step * rate) - kinematics.feet(angles - step * rate)) / (2.0 * step)
     # virtual work: torques on joints and the feet's forces, which are m a / 6 each, balance
     assert torques @ rate == pytest.approx(-float((moved @ rotation.T @ (10.0 * push / 6.0)).sum()), rel=1e-5)
 
 
 def test_a_motion_within_all_limits_keeps_its_pace(plan: Plan, kinematics: Kinematics) -> None:
-    found = paced(plan, kinematics, CAN, Timing().at_pace(0.5))
+    found = parametrize(plan, kinematics, CAN, Timing().at_pace(0.5))
     assert (found.pace, found.bound_by) == (1.0, "")
     assert max(found.velocity, found.acceleration, found.torque) <= 1.0
 
 
-def test_joints_that_turn_slowly_slow_it_down_by_just_that(plan: Plan, seen: Look, kinematics: Kinematics) -> None:
+def test_joints_that_turn_slowly_slow_it_down_by_just_that(
+    plan: Plan, seen: JointProfile, kinematics: Kinematics
+) -> None:
     slow = with_limits(velocity_rad_s=0.4)
-    found = paced(plan, kinematics, slow)
+    found = parametrize(plan, kinematics, slow)
     wanted = 0.9 * 0.4 / np.abs(seen.velocity_rad_s).max()
     assert found.pace == pytest.approx(wanted, rel=0.02)
     assert found.bound_by.startswith("velocity of ")
-    assert np.abs(look(found.motion, kinematics).velocity_rad_s).max() <= 0.9 * 0.4 + 1e-9
+    assert np.abs(joint_profile(found.motion, kinematics).velocity_rad_s).max() <= 0.9 * 0.4 + 1e-9
 
 
-def test_accelerations_slow_it_down_by_their_root(plan: Plan, seen: Look, kinematics: Kinematics) -> None:
+def test_accelerations_slow_it_down_by_their_root(plan: Plan, seen: JointProfile, kinematics: Kinematics) -> None:
     most = 0.25 * np.abs(seen.acceleration_rad_s2).max()
-    found = paced(plan, kinematics, CAN, acceleration_rad_s2=float(most))
+    found = parametrize(plan, kinematics, CAN, acceleration_rad_s2=float(most))
     assert found.bound_by.startswith("acceleration of ")
     assert found.pace == pytest.approx(0.5, rel=0.1)
-    assert np.abs(look(found.motion, kinematics).acceleration_rad_s2).max() <= most * (1.0 + 1e-6)
+    assert np.abs(joint_profile(found.motion, kinematics).acceleration_rad_s2).max() <= most * (1.0 + 1e-6)
     assert most < ACCELERATION_RAD_S2
 
 
 def test_a_torque_at_rest_beyond_the_limit_is_refused_with_its_joint(plan: Plan, kinematics: Kinematics) -> None:
     with pytest.raises(InvalidInput, match=r"motion: .* s, joint \w+: .* Nm at rest, expected less than 4.5"):
-        paced(plan, kinematics, with_limits(torque_nm=5.0))
+        parametrize(plan, kinematics, with_limits(torque_nm=5.0))
 
 
 def test_a_joint_beyond_its_limit_is_refused_with_its_name(plan: Plan, kinematics: Kinematics) -> None:
     knee = np.where(np.arange(24) % 4 == 3, 0.5, CAN.upper_rad)
     with pytest.raises(InvalidInput, match=r"joint \w+_knee: .* rad beyond its limit"):
-        paced(plan, kinematics, replace(CAN, upper_rad=knee))
+        parametrize(plan, kinematics, replace(CAN, upper_rad=knee))
 
 
 def test_what_is_expected_to_be_felt_touches_wherever_a_foot_stands(plan: Plan) -> None:
-    instant = Motion(plan).at(0.0)
-    pressed = np.einsum("ij,ij->i", expected(instant) - instant.forces_n, instant.normals)
+    sample = PlanMotion(plan).at(0.0)
+    pressed = np.einsum("ij,ij->i", expected(sample) - sample.forces_n, sample.normals)
     np.testing.assert_allclose(pressed, 3.0)
 
 
@@ -157,31 +169,31 @@ def test_a_soft_motion_keeps_its_speed_and_begins_and_ends_at_rest() -> None:
 def test_the_soft_start_goes_round_a_surface_and_gives_up_before_it_goes_through(
     plan: Plan, kinematics: Kinematics
 ) -> None:
-    motion = Motion(plan)
-    instant = motion.at(0.0)
-    first = look(motion, kinematics).angles_rad[0]
-    rotation = rotation_of(instant.rotation_rad)
-    pose = instant.com_m - rotation @ kinematics.com_offset(first), rotation
-    direct = soft_start(kinematics, motion.solids, pose, first, first, instant.normals, 0.05)
+    motion = PlanMotion(plan)
+    sample = motion.at(0.0)
+    first = joint_profile(motion, kinematics).angles_rad[0]
+    rotation = rotation_of(sample.rotation_rad)
+    pose = sample.com_m - rotation @ kinematics.com_offset(first), rotation
+    direct = soft_start(kinematics, motion.solids, pose, first, first, sample.normals, 0.05)
     assert len(direct) == 1
-    pressed, _ = kinematics.reach(kinematics.feet(first) - 0.03 * instant.normals @ rotation, first, first)
+    pressed, _ = kinematics.reach(kinematics.feet(first) - 0.03 * sample.normals @ rotation, first, first)
     with pytest.raises(InvalidInput, match=r"soft start: limb \w\w: its foot would go \d+ mm into a surface"):
-        soft_start(kinematics, motion.solids, pose, pressed, first, instant.normals, 0.05)
+        soft_start(kinematics, motion.solids, pose, pressed, first, sample.normals, 0.05)
 
 
 def test_every_soft_start_that_is_found_keeps_feet_out_of_surfaces(plan: Plan, kinematics: Kinematics) -> None:
-    motion, rng = Motion(plan), np.random.default_rng(0)
-    instant = motion.at(0.0)
-    first = look(motion, kinematics).angles_rad[0]
-    rotation = rotation_of(instant.rotation_rad)
-    pose = instant.com_m - rotation @ kinematics.com_offset(first), rotation
+    motion, rng = PlanMotion(plan), np.random.default_rng(0)
+    sample = motion.at(0.0)
+    first = joint_profile(motion, kinematics).angles_rad[0]
+    rotation = rotation_of(sample.rotation_rad)
+    pose = sample.com_m - rotation @ kinematics.com_offset(first), rotation
     walls = [(patch.normal, patch.vertices_m[0]) for patch in plan.course.terrain if abs(patch.normal[1]) > 0.9]
     kinds = []
     for _ in range(12):
         along = rng.uniform(-0.12, 0.12, (6, 3)) * [1.0, 0.0, 1.0]
-        found, _ = kinematics.reach(kinematics.feet(first) + 0.005 * instant.normals + along, first, first)
+        found, _ = kinematics.reach(kinematics.feet(first) + 0.005 * sample.normals + along, first, first)
         try:
-            ways = soft_start(kinematics, motion.solids, pose, found, first, instant.normals, 0.05)
+            ways = soft_start(kinematics, motion.solids, pose, found, first, sample.normals, 0.05)
         except InvalidInput:
             kinds.append(0)
             continue

@@ -1,4 +1,4 @@
-"""A plan over time: in balance at every instant, smooth, its feet clear of the terrain and its ends where toes are."""
+"""A plan over time: in balance at every sample, smooth, its feet clear of the terrain and its ends where toes are."""
 
 from dataclasses import replace
 
@@ -13,7 +13,7 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.prism import Solid
 from stancekit.runner.motion.swing import clear_swing
-from stancekit.runner.motion.timeline import Motion, Timing
+from stancekit.runner.motion.timeline import PlanMotion, Timing
 
 
 @pytest.fixture(scope="module")
@@ -24,15 +24,15 @@ def plan() -> Plan:
 
 
 @pytest.fixture(scope="module")
-def motion(plan: Plan) -> Motion:
-    return Motion(plan)
+def motion(plan: Plan) -> PlanMotion:
+    return PlanMotion(plan)
 
 
-def times(motion: Motion) -> np.ndarray:
+def times(motion: PlanMotion) -> np.ndarray:
     return np.linspace(0.0, motion.seconds, 400)
 
 
-def test_every_instant_is_in_balance_with_the_feet_that_stand(motion: Motion) -> None:
+def test_every_instant_is_in_balance_with_the_feet_that_stand(motion: PlanMotion) -> None:
     course = motion.plan.course
     for time in times(motion):
         now = motion.at(float(time))
@@ -43,7 +43,7 @@ def test_every_instant_is_in_balance_with_the_feet_that_stand(motion: Motion) ->
         np.testing.assert_allclose(np.cross(arms, now.forces_n).sum(axis=0), 0.0, atol=1e-3)
 
 
-def test_forces_stay_within_their_cones(motion: Motion) -> None:
+def test_forces_stay_within_their_cones(motion: PlanMotion) -> None:
     course, choice = motion.plan.course, motion.plan.choice
     for time in times(motion):
         now = motion.at(float(time))
@@ -54,7 +54,7 @@ def test_forces_stay_within_their_cones(motion: Motion) -> None:
                 assert np.linalg.norm(force - normal * patch.normal) <= patch.friction * normal + 1e-4
 
 
-def test_feet_that_stand_are_a_radius_off_their_toes(motion: Motion) -> None:
+def test_feet_that_stand_are_a_radius_off_their_toes(motion: PlanMotion) -> None:
     for time in times(motion):
         now = motion.at(float(time))
         for limb, placement in enumerate(now.placement):
@@ -63,7 +63,7 @@ def test_feet_that_stand_are_a_radius_off_their_toes(motion: Motion) -> None:
                 np.testing.assert_allclose(now.feet_m[limb], toe + FOOT_RADIUS_M * motion.normals[placement], atol=1e-9)
 
 
-def test_it_goes_through_every_key_frame_and_ends_at_the_last(motion: Motion) -> None:
+def test_it_goes_through_every_key_frame_and_ends_at_the_last(motion: PlanMotion) -> None:
     frames = np.array([motion.at(float(time)).frame for time in times(motion)])
     assert np.all(np.diff(frames) >= -1e-12)
     end = motion.at(motion.seconds + 1.0)
@@ -72,7 +72,7 @@ def test_it_goes_through_every_key_frame_and_ends_at_the_last(motion: Motion) ->
     assert set(range(motion.plan.course.frames)) <= {round(float(f), 9) for f in frames}
 
 
-def test_nothing_leaps(motion: Motion) -> None:
+def test_nothing_leaps(motion: PlanMotion) -> None:
     step = 0.002
     moments = [motion.at(step * i) for i in range(int(motion.seconds / step))]
     feet = np.array([moment.feet_m for moment in moments])
@@ -83,7 +83,7 @@ def test_nothing_leaps(motion: Motion) -> None:
     assert np.linalg.norm(np.diff(forces, axis=0), axis=2).max() < 500.0 * step
 
 
-def test_feet_in_the_air_stay_off_the_terrain(motion: Motion) -> None:
+def test_feet_in_the_air_stay_off_the_terrain(motion: PlanMotion) -> None:
     solids = [Solid.behind(patch) for patch in motion.plan.course.terrain]
     looked_at = 0
     for time in times(motion):
@@ -114,7 +114,7 @@ def test_a_swing_rises_over_a_step_that_is_in_its_way() -> None:
 
 
 def test_a_faster_pace_takes_as_much_less_time(plan: Plan) -> None:
-    assert Motion(plan, Timing().at_pace(2.0)).seconds == pytest.approx(Motion(plan).seconds / 2.0)
+    assert PlanMotion(plan, Timing().at_pace(2.0)).seconds == pytest.approx(PlanMotion(plan).seconds / 2.0)
 
 
 def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan: Plan) -> None:
@@ -130,4 +130,4 @@ def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan:
         choice=np.zeros(12), forces_n=np.zeros((len(every.stances), 6, 3)),
     )  # fmt: skip
     with pytest.raises(InvalidInput, match=r"^frame 1: expected limbs that stay and carry the robot"):
-        _ = Motion(leap).seconds
+        _ = PlanMotion(leap).seconds

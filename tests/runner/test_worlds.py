@@ -15,7 +15,8 @@ from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, joint_names
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.runner.worlds import WORLDS, make_world
-from stancekit.runner.worlds.world import Ground, State, World, sendable
+from stancekit.runner.worlds.simulation import sendable
+from stancekit.runner.worlds.world import Ground, State, World
 
 pytest.importorskip("pinocchio")
 MODULES = {"bullet": "pybullet", "mujoco": "mujoco"}
@@ -24,7 +25,7 @@ SHOULDERS = np.array([limb.shoulder_m for limb in ROBOT.limbs])
 TOES = 1.8 * SHOULDERS + [0.0, 0.0, -0.2]
 
 
-@pytest.fixture(params=WORLDS, scope="module")
+@pytest.fixture(params=list(MODULES), scope="module")
 def world(request: pytest.FixtureRequest) -> Iterator[World]:
     pytest.importorskip(MODULES[request.param])
     with make_world(request.param, ROBOT) as made:
@@ -192,7 +193,7 @@ def test_nothing_is_printed_on_standard_output() -> None:
     assert done.stdout == ""
 
 
-@pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.parametrize("name", list(MODULES))
 def test_a_simulator_that_is_not_installed_is_named_with_its_extra(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, MODULES[name], None)
     with pytest.raises(InvalidInput, match=rf"pip install 'stancekit\[{name}\]'"):
@@ -200,5 +201,20 @@ def test_a_simulator_that_is_not_installed_is_named_with_its_extra(name: str, mo
 
 
 def test_an_unknown_world_is_refused_with_those_there_are() -> None:
-    with pytest.raises(InvalidInput, match=r"^world: expected one of bullet, mujoco, got 'gazebo'$"):
+    with pytest.raises(
+        InvalidInput, match=rf"^world: expected one of {', '.join(WORLDS.names())}, or FILE.py:NAME, got"
+    ):
         make_world("gazebo", ROBOT)
+
+
+def test_naming_a_world_imports_that_world_alone() -> None:
+    program = (
+        "import sys\n"
+        "from stancekit.runner.worlds import WORLDS\n"
+        "assert WORLDS.names()[:5] == ('bullet', 'mujoco', 'replay', 'dynamixel', 'ros')\n"
+        "assert WORLDS.get('replay').name == 'replay'\n"
+        "others = ('bullet', 'mujoco', 'dynamixel', 'ros')\n"
+        "print([name for name in others if 'stancekit.runner.worlds.' + name in sys.modules])\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout == "[]\n"

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import time
 from contextlib import suppress
+from dataclasses import replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +18,12 @@ from numpy.typing import NDArray
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import Servo, joint_names
 
 from ..capabilities import WorldCapabilities
-from ..world import LatchedWorld, State, Terrain
+from ..hardware import RATE_HZ, HardwareWorld
+from ..settings import WorldSettings
+from ..world import State, Terrain
 from . import control_table as table
 from .bus import ServoBus, signed
 from .calibration import Calibration, Turning
@@ -28,29 +31,25 @@ from .setup import check_servos, configure
 
 REST_RAD = 0.35
 """A robot at rest, its torque off, has its joints this near to where the calibration says."""
-CATCH_UP = 3
-"""So many late periods are made up for by shorter ones, so that a plan keeps its time."""
 SLACK_RAD = 0.05
 """A joint measured this far beyond its limits is at its stop; one that is farther beyond is calibrated wrong."""
 
 
-class DynamixelWorld(LatchedWorld):
+class DynamixelWorld(HardwareWorld):
     """Servos on a bus. ``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves; not thread-safe.
 
-    The body is not measured: ``State`` repeats the pose given to ``reset``, the feet are where that pose and the
-    measured angles have them, and forces are zero. Torques are what the measured current stands for, roughly. ``late``
-    counts how often more time was lost than is caught up, ``bus_s`` is what talking took in the last one. Raises
+    Torques are what the measured current stands for, roughly. ``bus_s`` is what talking took in the last period. Raises
     InvalidInput for a calibration that lacks joints, and without the SDK or pinocchio.
     """
 
     name = "dynamixel"
+    catch_up = 3.0
 
     def __init__(
-        self, robot: Robot, calibration: Calibration, servo: Servo = Servo(), *, rate_hz: float = 50.0
+        self, robot: Robot, calibration: Calibration, servo: Servo = Servo(), *, rate_hz: float = RATE_HZ
     ) -> None:
-        super().__init__()
-        self.robot, self.servo, self.rate_hz, self.calibration = robot, servo, rate_hz, calibration
-        self.joints = joint_names(robot)
+        super().__init__(robot, servo, rate_hz)
+        self.calibration = calibration
         calibration.check(self.joints)
         self._servos = calibration.ordered(self.joints)
         self._turning, self._kind = Turning(self._servos), calibration.kind
@@ -59,10 +58,16 @@ class DynamixelWorld(LatchedWorld):
         self.bus = ServoBus(
             calibration.port, calibration.baud, ids, self.joints, latency_ms=calibration.latency_ms, latch=self.latch
         )
-        self.capabilities, self._kinematics = self._capable(), Kinematics(robot, servo)
-        self.armed, self.late, self.bus_s = False, 0, 0.0
-        self._open, self._sent = False, np.zeros(len(self.joints))
+        self.capabilities, self.bus_s = self._capable(), 0.0
         self._found: NDArray[np.bool_] | None = None  # which torques were on before an arming that did not end well
+
+    @classmethod
+    def make(cls, settings: WorldSettings) -> Self:
+        """As ``WorldClass``."""
+        calibration = Calibration.from_yaml(settings.file("a calibration file", cls.name), joint_names(settings.robot))
+        settings.check_name(calibration.robot)
+        rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
+        return cls(settings.robot, calibration, settings.servo, rate_hz=rate_hz)
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Connect, check every servo, measure; nothing moves, and the torque stays as it was.
@@ -75,11 +80,10 @@ class DynamixelWorld(LatchedWorld):
         if not self._open:
             self.bus.open()
             self._open = True
-        self._pose = np.array(position_m, dtype=float), np.array(rotation, dtype=float)
         with self.bus.patient():
             check_servos(self.bus, self._kind)
             configure(self.bus, self._current)
-            self._start_s = self._due_s = time.monotonic()
+            self._begin(position_m, rotation)
             rows = self._watched()
         state = self._measured(rows)
         self._check_angles(state.angles_rad)
@@ -118,31 +122,19 @@ class DynamixelWorld(LatchedWorld):
         what was sent. Raises InvalidInput for targets that are not finite, and where the world is not armed;
         HardwareFault with the joint's name for whatever a device does wrong. After a fault the world is not armed.
         """
-        if not self.armed:
-            raise InvalidInput("world: expected torque(True) before step")
-        targets = np.asarray(targets_rad, dtype=float)
-        if targets.shape != self._sent.shape or not np.all(np.isfinite(targets)):
-            raise InvalidInput(f"targets_rad: expected {len(self.joints)} finite numbers")
+        targets = self._checked(targets_rad)
         try:
             begin = time.monotonic()
             self._send(self.sendable(targets))
             sent = time.monotonic()
             self._wait()
-            asked = time.monotonic()
+            reading = time.monotonic()
             rows = self._watched()
-            self.bus_s = sent - begin + time.monotonic() - asked
+            self.bus_s = sent - begin + time.monotonic() - reading
             return self._measured(rows)
         except HardwareFault:
             self.armed = False
             raise
-
-    def sendable(self, targets_rad: Array) -> Array:
-        """The targets as ``step`` would send them now, but for rounding."""
-        can = self.capabilities
-        most = can.velocity_rad_s / self.rate_hz
-        return np.asarray(
-            np.clip(np.clip(targets_rad, self._sent - most, self._sent + most), can.lower_rad, can.upper_rad)
-        )
 
     def hold(self) -> None:
         """Send nothing any more: servos keep the last target they were sent, and no step is taken until armed again.
@@ -178,18 +170,16 @@ class DynamixelWorld(LatchedWorld):
         self.bus.close()
 
     def _capable(self) -> WorldCapabilities:
-        limbs = len(self.robot.limbs)
-        lower, upper = np.tile(self.servo.lower_rad, limbs), np.tile(self.servo.upper_rad, limbs)
+        can = WorldCapabilities.of_servos(self.robot, self.servo, self.rate_hz, senses=False)
         torque = np.array([each.current_a for each in self._servos]) * self._kind.nm_a
-        if self.calibration.desk:
-            torque = np.full(len(lower), self.servo.torque_nm)  # of the robot that is planned for: here it is no load
-        return WorldCapabilities(
-            joints=self.joints, rate_hz=self.rate_hz,
-            lower_rad=np.maximum(lower, [each.lower_rad for each in self._servos]),
-            upper_rad=np.minimum(upper, [each.upper_rad for each in self._servos]),
-            velocity_rad_s=np.full(len(lower), min(self.servo.velocity_rad_s, self._kind.velocity_rad_s)),
-            torque_nm=np.minimum(torque, self.servo.torque_nm), has_body_pose=False, has_contact_forces=False,
-        )  # fmt: skip
+        return replace(
+            can,
+            lower_rad=np.maximum(can.lower_rad, [each.lower_rad for each in self._servos]),
+            upper_rad=np.minimum(can.upper_rad, [each.upper_rad for each in self._servos]),
+            velocity_rad_s=np.minimum(can.velocity_rad_s, self._kind.velocity_rad_s),
+            # on a desk that of the robot that is planned for: here it is no load
+            torque_nm=can.torque_nm if self.calibration.desk else np.minimum(torque, can.torque_nm),
+        )
 
     def _arm(self) -> None:
         units = self.calibration.watchdog_units
@@ -240,16 +230,6 @@ class DynamixelWorld(LatchedWorld):
         self.bus.write_all(table.GOAL_POSITION, ticks)
         self._sent = self._turning.angles(ticks)
 
-    def _wait(self) -> None:
-        """Until the period is over; what was late is caught up, but for more than a few periods."""
-        self._due_s += 1.0 / self.rate_hz
-        left = self._due_s - time.monotonic()
-        if left > 0.0:
-            time.sleep(left)
-        elif left < -CATCH_UP / self.rate_hz:
-            self.late += 1
-            self._due_s = time.monotonic()
-
     def _watched(self) -> NDArray[np.uint8]:
         """What is read in every period, shape (J, 13), after a look at what the servos say of themselves."""
         rows = self.bus.read_all(table.INDIRECT_DATA.address, table.WATCHED_BYTES)
@@ -263,21 +243,10 @@ class DynamixelWorld(LatchedWorld):
     def _measured(self, rows: NDArray[np.uint8]) -> State:
         current, rate = signed(rows[:, 3:5]), signed(rows[:, 5:9])
         turned = self._turning.direction
-        position, rotation = self._pose
         angles = self._turning.angles(signed(rows[:, 9:13]))
-        return State(
-            time_s=time.monotonic() - self._start_s,
-            position_m=position.copy(),
-            rotation=rotation.copy(),
-            velocity=np.zeros(6),
-            angles_rad=angles,
-            rates_rad_s=np.asarray(turned * rate * table.RAD_S, dtype=np.float64),
-            torques_nm=np.asarray(turned * current * table.AMPERE * self._kind.nm_a, dtype=np.float64),
-            feet_m=position + self._kinematics.feet(angles) @ rotation.T,
-            forces_n=np.zeros((len(self.robot.limbs), 3)),
-            bump_n=0.0,
-            sent_rad=self._sent.copy(),
-        )
+        rates = np.asarray(turned * rate * table.RAD_S, dtype=np.float64)
+        torques = np.asarray(turned * current * table.AMPERE * self._kind.nm_a, dtype=np.float64)
+        return self._state_of(angles, rates, torques)
 
     def _everywhere(self, register: table.Register, value: int, *, stopping: bool = False) -> None:
         self.bus.write_all(register, np.full(len(self.joints), value), stopping=stopping)

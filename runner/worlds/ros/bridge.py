@@ -74,14 +74,14 @@ class RosLink:
     def subscribe(self, topic: str, kind: str, callback: Callable[[Message], None]) -> None:
         """Call back for every message. A callback that refuses one with InvalidInput makes it a trouble."""
 
-        def heard(message: Message) -> None:
+        def on_message(message: Message) -> None:
             try:
                 callback(message)
             except InvalidInput as error:
                 self.complain(f"{topic}: {error}")
 
         self._topics[topic] = self._module.Topic(self.ros, topic, kind, queue_length=1, reconnect_on_close=False)
-        self._topics[topic].subscribe(heard)
+        self._topics[topic].subscribe(on_message)
 
     def publish(self, topic: str, kind: str, message: Message) -> None:
         """Send a message; nothing is sent, and nothing kept for later, where the connection is lost."""
@@ -122,9 +122,9 @@ class RosLink:
 
     def call(self, service: str, kind: str, request: Message) -> Message:
         """Call a service and wait. Raises InvalidInput where it refuses or does not answer in time."""
-        asked = self._module.Service(self.ros, service, kind, reconnect_on_close=False)
+        client = self._module.Service(self.ros, service, kind, reconnect_on_close=False)
         try:
-            return dict(asked.call(self._module.ServiceRequest(request), timeout=self._timeout_s))
+            return dict(client.call(self._module.ServiceRequest(request), timeout=self._timeout_s))
         except Exception as error:  # roslibpy raises its own, and what the service said
             raise InvalidInput(f"{service}: expected an answer, got {error!s:.80}") from None
 

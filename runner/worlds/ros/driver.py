@@ -12,17 +12,19 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from typing import Self
 
 import numpy as np
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, frozen
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import Servo, joint_names
 
 from ..capabilities import WorldCapabilities
-from ..world import LatchedWorld, State, Terrain
+from ..hardware import RATE_HZ, HardwareWorld
+from ..settings import WorldSettings
+from ..world import State, Terrain
 from .follow import Follower
 from .robot import RosRobot
 from .setup import RosSetup
@@ -31,28 +33,29 @@ SLACK_RAD = 0.05
 """A joint measured this far beyond its limits is taken for one at its stop, farther for one that is mapped wrong."""
 
 
-class RosWorld(LatchedWorld):
+class RosWorld(HardwareWorld):
     """``reset`` connects and measures, ``torque(True)`` arms, ``step`` moves. ``hold`` may come from another thread.
 
-    The body is not measured: ``State`` repeats the pose given to ``reset``, the feet are where that pose and the
-    measured angles have them, and forces are zero. Torques are the efforts that ROS reports. ``late`` counts periods
-    that began late by more than a period. Raises InvalidInput for a setup that lacks joints, and without roslibpy or
+    Torques are the efforts that ROS reports. Raises InvalidInput for a setup that lacks joints, and without roslibpy or
     pinocchio.
     """
 
     name = "ros"
 
-    def __init__(self, robot: Robot, setup: RosSetup, servo: Servo = Servo(), *, rate_hz: float = 50.0) -> None:
-        super().__init__()
-        self.robot, self.servo, self.rate_hz, self.setup = robot, servo, rate_hz, setup
-        self.joints = joint_names(robot)
-        self._kinematics = Kinematics(robot, servo)
-        self.capabilities = self._capable()
-        self._robot, self._open = RosRobot(setup, self.joints, self.latch), False
+    def __init__(self, robot: Robot, setup: RosSetup, servo: Servo = Servo(), *, rate_hz: float = RATE_HZ) -> None:
+        super().__init__(robot, servo, rate_hz)
+        self.setup, self.capabilities = setup, WorldCapabilities.of_servos(robot, servo, rate_hz, senses=False)
+        self._robot = RosRobot(setup, self.joints, self.latch)
         self._follower = Follower(self._robot)
-        self.armed, self.late = False, 0
         self._switched = False  # on, by an arming that did not end well
-        self._sent = np.zeros(len(self.joints))
+
+    @classmethod
+    def make(cls, settings: WorldSettings) -> Self:
+        """As ``WorldClass``."""
+        setup = RosSetup.from_yaml(settings.file("a set-up file", cls.name), joint_names(settings.robot))
+        settings.check_name(setup.robot)
+        rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
+        return cls(settings.robot, setup, settings.servo, rate_hz=rate_hz)
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Connect, check the controller's joints, measure; nothing is sent that could move the robot.
@@ -70,16 +73,10 @@ class RosWorld(LatchedWorld):
             self._robot.link.close()
             raise
         self._open = True
-        self._pose = np.array(position_m, dtype=float), np.array(rotation, dtype=float)
-        self._start_s = self._due_s = time.monotonic()
+        self._begin(position_m, rotation)
         self._sent = self._robot.states.read()[0]
         self._check_angles(self._sent, "measured", SLACK_RAD, ": is its name or offset right?")
         return self._state()
-
-    @property
-    def estopped(self) -> bool:
-        """Whether the e-stop of the setup's topic was pressed since the reset."""
-        return self._robot.pressed
 
     def torque(self, on: bool) -> None:
         """Arm: hold the measured pose, the controller switched on if the setup names its manager; or switch it off.
@@ -107,11 +104,7 @@ class RosWorld(LatchedWorld):
         InvalidInput for targets that are not finite, and where the world is not armed; HardwareFault when the
         connection is lost, for nonsense, measurements that are too old, and the e-stop. Then the world is not armed.
         """
-        if not self.armed:
-            raise InvalidInput("world: expected torque(True) before step")
-        targets = np.asarray(targets_rad, dtype=float)
-        if targets.shape != self._sent.shape or not np.all(np.isfinite(targets)):
-            raise InvalidInput(f"targets_rad: expected {len(self.joints)} finite numbers")
+        targets = self._checked(targets_rad)
         self._check()
         self._sent = self.sendable(targets)
         try:
@@ -123,21 +116,16 @@ class RosWorld(LatchedWorld):
         self._check()
         return self._state()
 
-    def sendable(self, targets_rad: Array) -> Array:
-        """The targets as ``step`` would send them now."""
-        can = self.capabilities
-        most = can.velocity_rad_s / self.rate_hz
-        near = np.clip(targets_rad, self._sent - most, self._sent + most)
-        return np.asarray(np.clip(near, can.lower_rad, can.upper_rad))
-
-    def run_trajectory(self, times_s: Array, angles_rad: Array, heard: Callable[[State], None] | None = None) -> State:
+    def run_trajectory(
+        self, times_s: Array, angles_rad: Array, on_state: Callable[[State], None] | None = None
+    ) -> State:
         """Hand a whole trajectory over, from the pose held now, and wait for its end, where the robot is at rest.
 
-        times_s: shape (T,), from the start, increasing from above 0; angles_rad: shape (T, J). heard: gets a state for
-        every feedback. Before the first one a goal that holds the pose is sent and cancelled, to see
-        that it can be. Raises InvalidInput, before any motion, for a trajectory beyond limits or longer than the
-        setup's alone_s, and where goals cannot be cancelled; HardwareFault for one that did not succeed: a trouble on
-        the way, or ``hold``, cancels it.
+        times_s: shape (T,), from the start, increasing from above 0; angles_rad: shape (T, J). on_state: gets a state
+        for every feedback. Before the first one a goal that holds the pose is sent and cancelled, to see that it can
+        be. Raises InvalidInput, before any motion, for a trajectory beyond limits or longer than the setup's alone_s,
+        and where goals cannot be cancelled; HardwareFault for one that did not succeed: a trouble on the way, or
+        ``hold``, cancels it.
         """
         if not self.armed:
             raise InvalidInput("world: expected torque(True) before run_trajectory")
@@ -148,7 +136,7 @@ class RosWorld(LatchedWorld):
         self._due_s = time.monotonic()
         try:
             self._follower.follow(
-                self._sent, times, angles, lambda: heard(self._state()) if heard is not None else None
+                self._sent, times, angles, lambda: on_state(self._state()) if on_state is not None else None
             )
         except HardwareFault:
             self.armed = False
@@ -180,14 +168,6 @@ class RosWorld(LatchedWorld):
         self.armed = self._open = False
         self._follower.stop()
         self._robot.link.close()
-
-    def _capable(self) -> WorldCapabilities:
-        count, limbs = len(self.joints), len(self.robot.limbs)
-        return WorldCapabilities(
-            joints=self.joints, rate_hz=self.rate_hz, lower_rad=np.tile(self.servo.lower_rad, limbs),
-            upper_rad=np.tile(self.servo.upper_rad, limbs), velocity_rad_s=np.full(count, self.servo.velocity_rad_s),
-            torque_nm=np.full(count, self.servo.torque_nm), has_body_pose=False, has_contact_forces=False,
-        )  # fmt: skip
 
     def _arm(self) -> None:
         if self.setup.controller_manager is not None:
@@ -233,29 +213,5 @@ class RosWorld(LatchedWorld):
                 f"{np.abs(rates[:, index]).max():.3g}"
             )
 
-    def _wait(self) -> None:
-        """Until the period is over; one that is late by more than a period starts the count anew."""
-        self._due_s += 1.0 / self.rate_hz
-        left = self._due_s - time.monotonic()
-        if left > 0.0:
-            time.sleep(left)
-        elif left < -1.0 / self.rate_hz:
-            self.late += 1
-            self._due_s = time.monotonic()
-
     def _state(self) -> State:
-        angles, rates, torques = self._robot.states.read()
-        position, rotation = self._pose
-        return State(
-            time_s=time.monotonic() - self._start_s,
-            position_m=position.copy(),
-            rotation=rotation.copy(),
-            velocity=np.zeros(6),
-            angles_rad=angles,
-            rates_rad_s=rates,
-            torques_nm=torques,
-            feet_m=position + self._kinematics.feet(angles) @ rotation.T,
-            forces_n=np.zeros((len(self.robot.limbs), 3)),
-            bump_n=0.0,
-            sent_rad=self._sent.copy(),
-        )
+        return self._state_of(*self._robot.states.read())

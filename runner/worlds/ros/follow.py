@@ -13,7 +13,7 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 
 from .bridge import RosLink
-from .goal import Goal, followed, speeds, trajectory
+from .goal import Goal, follow_goal, speeds, trajectory
 from .robot import POLL_S, RosRobot
 
 PROBE_S = 3.0
@@ -37,10 +37,10 @@ class Follower:
         """Let the goal that is on its way be cancelled, and send none until ``ready``."""
         self._stop.set()
 
-    def follow(self, first_rad: Array, times_s: Array, angles_rad: Array, heard: Callable[[], None]) -> None:
+    def follow(self, first_rad: Array, times_s: Array, angles_rad: Array, on_feedback: Callable[[], None]) -> None:
         """Send a trajectory and wait for its end. first_rad: where the robot is held now, shape (J,).
 
-        heard: called after feedback. Raises InvalidInput where the robot does not cancel goals, HardwareFault
+        on_feedback: called after feedback. Raises InvalidInput where the robot does not cancel goals, HardwareFault
         for one that did not succeed, after cancelling it; Stopped after a stop, before it was sent.
         """
         if not self._cancels:
@@ -53,7 +53,7 @@ class Follower:
         while not goal.done.wait(POLL_S):
             if self._fed.is_set():
                 self._fed.clear()
-                heard()
+                on_feedback()
             why = self._robot.trouble()
             if why is None and self._robot.latch.tripped:
                 why = self._robot.latch.reason
@@ -83,8 +83,8 @@ class Follower:
 
     def _send(self, times_s: Array, angles_rad: Array, rates: Array) -> Goal:
         robot, setup = self._robot, self._robot.setup
-        told, turned = robot.mapping.to_ros(angles_rad), robot.mapping.direction * rates
-        path = trajectory(robot.mapping.names, times_s, told, turned, setup.ros)
+        angles, rates = robot.mapping.to_ros(angles_rad), robot.mapping.direction * rates
+        path = trajectory(robot.mapping.names, times_s, angles, rates, setup.ros)
 
         def fed(feedback: Any) -> None:
             try:
@@ -94,7 +94,7 @@ class Follower:
             else:
                 self._fed.set()
 
-        goal = followed(path, robot.mapping.names, setup.path_rad, setup.goal_rad, setup.goal_s, setup.ros)
+        goal = follow_goal(path, robot.mapping.names, setup.path_rad, setup.goal_rad, setup.goal_s, setup.ros)
         return robot.link.through(robot.latch, lambda: robot.goals.send(goal, fed))
 
     def _cancelled(self, goal: Goal) -> str:

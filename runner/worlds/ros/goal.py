@@ -40,45 +40,45 @@ class Goal(ABC):
         if how == "succeeded" and isinstance(code, int) and code < 0:
             how = "aborted"
         why = ERRORS.get(code, "") if isinstance(code, int) else ""
-        said = detail if isinstance(detail, str) else ""
-        self.ended = how if how == "succeeded" else ": ".join(part for part in (how, why, said[:100]) if part)
+        message = detail if isinstance(detail, str) else ""
+        self.ended = how if how == "succeeded" else ": ".join(part for part in (how, why, message[:100]) if part)
         self.done.set()
 
 
 class Ros2Goal(Goal):
     """A goal of the operations ``send_action_goal`` and ``cancel_action_goal``."""
 
-    def __init__(self, link: RosLink, action: str, goal: Message, heard: Callable[[Message], None]) -> None:
+    def __init__(self, link: RosLink, action: str, goal: Message, on_feedback: Callable[[Message], None]) -> None:
         super().__init__()
         module = roslibpy()
         self._client = module.ActionClient(link.ros, action, "control_msgs/action/FollowJointTrajectory")
-        told = module.Goal(goal), self._resulted, lambda said: heard(dict(said)), self._failed
-        self.id = self._client.send_goal(*told)
+        goal_arguments = module.Goal(goal), self._resulted, lambda message: on_feedback(dict(message)), self._failed
+        self.id = self._client.send_goal(*goal_arguments)
 
     def cancel(self, link: RosLink) -> None:
         """Ask that it stop. Not by roslibpy's own verb, which knows one connection only."""
         link.send({"op": "cancel_action_goal", "id": self.id, "action": self._client.name})
 
-    def _resulted(self, said: Any) -> None:
-        values = said["values"]
+    def _resulted(self, message: Any) -> None:
+        values = message["values"]
         result = values.get("result", values) if isinstance(values, dict) else values
-        self._end(ROS2_ENDS.get(said["status"].value, "ended without a status"), result)
+        self._end(ROS2_ENDS.get(message["status"].value, "ended without a status"), result)
 
-    def _failed(self, said: Any) -> None:
-        self._end("rejected", said["values"])
+    def _failed(self, message: Any) -> None:
+        self._end("rejected", message["values"])
 
 
 class Ros1Goal(Goal):
     """A goal of actionlib. It ends with its result and a final status: the result of a rejected goal looks like one."""
 
-    def __init__(self, client: Any, goal: Message, heard: Callable[[Message], None]) -> None:
+    def __init__(self, client: Any, goal: Message, on_feedback: Callable[[Message], None]) -> None:
         from roslibpy.ros1 import actionlib
 
         super().__init__()
         self._result: Any = None
         self._status: str | None = None
         self._goal = actionlib.Goal(client, goal)
-        self._goal.on("feedback", lambda said: heard(dict(said)))
+        self._goal.on("feedback", lambda message: on_feedback(dict(message)))
         self._goal.on("result", self._resulted)
         self._goal.on("status", self._stated)
         self._goal.send()
@@ -88,12 +88,12 @@ class Ros1Goal(Goal):
         topic = f"{self._goal.action_client.server_name}/cancel"
         link.publish(topic, "actionlib_msgs/GoalID", {"stamp": {"secs": 0, "nsecs": 0}, "id": self._goal.goal_id})
 
-    def _resulted(self, said: Any) -> None:
-        self._result = dict(said)
+    def _resulted(self, message: Any) -> None:
+        self._result = dict(message)
         self._ready()
 
-    def _stated(self, said: Any) -> None:
-        self._status = ROS1_ENDS.get(said["status"])
+    def _stated(self, message: Any) -> None:
+        self._status = ROS1_ENDS.get(message["status"])
         self._ready()
 
     def _ready(self) -> None:
@@ -116,11 +116,11 @@ class Goals:
             except roslibpy().core.RosTimeoutError:
                 raise InvalidInput(f"{self._action}: expected an action server, it publishes no status") from None
 
-    def send(self, goal: Message, heard: Callable[[Message], None]) -> Goal:
-        """Send a goal. heard: gets its feedback, in roslibpy's thread."""
+    def send(self, goal: Message, on_feedback: Callable[[Message], None]) -> Goal:
+        """Send a goal. on_feedback: gets its feedback, in roslibpy's thread."""
         if self._ros == 1:
-            return Ros1Goal(self._client, goal, heard)
-        return Ros2Goal(self._link, self._action, goal, heard)
+            return Ros1Goal(self._client, goal, on_feedback)
+        return Ros2Goal(self._link, self._action, goal, on_feedback)
 
 
 def cancel_all(link: RosLink, controller: str, ros: Literal[1, 2]) -> None:
@@ -152,7 +152,7 @@ def trajectory(
     return {"header": header, "joint_names": list(names), "points": points}
 
 
-def followed(
+def follow_goal(
     path: Message, names: tuple[str, ...], path_rad: float, goal_rad: float, goal_s: float, ros: Literal[1, 2]
 ) -> Message:
     """A goal of FollowJointTrajectory."""

@@ -55,16 +55,16 @@ class JointStates:
     def read(self) -> tuple[Array, Array, Array]:
         """Angles, rates and torques in the robot's order, each shape (J,)."""
         with self._lock:
-            told = self._table.copy()
+            table = self._table.copy()
         turned = self._mapping.direction
-        return self._mapping.from_ros(told[0]), turned * told[1], turned * told[2]
+        return self._mapping.from_ros(table[0]), turned * table[1], turned * table[2]
 
     def age_s(self) -> Array:
         """How long ago each joint was heard of, shape (J,) [s]; inf for never."""
         with self._lock:
             return np.asarray(time.monotonic() - self._seen_s)
 
-    def unheard(self, since_s: float) -> list[str]:
+    def silent(self, since_s: float) -> list[str]:
         """Joints of which nothing was heard for so long, by both names where they differ."""
         pairs = zip(self._joints, self._mapping.names, self.age_s(), strict=True)
         return [ours if ours == theirs else f"{ours} ({theirs})" for ours, theirs, age in pairs if age > since_s]

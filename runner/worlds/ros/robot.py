@@ -63,7 +63,7 @@ class RosRobot:
         begin, late, missing = time.monotonic(), False, list(self._joints)
         while not late and self.trouble(silence=False) is None:
             time.sleep(POLL_S)
-            spent_s, missing = time.monotonic() - begin, self.states.unheard(setup.stale_s)
+            spent_s, missing = time.monotonic() - begin, self.states.silent(setup.stale_s)
             if not missing and self._controlled and spent_s > LOOK_S:
                 break
             late = spent_s > setup.timeout_s
@@ -86,7 +86,7 @@ class RosRobot:
         found = self.link.trouble()
         if found is None and self.pressed:
             found = f"e-stop pressed on {self.setup.estop}"
-        if found is None and silence and (late := self.states.unheard(self.setup.stale_s)):
+        if found is None and silence and (late := self.states.silent(self.setup.stale_s)):
             stale_ms = 1e3 * self.setup.stale_s
             found = f"{self.setup.joint_states}: {listed(late)}: nothing heard for {stale_ms:.0f} ms"
         return found
@@ -99,8 +99,8 @@ class RosRobot:
         topic = "joint_trajectory" if self.setup.ros == 2 else "command"
         point = self.mapping.to_ros(targets_rad)[None, :]
         path = trajectory(self.mapping.names, np.array([self.setup.lead_s]), point, None, self.setup.ros)
-        told = f"{self.setup.controller}/{topic}", self.kind("trajectory_msgs", "JointTrajectory"), path
-        self.link.through(self.latch, lambda: self.link.publish(*told))
+        message = f"{self.setup.controller}/{topic}", self.kind("trajectory_msgs", "JointTrajectory"), path
+        self.link.through(self.latch, lambda: self.link.publish(*message))
 
     def switch(self, on: bool) -> None:
         """Switch the controller on or off. Raises HardwareFault where that is refused, or nobody is there to ask; and
@@ -130,10 +130,10 @@ class RosRobot:
         self._controlled = [str(name) for name in names]
 
     def _press(self, message: Any) -> None:
-        told = message.get("data") if isinstance(message, dict) else None
-        if not isinstance(told, bool):
-            raise InvalidInput(f"expected data to be true or false, got {shown(told, 40)}")
-        self.pressed = self.pressed or told
+        pressed = message.get("data") if isinstance(message, dict) else None
+        if not isinstance(pressed, bool):
+            raise InvalidInput(f"expected data to be true or false, got {shown(pressed, 40)}")
+        self.pressed = self.pressed or pressed
 
 
 def listed(names: Sequence[str]) -> str:

@@ -70,12 +70,12 @@ class RosSetup:
 
     def __post_init__(self) -> None:
         owner, wrong = dict[str, str](), list[str]()
-        for joint, told in self.joints.items():
-            if told.name in owner:
+        for joint, each in self.joints.items():
+            if each.name in owner:
                 wrong.append(
-                    f"joints.{joint}.name: expected a name of its own, got {told.name}, which {owner[told.name]} has"
+                    f"joints.{joint}.name: expected a name of its own, got {each.name}, which {owner[each.name]} has"
                 )
-            owner.setdefault(told.name, joint)
+            owner.setdefault(each.name, joint)
         if wrong:
             raise InvalidInput("; ".join(wrong))
 
@@ -124,15 +124,15 @@ class Mapping:
 
     def __init__(self, setup: RosSetup, joints: Sequence[str]) -> None:
         setup.check(joints)
-        told = [setup.joints[name] for name in joints]
-        self.names = tuple(each.name for each in told)
-        self.direction = np.array([float(each.direction) for each in told])
-        self.offset = np.array([each.offset_rad for each in told])
+        mapped = [setup.joints[name] for name in joints]
+        self.names = tuple(each.name for each in mapped)
+        self.direction = np.array([float(each.direction) for each in mapped])
+        self.offset = np.array([each.offset_rad for each in mapped])
 
     def to_ros(self, angles_rad: Array) -> Array:
-        """What ROS is told, shape (…, J)."""
+        """What is sent to ROS, shape (…, J)."""
         return np.asarray(self.direction * angles_rad + self.offset)
 
-    def from_ros(self, told: Array) -> Array:
+    def from_ros(self, values: Array) -> Array:
         """Joint angles, shape (…, J)."""
-        return np.asarray(self.direction * (told - self.offset))
+        return np.asarray(self.direction * (values - self.offset))

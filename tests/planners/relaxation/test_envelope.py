@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stancekit.planners.answer.answer_file import read_envelopes, write_envelopes
+from stancekit.planners.answer.answer_file import read_envelopes, write_boxes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import TILT_ROOM_RAD, Envelope, EnvelopeSet
 
@@ -164,7 +164,7 @@ def test_what_describes_no_class_of_problems_is_refused(learned, key, value):
 
 def test_a_set_comes_back_from_its_file_to_the_last_bit(learned, tmp_path):
     path = tmp_path / "wall-3.json"
-    write_envelopes(path, learned)
+    write_boxes(path, learned)
     again = read_envelopes(path)
     assert json.dumps(again.to_json()) == json.dumps(learned.to_json())
     assert again.legs == learned.legs

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stancekit.envs.distributions.courses import perturbed
-from stancekit.learners.modes import learn_modes
+from stancekit.learners.selectors.modes import learn_modes
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput

@@ -242,7 +242,7 @@ def test_planners_are_made_by_name(learned):
         assert names[method] == method
     assert make_planner("two-stage", projection="fix-f").name == "lift+fix-f"
     assert refusal(make_planner, "magic") == (
-        "method: expected one of exact, p1, lift, two-stage, nlp, micp, got 'magic'"
+        "method: expected one of exact, p1, lift, two-stage, nlp, micp, or FILE.py:NAME, got 'magic'"
     )
     assert refusal(make_planner, "p1") == "envelope: expected an envelope file for the method p1, got none"
     assert make_planner("exact", time_limit_s=0.5).time_limit_s == 0.5

@@ -1,0 +1,98 @@
+"""Legged robots learn and plan on hard terrain: what ``import stancekit`` gives.
+
+Problems, courses, terrain, robots and envelopes; verbs that answer, check, explain and draw them; files. Every name is
+looked up when it is first asked for, so that the import itself takes no time and loads no solver. The environments are
+Gymnasium's: ``gymnasium.make("stancekit.envs:stancekit/EnvelopeSelection-v0")``.
+
+>>> import stancekit
+>>> problem = stancekit.sample("wall-3", rng=8)[0]
+>>> outcome = stancekit.solve(problem)
+>>> outcome.status.value
+'infeasible'
+>>> stancekit.explain(problem, outcome.certificate).message
+'infeasible: the cheapest single change is friction of RR, from 0.5653 to at least 0.6986 (+24 %)'
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .answers import explain as explain
+    from .answers import verify as verify
+    from .courses import plan as plan
+    from .files import load as load
+    from .files import save as save
+    from .learners.data.dataset import Dataset as Dataset
+    from .pictures import draw as draw
+    from .planners.answer.outcome import Certificate as Certificate
+    from .planners.answer.outcome import Outcome as Outcome
+    from .planners.answer.outcome import Posture as Posture
+    from .planners.answer.outcome import Status as Status
+    from .planners.answer.plan import Plan as Plan
+    from .planners.answer.plan import PlanOutcome as PlanOutcome
+    from .planners.errors import InvalidInput as InvalidInput
+    from .planners.errors import StancekitError as StancekitError
+    from .planners.gait.trajectory import Trajectory as Trajectory
+    from .planners.problem.course import Course as Course
+    from .planners.problem.posture import Contact as Contact
+    from .planners.problem.posture import PostureProblem as PostureProblem
+    from .planners.relaxation.envelope import Envelope as Envelope
+    from .planners.relaxation.envelope import EnvelopeSet as EnvelopeSet
+    from .planners.robot.model import Limb as Limb
+    from .planners.robot.model import Robot as Robot
+    from .planners.robot.model import hexapod as hexapod
+    from .planners.terrain.heightfield import HeightField as HeightField
+    from .planners.terrain.patch import Patch as Patch
+    from .postures import sample as sample
+    from .postures import solve as solve
+    from .selectors import evaluate as evaluate
+    from .selectors import fit as fit
+    from .selectors import label as label
+    from .walks import walk as walk
+
+    __version__: str
+
+_HOMES = {
+    "answers": ("explain", "verify"),
+    "courses": ("plan",),
+    "files": ("load", "save"),
+    "learners.data.dataset": ("Dataset",),
+    "pictures": ("draw",),
+    "planners.answer.outcome": ("Certificate", "Outcome", "Posture", "Status"),
+    "planners.answer.plan": ("Plan", "PlanOutcome"),
+    "planners.errors": ("InvalidInput", "StancekitError"),
+    "planners.gait.trajectory": ("Trajectory",),
+    "planners.problem.course": ("Course",),
+    "planners.problem.posture": ("Contact", "PostureProblem"),
+    "planners.relaxation.envelope": ("Envelope", "EnvelopeSet"),
+    "planners.robot.model": ("Limb", "Robot", "hexapod"),
+    "planners.terrain.heightfield": ("HeightField",),
+    "planners.terrain.patch": ("Patch",),
+    "postures": ("sample", "solve"),
+    "selectors": ("evaluate", "fit", "label"),
+    "walks": ("walk",),
+}
+"""Where each name lives: what the imports above say to type checkers, said to the interpreter (compared by a test)."""
+_HOME = {name: home for home, names in _HOMES.items() for name in names}
+
+
+if not TYPE_CHECKING:  # or a checker would take any name for one that there is
+
+    def __getattr__(name: str) -> Any:
+        """A name from its home, at the first use (PEP 562)."""
+        if name == "__version__":
+            from importlib.metadata import version
+
+            value: Any = version("stancekit")
+        elif name in _HOME:
+            value = getattr(import_module(f".{_HOME[name]}", __name__), name)
+        else:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        globals()[name] = value
+        return value
+
+
+def __dir__() -> list[str]:
+    return [*_HOME, "__version__", "__doc__"]

@@ -1,0 +1,67 @@
+"""Courses: plan key frames over them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.problem.course import Course
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.projection.project import Projection
+from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.modes import Modes
+from stancekit.planners.search.answer import CoursePlanner
+from stancekit.planners.search.friction_margin import plan_with_reserve
+from stancekit.planners.search.methods import Relaxation, make_course_planner
+
+
+def plan(
+    course: Course | str | Path,
+    planner: str | CoursePlanner = "two-stage",
+    *,
+    frames: int | None = None,
+    reserve: bool = True,
+    relaxation: Relaxation | None = None,
+    envelopes: EnvelopeSet | Modes | None = None,
+    projection: Projection = "scp",
+    time_limit_s: float = 60.0,
+    engine: Literal["rows", "cvxpy"] = "rows",
+) -> PlanOutcome:
+    """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries.
+
+    Arguments:
+        course: a ``Course``, a built-in one by name ("stairs", "walls", "icy-walls", "tube", "ground-to-wall"), or a
+            YAML or JSON file.
+        planner: "two-stage" (relaxation and projection), "exact" (to the best plan; short courses), "micp", "nlp",
+            "decoupled" (a baseline that fails on ice). Or a planner that was made before, the name of one that a
+            package registered under ``stancekit.planners``, or "FILE.py:NAME".
+        frames: number of key frames M, where not the course's own; of a name or a YAML file only.
+        reserve: plan with 80 % of the friction where that has a plan, else 90 %, else all of it; two-stage only.
+        relaxation, envelopes: first stage of two-stage: the lift, or learned boxes, or modes that it switches between.
+        projection: second stage of two-stage and micp: "scp", "fix-p" or "fix-toes".
+        time_limit_s: what is not decided by then is undecided [s].
+        engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
+    Returns:
+        A ``PlanOutcome``: feasible with a ``plan`` that the verifier accepted in every stance and between them,
+        infeasible with a certificate, or undecided. ``bound`` is a proved lower bound on the objective of any plan.
+    Raises:
+        InvalidInput: for a course that is none, an unknown planner, or envelopes that are missing or have no use.
+    Source:
+        Paper E §IV-B, E11, E1-E10 in every stance.
+    Example:
+        >>> import stancekit
+        >>> outcome = stancekit.plan("stairs", frames=4)
+        >>> outcome.status.value, outcome.plan.com_m.shape
+        ('feasible', (4, 3))
+    """
+    if not isinstance(course, Course):
+        course = read_course(course, frames)
+    chosen = planner
+    if isinstance(chosen, str):
+        chosen = make_course_planner(
+            chosen, relaxation=relaxation, envelopes=envelopes, projection=projection, time_limit_s=time_limit_s,
+            programs=Programs(engine=engine),
+        )  # fmt: skip
+    return plan_with_reserve(chosen, course) if reserve and planner == "two-stage" else chosen.solve(course)

@@ -1,0 +1,159 @@
+"""Files: any of Stancekit's, read by what they say they are, and written whole or not at all."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeVar, overload
+
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.selectors.selector import Learned
+from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.planners.answer import plan_file, proof_file
+from stancekit.planners.answer.answer_file import read_envelopes, read_modes, read_problems, write_boxes
+from stancekit.planners.answer.outcome import Certificate
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import read_json, read_text, read_yaml
+from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.writing import write_text
+from stancekit.planners.gait import trajectory_file
+from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem.course import Course
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.course_json import course_to_json
+from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.modes import Modes
+from stancekit.planners.robot.single_body import GaitRobot
+from stancekit.planners.verify import check_plan
+from stancekit.planners.verify.trajectories import check_trajectory
+
+Kind = TypeVar("Kind")
+Proof = tuple[PostureProblem | Course, Certificate]
+Saved = PostureProblem | Course | EnvelopeSet | Modes | Plan | Proof | Trajectory | Learned
+_READERS: Mapping[str, Callable[[Path], Any]] = {
+    "posture": lambda path: _only(_problems(path), path),
+    "course": read_course,
+    "envelope": read_envelopes,
+    "modes": read_modes,
+    "plan": lambda path: plan_file.read_plan(path)[0],
+    "proof": proof_file.read_proof,
+    "no-plan": proof_file.read_proof,
+    "gait": lambda path: trajectory_file.read_trajectory(path).trajectory,
+}
+"""By what stands between the slashes of a file's format, e.g. ``stancekit/plan/2``."""
+
+
+@overload
+def load(path: str | Path) -> Any: ...
+@overload
+def load(path: str | Path, kind: type[Kind]) -> Kind: ...
+def load(path: str | Path, kind: type[Any] = object) -> Any:
+    """Read any of Stancekit's files, by what the file says that it is.
+
+    Arguments:
+        path: a file, or the folder of a data set.
+        kind: what is expected, e.g. ``stancekit.Plan``; anything where it is not given. Type checkers then know it.
+    Returns:
+        PostureProblem, or a list of them where the file holds JSON lines or an array (``stancekit/posture/1``); Course
+        (``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the pair (PostureProblem or Course, Certificate) of
+        a proof; Trajectory of a gait; Dataset; GaitRobot (YAML); what a safetensors file of a neural selector, chooser
+        or policy holds, as ``Learned``. Nothing is unpickled.
+    Raises:
+        InvalidInput: for a file that is missing, damaged or foreign, or of another kind.
+    Source:
+        docs/formats.md.
+    Example:
+        >>> import stancekit
+        >>> stancekit.save(stancekit.plan("stairs", frames=2).plan, "climb.json")
+        >>> stancekit.load("climb.json", stancekit.Plan).course.name
+        'stairs'
+    """
+    found = _read(Path(path))
+    if not isinstance(found, kind):
+        raise InvalidInput(f"{path}: expected a {kind.__name__}, got a {type(found).__name__}")
+    return found
+
+
+def save(
+    thing: Saved | Sequence[PostureProblem],
+    path: str | Path,
+) -> None:
+    """Write a thing to a file that ``load`` reads back, whole or not at all.
+
+    Arguments:
+        thing: a posture problem, several of them (JSON lines), a course, envelopes, modes, a plan, a walk, the pair of
+            a problem or course and its certificate, or what ``fit`` returned. A plan and a walk are verified, and the
+            verdict is written with them. A data set is a folder that ``label`` writes.
+        path: the file; .json, but .safetensors for what has a network.
+    Raises:
+        InvalidInput: for another kind of thing, and where nothing can be written.
+    Source:
+        docs/formats.md.
+    Example:
+        >>> import stancekit
+        >>> problems = stancekit.sample("wall-3", 2, rng=0)
+        >>> stancekit.save(problems, "postures.jsonl")
+        >>> [problem.legs for problem in stancekit.load("postures.jsonl")]
+        [('RF', 'RR', 'LM'), ('RF', 'RR', 'LM')]
+    """
+    match thing:
+        case PostureProblem():
+            write_text(path, json.dumps(thing.to_json(), indent=1) + "\n")
+        case Course():
+            write_text(path, json.dumps(course_to_json(thing), indent=1) + "\n")
+        case EnvelopeSet() | Modes():
+            write_boxes(path, thing)
+        case Plan():
+            plan_file.write_plan(path, thing, check_plan(thing))
+        case Trajectory():
+            trajectory_file.write_trajectory(path, thing, check_trajectory(thing))
+        case Learned():
+            thing.write(Path(path))
+        case [PostureProblem() | Course() as subject, Certificate() as certificate]:
+            proof_file.write_proof(path, subject, certificate)
+        case [PostureProblem(), *_] if all(isinstance(one, PostureProblem) for one in thing):
+            problems = [one for one in thing if isinstance(one, PostureProblem)]
+            write_text(path, "".join(json.dumps(one.to_json()) + "\n" for one in problems))
+        case _:
+            raise InvalidInput(f"{path}: expected something that has a file format, got a {type(thing).__name__}")
+
+
+def _read(path: Path) -> Any:
+    if path.is_dir():
+        return Dataset.open(path)
+    if path.suffix == ".safetensors":
+        return load_selector(path)
+    if path.suffix in (".yaml", ".yml"):
+        return read_course(path) if "terrain" in read_yaml(path) else GaitRobot.from_yaml(path)
+    if path.suffix == ".npz":
+        return plan_file.read_plan(path)[0]
+    if path.suffix != ".json":
+        return _problems(path)
+    data = read_json(path)
+    if isinstance(data, list):
+        return _problems(path)
+    format_ = data.get("format") if isinstance(data, dict) else type(data).__name__
+    house, *rest = str(format_).split("/")
+    if house != "stancekit" or len(rest) != 2 or rest[0] not in _READERS:
+        known = ", ".join(f"stancekit/{name}" for name in _READERS)
+        raise InvalidInput(f"{path}: expected a format of {known}, got {shown(format_)}")
+    return _READERS[rest[0]](path)
+
+
+def _problems(path: Path) -> list[PostureProblem]:
+    """All problems of a file. Raises InvalidInput for the first that is none."""
+    found = []
+    for _, problem in read_problems(read_text(path), str(path)):
+        if isinstance(problem, InvalidInput):
+            raise problem
+        found.append(problem)
+    return found
+
+
+def _only(problems: list[PostureProblem], path: Path) -> PostureProblem:
+    if len(problems) != 1:
+        raise InvalidInput(f"{path}: expected one problem, got {len(problems)}")
+    return problems[0]

@@ -1,0 +1,102 @@
+"""Posture problems: draw them, decide them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from stancekit.planners.answer.outcome import Outcome
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem import PostureProblem
+from stancekit.planners.projection.project import Projection
+from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.search.answer import Planner
+from stancekit.planners.search.methods import make_planner
+
+if TYPE_CHECKING:
+    from stancekit.envs.distributions.postures import Distribution
+
+
+def sample(
+    problems: str | Distribution, count: int = 1, *, rng: np.random.Generator | int = 0
+) -> list[PostureProblem]:
+    """Draw posture problems from a distribution of terrains.
+
+    Arguments:
+        problems: a distribution, or its name: "ground-3", "wall-3", "wall-5" (three or five limbs on the ground or on
+            two facing walls), one that a package registered under the entry point ``stancekit.distributions``, or
+            "FILE.py:NAME", or a YAML file.
+        count: how many, 1 or more.
+        rng: a generator, or a seed; equal seeds give equal problems.
+    Returns:
+        ``count`` independent problems.
+    Raises:
+        InvalidInput: for a name that there is not, or a count below 1.
+    Source:
+        Paper E §IV-A, G(θ).
+    Example:
+        >>> import stancekit
+        >>> first, second = stancekit.sample("wall-3", 2, rng=7)
+        >>> first.legs
+        ('RF', 'RR', 'LM')
+    """
+    if count < 1:
+        raise InvalidInput(f"count: expected 1 or more, got {count}")
+    if isinstance(problems, str):
+        from stancekit.envs.distributions.postures import distribution  # loads Gymnasium
+
+        problems = distribution(problems)
+    source, drawn = problems, np.random.default_rng(rng)
+    return [source.sample(drawn) for _ in range(count)]
+
+
+def solve(
+    problem: PostureProblem,
+    method: str | Planner = "exact",
+    *,
+    envelopes: EnvelopeSet | None = None,
+    projection: Projection | None = None,
+    solver: Literal["highs", "scip", "gurobi"] = "highs",
+    intervals: int = 4,
+    time_limit_s: float = 30.0,
+    engine: Literal["rows", "cvxpy"] = "rows",
+) -> Outcome:
+    """Can the robot hold this posture, and how?
+
+    Arguments:
+        problem: limbs on patches, see ``PostureProblem``.
+        method: "exact" branches and bounds to a verdict with evidence; "p1" is the relaxation over ``envelopes``;
+            "lift" one without envelopes; "two-stage" relaxation and projection; "nlp" IPOPT; "micp" a piecewise
+            McCormick grid. Or a planner that was made before, which keeps its compiled models from problem to problem,
+            the name of one that a package registered under ``stancekit.planners``, or "FILE.py:NAME".
+        envelopes: learned boxes, for p1, two-stage and micp.
+        projection: stage P2 after p1, lift and two-stage: "fix-p", "fix-f", "fix-toes", "scp" or "nlp".
+        solver, intervals: of micp's grid, whose axes have so many pieces, a power of two.
+        time_limit_s: for exact, nlp and micp; what is not decided by then is undecided [s].
+        engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
+    Returns:
+        An ``Outcome``: feasible with a posture, or infeasible with a certificate, each accepted by the verifier; else
+        undecided. The status speaks of the problem itself, whatever relaxation was solved.
+    Raises:
+        InvalidInput: for an unknown method, envelopes that are missing or were learned for other problems, a solver
+            that is not installed.
+    Source:
+        Paper E §II (P, E1-E11), §III (P1, P2).
+    Example:
+        >>> import stancekit
+        >>> problem = stancekit.sample("ground-3", rng=3)[0]
+        >>> outcome = stancekit.solve(problem)
+        >>> outcome.status.value, outcome.posture.toes_m.shape
+        ('feasible', (3, 3))
+    """
+    if envelopes is not None:
+        envelopes.check_fits(problem)
+    planner = method
+    if isinstance(planner, str):
+        planner = make_planner(
+            planner, envelopes=envelopes, projection=projection, solver=solver, intervals=intervals,
+            time_limit_s=time_limit_s, programs=Programs(engine=engine),
+        )  # fmt: skip
+    return planner.solve(problem)

@@ -1,0 +1,145 @@
+"""Selectors of envelopes: label terrains, learn from them, compare what was learned."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal, overload
+
+from stancekit.envs.distributions.postures import Distribution
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import label as labelled
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.data.scenes import scenes_of
+from stancekit.learners.evaluation.evaluate import Score, check_same_class
+from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
+from stancekit.learners.selectors.selector import Learned
+from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.learners.settings import typed
+from stancekit.learners.training.fit_settings import FitSettings
+from stancekit.learners.training.fitting import learn
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.projection.project import Projection
+from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.modes import Modes
+
+
+def label(
+    problems: str | Distribution,
+    folder: str | Path,
+    *,
+    feasible: int = 500,
+    infeasible: int = 500,
+    natural: bool = False,
+    seed: int = 0,
+    workers: int = 1,
+) -> Dataset:
+    """Draw posture problems and label them exactly into a folder, or go on with one that was begun.
+
+    Arguments:
+        problems: a distribution or its name, as for ``sample``.
+        folder: of the data set; what is there already is not made again.
+        feasible, infeasible: rows of each label; the infeasible ones need their moment balance to be so.
+        natural: keep the first samples as they come, whatever their label.
+        seed: of the random stream; use another one for training than for testing.
+        workers: processes; the rows do not depend on them.
+    Returns:
+        The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate.
+    Raises:
+        InvalidInput: for a folder that holds another data set, numbers out of range.
+        LabellingFailed: where the distribution does not yield enough rows of a label.
+    Source:
+        Algorithm E1.
+    Example:
+        >>> import stancekit
+        >>> train = stancekit.label("wall-3", "train", feasible=6, infeasible=6)
+        >>> len(train), train.labels[0] in ("feasible", "infeasible")
+        (12, True)
+    """
+    name, source = (problems, None) if isinstance(problems, str) else (problems.name, problems)
+    plan = LabelPlan(distribution=name, feasible=feasible, infeasible=infeasible, natural=natural, seed=seed)
+    labelled(plan, folder, workers=workers, source=source)
+    return Dataset.open(folder)
+
+
+Rows = Dataset | str | Path
+
+
+@overload
+def fit(  # type: ignore[overload-overlap]
+    dataset: Rows | Sequence[Rows], method: Literal["modes"], **settings: object
+) -> Modes: ...
+@overload
+def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object) -> Learned: ...
+def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object) -> Learned | Modes:
+    """Learn a selector of envelopes from a labelled data set.
+
+    Arguments:
+        dataset: what ``label`` returned, or its folder; for "modes" several, one a terrain.
+        method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm E2 line by line), "gmm" (its
+            boundary is fitted by P1's margins), "ga", "gradient", "modes" (for mode switching); "chooser", "neural" and
+            "rl" need torch. Or one that a package registered under ``stancekit.methods``, or "FILE.py:NAME".
+        settings: of ``learners.training.fit_settings.FitSettings``: share, clusters, threshold, boxes, steps, batch,
+            seed, ... Each method uses those that concern it.
+    Returns:
+        A ``Learned``: its ``selector`` predicts; its ``envelopes`` go into ``solve`` and ``plan``; ``save`` writes it.
+        ``Modes`` for "modes": for ``plan``.
+    Raises:
+        InvalidInput: for an unknown method or setting, and rows that the method lacks.
+    Source:
+        Paper E §III-B, Algorithm E2; §IV-A.
+    Example:
+        >>> import stancekit
+        >>> train = stancekit.label("wall-3", "train", feasible=6, infeasible=6)
+        >>> stancekit.fit(train, "quantile", share=0.1).envelopes.legs
+        ('RF', 'RR', 'LM')
+    """
+    several = [dataset] if isinstance(dataset, Dataset | str | Path) else dataset
+    return learn(method, [_opened(rows) for rows in several], typed(FitSettings, settings, ""))
+
+
+def evaluate(
+    selector: Learned | EnvelopeSet | str | Path,
+    dataset: Rows,
+    *,
+    projections: Sequence[Projection] = ("fix-p", "scp"),
+    name: str = "selector",
+) -> Score:
+    """How often P1 answers right over the envelopes that a selector chooses, and how often P2 gets back.
+
+    Arguments:
+        selector: what ``fit`` returned, envelopes, a file of either, or "FILE.py:NAME".
+        dataset: labelled rows that it was not learned from, or their folder.
+        projections: stages P2 to try: "fix-p", "fix-f", "fix-toes", "scp", "nlp".
+        name: of the row.
+    Returns:
+        A ``Score``: shares with Wilson 95 % intervals of the feasible and infeasible problems that P1 answers right,
+        and of the feasible ones from which each projection reaches a verified posture.
+    Raises:
+        InvalidInput: for a selector of another class of problems, a data set without rows that are not trivial.
+    Source:
+        Paper E Table I.
+    Example:
+        >>> import stancekit
+        >>> train = stancekit.label("wall-3", "train", feasible=6, infeasible=6)
+        >>> score = stancekit.evaluate(stancekit.fit(train, "quantile"), train)
+        >>> score.p1_feasible.of, score.p1_infeasible.of
+        (6, 6)
+    """
+    rows, learned = _opened(dataset), selector
+    if isinstance(learned, EnvelopeSet):
+        learned = Learned.fixed(name, learned)
+    elif not isinstance(learned, Learned):
+        learned = load_selector(learned)
+    check_same_class(rows, learned.problem_class, name)
+    scenes = scenes_of(rows)
+    if not scenes:
+        raise InvalidInput(f"{rows}: expected feasible or not trivially infeasible rows, got none")
+    return rolled_out(
+        name, learned.selector, scenes, problem_class=rows.problem_class, projections=tuple(projections),
+        boxes=learned.boxes,
+    )  # fmt: skip
+
+
+def _opened(rows: Rows) -> Dataset:
+    return rows if isinstance(rows, Dataset) else Dataset.open(rows)

@@ -1,0 +1,76 @@
+"""Walks: gaits over curved ground."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.gait.method.attempt import Attempt
+from stancekit.planners.gait.method.portfolio import Caps, GaitPlan, plan_gait
+from stancekit.planners.gait.task import GaitTask
+from stancekit.planners.robot.single_body import GaitRobot, anymal
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.reference import named_terrain
+
+
+def walk(
+    terrain: HeightField | str,
+    goal_xy_m: Array | Sequence[float],
+    *,
+    start_xy_m: Array | Sequence[float] = (0.0, 0.0),
+    heading_rad: float = 0.0,
+    robot: GaitRobot | None = None,
+    gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] = "trot",
+    duration_s: float = 10.0,
+    friction: float = 0.75,
+    adhesive: Sequence[str] = (),
+    chart: str = "portfolio",
+    total_s: float = 240.0,
+) -> GaitPlan:
+    """Find a walk over a terrain: the motion of the torso, footholds and contact forces.
+
+    Arguments:
+        terrain: a ``HeightField``, a name ("ripple", "cone", "hill", "pit", ...), a draw as "rough:0.5:7" (family,
+            difficulty, seed), or a file of heights.
+        goal_xy_m, start_xy_m: where the torso ends and begins, shape (2,) [m].
+        heading_rad: which way the robot faces at the start, from x towards y [rad].
+        robot: a walker; ANYmal where there is none.
+        gait: order of the steps.
+        duration_s: time to walk [s].
+        friction: Coulomb coefficient ν of the ground.
+        adhesive: names of feet that stick: they may pull, and have no friction cone.
+        chart: coordinates to solve in ("decoupled", "warped-exact", "ambient", ..., or "FILE.py:NAME"); "portfolio"
+            tries one after another until the verifier accepts.
+        total_s: processor time of all solves; the best walk until then is the answer [s].
+    Returns:
+        A ``GaitPlan``: ``trajectory`` is the walk that the verifier accepted, None where there is none, and ``message``
+        says in one line what came of it.
+    Raises:
+        InvalidInput: for a place off the terrain, ground that the robot cannot stand on there, a walk longer than its
+            time.
+    Source:
+        Paper W §III (W1-W7), §IV (charts), §V.
+    Example:
+        >>> import numpy as np, stancekit
+        >>> level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+        >>> found = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled")
+        >>> found.verified, found.trajectory.feet_m.shape[1:]
+        (True, (4, 3))
+    """
+    body = robot or anymal()
+    task = GaitTask(
+        robot=body,
+        terrain=named_terrain(terrain) if isinstance(terrain, str) else terrain,
+        start_xy_m=np.asarray(start_xy_m, dtype=np.float64),
+        goal_xy_m=np.asarray(goal_xy_m, dtype=np.float64),
+        start_yaw_rad=heading_rad,
+        duration_s=duration_s,
+        friction=friction,
+        adhesive=tuple(name in adhesive for name in body.foot_names),
+        gait=gait,
+    )
+    attempts = None if chart == "portfolio" else [Attempt(chart=chart)]
+    return plan_gait(task, caps=Caps(total_s=total_s), attempts=attempts)

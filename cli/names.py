@@ -1,0 +1,25 @@
+"""Options whose values are names of a registry: `--help` lists them, those of other packages, too."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+import tyro
+
+
+def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
+    """What an option is annotated with that takes a name of this registry, given as "module:attribute".
+
+    The registry is imported when help is asked for, and not before.
+    """
+
+    def hint(default: str) -> str:
+        module, _, attribute = registry.partition(":")
+        names = [*getattr(import_module(module), attribute).names(), "FILE.py:NAME"]
+        return f"({f'default: {default}; ' if default else ''}one of {', '.join(names)})"
+
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint)
+
+
+DISTRIBUTION = tyro.conf.arg(metavar="NAME")

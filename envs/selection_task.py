@@ -1,0 +1,204 @@
+"""What the single selection environment and the batched one share: spaces, scenes, and the judging of one action."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from stancekit.planners.answer.answer_file import read_envelopes
+from stancekit.planners.answer.outcome import Outcome, Posture, Status
+from stancekit.planners.equilibrium.features import ROOM
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.projection.project import PROJECTIONS, Projection, project
+from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.relaxed import RelaxationAnswer
+from stancekit.planners.search.answer import Acceptance
+
+from .distributions.postures import distribution
+from .scenes import SampledScenes, Scene, SceneSource
+
+VERTICES = 3
+"""Corners of the patches that the environment's observation holds."""
+ADMITTED = 1e-6
+"""A projection counts when the verifier finds no violation above this (non-dimensional)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RewardWeights:
+    """What a step is worth: reward = agreement · [P1 says what the expert says] + projection · [the chosen projection
+    reaches a verified posture] + tightness · [1 − mean width of the box / width of the domain].
+    """
+
+    agreement: float = 1.0
+    projection: float = 0.5
+    tightness: float = 0.1
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Verdict:
+    """What one action on one scene came to. posture: what P2 found, None where nothing; envelope: the box of P1."""
+
+    reward: float
+    info: dict[str, Any]
+    posture: Posture | None
+    envelope: Envelope
+
+
+class SelectionTask:
+    """What the single environment and the batched one share: spaces, scenes, and the judging of one action.
+
+    The arguments are those of ``EnvelopeSelectionEnv``. Compiled models are made once a task.
+    """
+
+    def __init__(
+        self,
+        problem: str = "wall-3",
+        *,
+        boxes: int = 1,
+        library: EnvelopeSet | str | Path | None = None,
+        projections: tuple[Projection, ...] = ("fix-p",),
+        weights: RewardWeights = RewardWeights(),
+        balanced: bool = True,
+        scenes: SceneSource | None = None,
+        timing: bool = False,
+    ) -> None:
+        unknown = set(projections) - set(PROJECTIONS)
+        if unknown or not projections:
+            raise InvalidInput(
+                f"projections: expected some of {', '.join(PROJECTIONS)}, got {list(projections)}"
+            )
+        if not isinstance(boxes, int) or boxes < 1:
+            raise InvalidInput(f"boxes: expected an integer of at least 1, got {boxes!r}")
+        chosen = distribution(problem)
+        self._problem = problem
+        self._count = len(chosen.legs)
+        self._boxes = boxes
+        self._library = read_envelopes(library) if isinstance(library, str | Path) else library
+        self._projections = tuple(projections)
+        self._weights = weights
+        self._timing = timing
+        self._programs = Programs()
+        self._acceptance = Acceptance(tolerance=ADMITTED)
+        sampled = SampledScenes(chosen, balanced=balanced, programs=self._programs)
+        self.scenes: SceneSource = sampled if scenes is None else scenes
+        self.observation_space = scene_space(self._count)
+        self.action_space = self._make_action_space()
+
+    def _make_action_space(self) -> spaces.Space[Any]:
+        if self._library is None:
+            return spaces.Box(-1.0, 1.0, (self._boxes * 12 * self._count,), np.float32)
+        if self._library.problem_class != self._problem or len(self._library.legs) != self._count:
+            learned = f"{self._library.problem_class} and the legs {', '.join(self._library.legs)}"
+            raise InvalidInput(f"library: expected envelopes learned for {self._problem}, got some for {learned}")
+        if self._boxes != 1:
+            raise InvalidInput(
+                f"boxes: expected 1 with a library, whose envelopes are chosen one by one, got {self._boxes}"
+            )
+        return spaces.Discrete(len(self._library.envelopes))
+
+    def scale(self, scene: Scene) -> Scaled:
+        """The scene's numbers. Raises InvalidInput where they do not fit the observation."""
+        scaled = Scaled.of(scene.problem)
+        if scaled.size != (self._count, VERTICES):
+            raise InvalidInput(
+                f"scene: expected {self._count} contacts on triangles, got {scaled.size[0]} contacts on patches "
+                f"of up to {scaled.size[1]} corners"
+            )
+        return scaled
+
+    def judge(self, scene: Scene, scaled: Scaled, action: NDArray[np.float32] | np.int64) -> Verdict:
+        """Relax over the chosen boxes, project, compare with the expert."""
+        envelopes = self._envelopes(action)
+        begin = time.perf_counter()
+        answer = self._programs.get(McCormick, scaled.layout).solve_any(scaled, envelopes)
+        p1_seconds = time.perf_counter() - begin
+        begin = time.perf_counter()
+        projected = {way: self._project(way, scene, scaled, answer) for way in self._projections}
+        p2_seconds = time.perf_counter() - begin
+        info = self._info(scene, scaled, answer, envelopes[answer.chosen], projected)
+        clock = self._timing
+        info["p1_seconds"] = p1_seconds if clock else 0.0
+        info["p2_seconds"] = p2_seconds if clock else 0.0
+        info["expert_seconds"] = scene.expert_seconds if clock else 0.0
+        return Verdict(
+            reward=float(info["reward_agreement"] + info["reward_projection"] + info["reward_tightness"]),
+            info=info,
+            posture=next((outcome.posture for outcome in projected.values() if outcome and outcome.posture), None),
+            envelope=envelopes[answer.chosen],
+        )
+
+    def _envelopes(self, action: NDArray[np.float32] | np.int64) -> tuple[Envelope, ...]:
+        if np.shape(action) != self.action_space.shape:
+            raise InvalidInput(f"action: expected shape {self.action_space.shape}, got {np.shape(action)}")
+        if self._library is not None:
+            if not self.action_space.contains(np.int64(action)):
+                raise InvalidInput(f"action: expected 0 to {len(self._library.envelopes) - 1}, got {action}")
+            return (self._library.envelopes[int(action)],)
+        bounds = np.asarray(action, dtype=np.float64).reshape(self._boxes, -1)
+        return tuple(Envelope.from_vector(row) for row in bounds)
+
+    def _project(
+        self, way: Projection, scene: Scene, scaled: Scaled, answer: RelaxationAnswer
+    ) -> Outcome | None:
+        """Project P1's point and have it verified; None where P1 gave no point or admits nothing."""
+        if not answer.feasible or answer.point is None:
+            return None
+        point = project(self._programs, way, scaled, answer.point)
+        if not np.isfinite(point.residual):
+            return None
+        posture = scaled.posture(point)
+        return self._acceptance.outcome(scene.problem, method=way, begin=0.0, posture=posture)
+
+    def _info(
+        self,
+        scene: Scene,
+        scaled: Scaled,
+        answer: RelaxationAnswer,
+        envelope: Envelope,
+        projected: dict[Projection, Outcome | None],
+    ) -> dict[str, Any]:
+        reached = {way: outcome is not None and outcome.status is Status.FEASIBLE for way, outcome in projected.items()}
+        agree = answer.known and answer.feasible == scene.feasible
+        width = float(np.mean(envelope.high - envelope.low)) / 2.0
+        weights = self._weights
+        posture = scene.posture
+        return {
+            "label": int(scene.feasible),
+            "p1_feasible": int(answer.feasible),
+            "margin": float(answer.margin),
+            "gap": float(np.nan_to_num(answer.gap)),
+            "log_volume": envelope.log_volume(),
+            "chosen": int(answer.chosen),
+            **{f"project_{way.replace('-', '_')}": int(value) for way, value in reached.items()},
+            "reward_agreement": weights.agreement * agree,
+            "reward_projection": weights.projection * reached[self._projections[0]],
+            "reward_tightness": weights.tightness * (1.0 - width),
+            "expert_point": np.zeros((self._count, 6)) if posture is None else scaled.point(posture),
+            "expert_lower_bound": float(scene.lower_bound),
+        }
+
+
+def scene_space(count: int) -> spaces.Dict:
+    """The space of ``observe`` for this many contacts."""
+
+    def box(low: float, high: float, size: int) -> spaces.Box:
+        return spaces.Box(low, high, (size,), np.float32)
+
+    return spaces.Dict(
+        {
+            "vertices": box(-ROOM, ROOM, count * VERTICES * 3),
+            "frames": box(-1.0, 1.0, count * 9),
+            "friction": box(0.0, ROOM, count),
+            "shoulders": box(-ROOM, ROOM, count * 3),
+            "reach": box(0.0, ROOM, count),
+        }
+    )

@@ -1,0 +1,289 @@
+"""Data sets of labelled posture problems (Algorithm E1): what ``labelling`` writes and selectors learn from."""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import ArrayLike, NDArray
+
+from stancekit.planners.answer.outcome import Certificate, Posture, Status
+from stancekit.planners.equilibrium.features import observe
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array, frozen
+from stancekit.planners.files.documents import parse_json
+from stancekit.planners.problem import PostureProblem
+from stancekit.planners.robot import Limb, Robot
+
+from .ledger import Header, Ledger, shard_name, shard_schema
+from .summary import Summary
+
+Index = NDArray[np.intp]
+Observation = dict[str, NDArray[np.float32]]
+Read = TypeVar("Read")
+POSTURE: dict[str, tuple[int, ...]] = {"com_m": (3,), "rotation_rad": (3,), "toes_m": (-1, 3), "forces_n": (-1, 3)}
+LABELS = {"feasible": 1, "infeasible": 0, "undecided": -1}
+"""What ``Dataset[k]`` says of a row."""
+OPEN_SHARDS = 4
+"""How many shards a data set keeps decompressed."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LabelledPosture:
+    """One row: a problem, its label, and what proves the label.
+
+    shard, row: where it is kept; sample: which draw of the shard's stream it is (``labelling.samples``).
+    trivial: infeasible even without the moment balance (P̄ infeasible, too). posture: the witness, where feasible.
+    certificate: where infeasible; its multipliers are rounded to float32, and lower_bound is what they still prove
+    (0 where nothing is proved).
+    point: [p, f], shape (N, 6), non-dimensional, see ``ScaledProblem.point``: of the witness where feasible, of an
+    answer of P̄ where infeasible (line 11 of Algorithm E1), None where trivial or undecided.
+    solves, nodes: convex problems solved and nodes visited to decide.
+    """
+
+    shard: int
+    row: int
+    sample: int
+    problem: PostureProblem
+    status: Status
+    trivial: bool = False
+    posture: Posture | None = None
+    point: Array | None = None
+    certificate: Certificate | None = None
+    lower_bound: float = 0.0
+    solves: int
+    nodes: int
+
+    def __post_init__(self) -> None:
+        if self.point is not None:
+            object.__setattr__(self, "point", frozen(self.point, (len(self.problem.contacts), 6), "point"))
+
+    @property
+    def kind(self) -> str:
+        """The label, "trivial" set apart: a name of ``Counts``."""
+        return "trivial" if self.trivial else str(self.status)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+class Dataset:
+    """Rows of one problem class, read from the disk when they are asked for. ``split`` gives data sets, too.
+
+    It is what ``torch.utils.data.DataLoader`` takes: ``len(ds)``, and ``ds[k]`` is the pair of the scene as a policy
+    sees it (``planners.equilibrium.features.observe``: float32 arrays by name) and the label: 1 feasible, 0 infeasible,
+    −1 undecided. ``ds.row(k)`` is the whole row with its evidence, ``ds.rows()`` all of them.
+
+    Arguments:
+        ledger: the folder's files, see ``Dataset.open``.
+        chosen: which rows of the folder these are, in this order, shape (K,).
+    Raises:
+        InvalidInput: from ``open``, for a folder that is missing, foreign, damaged or of another version.
+    Source:
+        Paper E Algorithm 1.
+    Example:
+        >>> import stancekit
+        >>> rows = stancekit.label("wall-3", "train", feasible=6, infeasible=6)
+        >>> observation, label = rows[0]
+        >>> observation["friction"].shape, label == (rows.labels[0] == "feasible")
+        ((3,), True)
+    """
+
+    ledger: Ledger
+    chosen: Index
+    _open: dict[int, pa.Table] = field(default_factory=dict)
+
+    @classmethod
+    def open(cls, path: str | Path) -> Dataset:
+        """Open a folder that ``labelling.label`` has filled; reads no rows yet.
+
+        Raises InvalidInput for what is missing, foreign, damaged or of another version.
+        """
+        ledger = Ledger.open(Path(path))
+        if ledger.missing:
+            first, count = shard_name(ledger.missing[0]), len(ledger.missing)
+            raise InvalidInput(f"{path}: {first} and {count - 1} more shards are missing: label this plan again")
+        return cls(ledger=ledger, chosen=np.arange(ledger.starts[-1]))
+
+    @property
+    def header(self) -> Header:
+        """What was planned, and with what."""
+        return self.ledger.header
+
+    @property
+    def problem_class(self) -> str:
+        """Name of the class of problems, e.g. ``wall-3``."""
+        return self.header.problem_class
+
+    def __repr__(self) -> str:
+        return f"Dataset({str(self.ledger.folder)!r}, {self.problem_class}, {len(self)} rows)"
+
+    def __len__(self) -> int:
+        return len(self.chosen)
+
+    def __getitem__(self, index: int) -> tuple[Observation, int]:
+        """What a policy sees of a row's scene, and the label. Raises as ``row`` does."""
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"row {index} of {len(self)}")
+        problem = self._read(index % len(self), self._problem)
+        return observe(Scaled.of(problem)), LABELS[str(self.labels[index])]
+
+    def __iter__(self) -> Iterator[tuple[Observation, int]]:
+        """The pairs of all rows in their order."""
+        return map(self.__getitem__, range(len(self)))
+
+    def rows(self) -> Iterator[LabelledPosture]:
+        """All rows, shard by shard: memory stays flat."""
+        return map(self.row, range(len(self)))
+
+    def row(self, index: int) -> LabelledPosture:
+        """One row. Raises IndexError, and InvalidInput where the file is damaged."""
+        return self._read(index, self._decoded)
+
+    def problems(self) -> Iterator[PostureProblem]:
+        """The problems of all rows, one after the other; equal to what was drawn to the last bit."""
+        return (self._read(index, self._problem) for index in range(len(self)))
+
+    @property
+    def labels(self) -> NDArray[np.str_]:
+        """ "feasible", "infeasible" or "undecided", shape (K,)."""
+        return np.asarray(np.where(self._kinds == "trivial", "infeasible", self._kinds))
+
+    @property
+    def feasible(self) -> Index:
+        """Indices of the feasible rows, ascending."""
+        return np.flatnonzero(self._kinds == "feasible")
+
+    @property
+    def infeasible(self) -> Index:
+        """Indices of the infeasible rows that are not trivial, ascending."""
+        return np.flatnonzero(self._kinds == "infeasible")
+
+    @property
+    def trivial(self) -> Index:
+        """Indices of the trivially infeasible rows, ascending; a balanced set has none."""
+        return np.flatnonzero(self._kinds == "trivial")
+
+    @property
+    def points(self) -> Array:
+        """S of Algorithm E1: [p, f] of the rows ``feasible``, shape (len(feasible), N, 6)."""
+        return np.asarray(self._points[self.feasible])
+
+    @property
+    def infeasible_points(self) -> Array:
+        """S̄ of Algorithm E1: [p̄, f̄] of the rows ``infeasible``, shape (len(infeasible), N, 6)."""
+        return np.asarray(self._points[self.infeasible])
+
+    def summary(self) -> Summary:
+        """Counts and costs of the whole folder."""
+        return Summary.of(self.ledger)
+
+    def select(self, indices: ArrayLike) -> Dataset:
+        """The data set of these rows."""
+        return Dataset(ledger=self.ledger, chosen=self.chosen[np.asarray(indices, dtype=np.intp)])
+
+    def split(self, fractions: Sequence[float]) -> tuple[Dataset, ...]:
+        """Disjoint data sets of these shares of every kind of rows, always the same ones, e.g. (.6, .2, .2).
+
+        Rows are independent draws, so each part takes the next ones of each kind: no chance is needed.
+        Raises InvalidInput unless the fractions are positive and add up to 1 at most.
+        """
+        if not fractions or min(fractions) <= 0.0 or sum(fractions) > 1.0 + 1e-9:
+            raise InvalidInput(f"fractions: expected positive numbers that add up to 1 at most, got {list(fractions)}")
+        kinds = [np.flatnonzero(self._kinds == kind) for kind in np.unique(self._kinds)]
+        parts = []
+        for begin, end in itertools.pairwise(np.minimum(np.cumsum([0.0, *fractions]), 1.0)):
+            taken = [kind[round(begin * len(kind)) : round(end * len(kind))] for kind in kinds]
+            parts.append(self.select(np.sort(np.concatenate(taken))))
+        return tuple(parts)
+
+    @cached_property
+    def _kinds(self) -> NDArray[np.str_]:
+        """Labels with "trivial" set apart, shape (K,)."""
+        names = ["label", "trivial"]
+        tables = [self.ledger.read(shard, names) for shard in range(self.header.plan.shards)]
+        label, trivial = (np.concatenate([table.column(name).to_numpy() for table in tables]) for name in names)
+        return np.where(trivial, "trivial", label).astype(np.str_)[self.chosen]
+
+    @cached_property
+    def _points(self) -> Array:
+        """Points of all rows, NaN where there is none, shape (K, N, 6)."""
+        found = []
+        for shard in range(self.header.plan.shards):
+            column = self.ledger.read(shard, ["point"]).column("point").combine_chunks()
+            points = np.full((len(column), len(self.header.legs), 6), np.nan)
+            there = column.drop_null()
+            if len(there):
+                points[column.is_valid().to_numpy(zero_copy_only=False)] = there.to_numpy_ndarray()
+            found.append(points)
+        return np.asarray(np.concatenate(found)[self.chosen])
+
+    @cached_property
+    def _robot(self) -> Robot:
+        """Any robot with the legs of the set: the problems carry their own shoulders and reaches."""
+        limbs = tuple(Limb(name=leg, shoulder_m=np.zeros(3), reach_m=1.0) for leg in self.header.legs)
+        return Robot(name=self.problem_class, mass_kg=1.0, limbs=limbs)
+
+    def _problem(self, raw: dict[str, Any]) -> PostureProblem:
+        return PostureProblem.from_json(parse_json(raw["problem"], "problem"), robot=self._robot)
+
+    def _decoded(self, raw: dict[str, Any]) -> LabelledPosture:
+        certificate = None
+        if raw["tree"] is not None:
+            multipliers = np.reshape(raw["multipliers"], (-1, 6 + 3 * len(self.header.legs)))
+            nodes = 2 * len(multipliers) - 1  # of a binary tree with so many leaves
+            certificate = Certificate.from_arrays(np.reshape(raw["tree"], (nodes, -1)), multipliers)
+        witness = {name: np.reshape(raw[name], shape) for name, shape in POSTURE.items() if raw[name] is not None}
+        return LabelledPosture(
+            problem=self._problem(raw),
+            status=Status(raw["label"]),
+            posture=Posture(**witness) if witness else None,
+            point=None if raw["point"] is None else np.reshape(raw["point"], (-1, 6)),
+            certificate=certificate,
+            **{name: raw[name] for name in ("shard", "row", "sample", "trivial", "lower_bound", "solves", "nodes")},
+        )
+
+    def _read(self, index: int, decode: Callable[[dict[str, Any]], Read]) -> Read:
+        """What ``decode`` makes of the columns of one row."""
+        place = int(self.chosen[index])
+        shard = int(np.searchsorted(self.ledger.starts, place, side="right")) - 1
+        if shard not in self._open:
+            while len(self._open) >= OPEN_SHARDS:
+                del self._open[next(iter(self._open))]
+            self._open[shard] = self.ledger.read(shard)
+        row = place - self.ledger.starts[shard]
+        try:
+            return decode(self._open[shard].slice(row, 1).to_pylist()[0])
+        except (TypeError, ValueError, OverflowError, KeyError, AttributeError) as error:
+            raise InvalidInput(f"{self.ledger.folder / shard_name(shard)}: row {row}: {error}") from None
+
+
+def table_of(rows: Sequence[LabelledPosture], contacts: int) -> pa.Table:
+    """The rows as a shard's table."""
+    schema = shard_schema(contacts)
+    return pa.Table.from_arrays([_arrow([_cell(row, f.name) for row in rows], f.type) for f in schema], schema=schema)
+
+
+def _cell(row: LabelledPosture, name: str) -> Any:
+    if name == "problem":
+        return json.dumps(row.problem.to_json(), separators=(",", ":"))
+    if name == "label":
+        return str(row.status)
+    if name in POSTURE:
+        return None if row.posture is None else getattr(row.posture, name).ravel()
+    if name in ("tree", "multipliers"):
+        return None if row.certificate is None else getattr(row.certificate, name).ravel()
+    value = getattr(row, name)
+    return value.ravel() if name == "point" and value is not None else value
+
+
+def _arrow(values: list[Any], kind: pa.DataType) -> pa.Array:
+    if isinstance(kind, pa.FixedShapeTensorType):
+        return pa.ExtensionArray.from_storage(kind, pa.array(values, kind.storage_type))
+    return pa.array(values, kind)

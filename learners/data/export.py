@@ -1,0 +1,218 @@
+"""Expert data for others: a labelled data set as a Minari data set of one-step episodes of ``EnvelopeSelection-v0``."""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import os
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from tempfile import TemporaryFile
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from stancekit.envs.scenes import Scene
+from stancekit.envs.selection import EnvelopeSelectionEnv
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.writing import failure_of, replaced
+from stancekit.planners.relaxation.envelope import Envelope
+
+from .dataset import Dataset, LabelledPosture
+
+ENVIRONMENT = "stancekit/EnvelopeSelection-v0"
+INFOS = ("label", "p1_feasible", "margin", "expert_lower_bound")
+"""What an episode keeps of the step's info, each of shape (1,)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Exported:
+    """What was written. root: the folder to give to Minari as MINARI_DATASETS_PATH; agreement: share of the episodes
+    in which P1 over the expert's box says what the label says.
+    """
+
+    root: Path
+    dataset_id: str
+    episodes: int
+    mean_reward: float
+    agreement: float
+
+
+def expert_action(row: LabelledPosture, room: float) -> NDArray[np.float32]:
+    """The expert's box: the smallest one around the row's [p, f], every side moved out by ``room``, shape (12N,).
+
+    The point is the witness where the problem is feasible, so P1 over the box must admit it; else the answer of P̄,
+    which only the moment balance keeps out, and over a box so small P1 should say so. Non-dimensional, in [−1, 1].
+    """
+    if row.point is None:
+        raise InvalidInput(f"shard {row.shard} row {row.row}: expected a row with a point, got a {row.kind} one")
+    bounds = Envelope.around(row.point[None]).widened(room).to_vector()
+    action: NDArray[np.float32] = np.clip(bounds, -1.0, 1.0).astype(np.float32)
+    return action
+
+
+def export(
+    dataset: Dataset, out: Path, *, room: float = 0.02, progress: Callable[[int, int], None] | None = None
+) -> Exported:
+    """Write the feasible and hard infeasible rows as episodes of one step, below a new folder; whole or not at all.
+
+    Observation, action, reward and info are what the environment gives. Raises InvalidInput where the folder is there
+    already, or Minari is not installed.
+    """
+    minari = _minari()
+    if not 0.0 < room <= 1.0:
+        raise InvalidInput(f"room: expected a number between 0 and 1, got {room!r}")
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        found = "a file" if out.is_file() else "files in it"
+        raise InvalidInput(f"{out}: expected a new or empty folder, found {found}")
+    if not out.parent.is_dir():
+        raise InvalidInput(f"{out}: expected an existing folder {out.parent}")
+    dataset_id = f"stancekit/{dataset.problem_class}/expert-v0"
+    rows = dataset.select(np.sort(np.concatenate([dataset.feasible, dataset.infeasible])))
+    if not len(rows):
+        raise InvalidInput("data set: expected rows that are feasible or infeasible with a point, got none")
+    scenes = _Scenes(rows)
+    env = EnvelopeSelectionEnv(dataset.problem_class, scenes=scenes)
+    episodes = []
+    for index in range(len(rows)):
+        observation, _ = env.reset(seed=0 if index == 0 else None)
+        episodes.append(_episode(minari, env, index, observation, expert_action(scenes.row, room)))
+        if progress is not None:
+            progress(index + 1, len(rows))
+    with replaced(out, folder=True) as partial:
+
+        def create() -> None:
+            with _minari_root(partial):
+                minari.create_dataset_from_buffers(
+                    dataset_id, episodes, env=_spec(dataset.problem_class),
+                    observation_space=env.observation_space, action_space=env.action_space,
+                    algorithm_name="stancekit exact planner", requirements=[f"stancekit=={version('stancekit')}"],
+                    description=_description(dataset, room),
+                )  # fmt: skip
+                written = load_exported(partial)
+                if sum(1 for _ in written.iterate_episodes()) != len(episodes):
+                    raise OSError("expected all episodes back")
+
+        _apart(create)
+    return Exported(
+        root=out.resolve(),
+        dataset_id=dataset_id,
+        episodes=len(episodes),
+        mean_reward=float(np.mean([episode.rewards[0] for episode in episodes])),
+        agreement=float(np.mean([e.infos["label"][0, 0] == e.infos["p1_feasible"][0, 0] for e in episodes])),
+    )
+
+
+def _apart(create: Callable[[], None]) -> None:
+    """Do it in a process of its own: a full disk takes HDF5 down with the process. Raises OSError where it failed."""
+    with TemporaryFile() as said:
+        process = os.fork()
+        if not process:
+            status = 1
+            try:
+                os.dup2(said.fileno(), 2)
+                create()
+                status = 0
+            except BaseException as error:
+                os.write(2, f"{error}\n".encode(errors="replace"))
+            finally:
+                os._exit(status)  # and not by way of HDF5's own clean-up
+        _, status = os.waitpid(process, 0)
+        if status:
+            said.seek(0)
+            raise failure_of("Minari", said.read().decode(errors="replace"))
+
+
+def load_exported(root: Path) -> Any:
+    """The MinariDataset that ``export`` wrote below this folder. Raises InvalidInput."""
+    minari = _minari()
+    found = sorted(root.glob("stancekit/*/expert-v0/data"))
+    if len(found) != 1:
+        raise InvalidInput(f"{root}: expected one exported data set, found {len(found)}")
+    try:
+        return minari.MinariDataset(found[0])
+    except (OSError, KeyError, ValueError, AssertionError) as error:
+        raise InvalidInput(f"{found[0]}: expected a whole Minari data set: {' '.join(str(error).split())}") from None
+
+
+class _Scenes:
+    """The rows as scenes, in their order. row: the one that was drawn last."""
+
+    row: LabelledPosture
+
+    def __init__(self, rows: Dataset) -> None:
+        self._rows = rows.rows()
+
+    def draw(self, rng: np.random.Generator) -> Scene:
+        self.row = row = next(self._rows)
+        feasible = row.status is Status.FEASIBLE
+        return Scene(problem=row.problem, feasible=feasible, posture=row.posture, lower_bound=row.lower_bound)
+
+
+def _episode(
+    minari: Any,
+    env: EnvelopeSelectionEnv,
+    index: int,
+    observation: dict[str, NDArray[np.float32]],
+    action: NDArray[np.float32],
+) -> Any:
+    """One step as Minari keeps it: T actions and T + 1 observations, with T = 1."""
+    after, reward, terminated, truncated, info = env.step(action)
+    return minari.data_collector.EpisodeBuffer(
+        id=index,
+        observations={name: np.stack([observation[name], after[name]]) for name in observation},
+        actions=action[None],
+        rewards=[reward],
+        terminations=[terminated],
+        truncations=[truncated],
+        infos={name: np.array([[info[name]]]) for name in INFOS},
+    )
+
+
+def _spec(problem_class: str) -> gymnasium.envs.registration.EnvSpec:
+    """What ``recover_environment`` makes: the environment of this class."""
+    spec = copy.deepcopy(gymnasium.spec(ENVIRONMENT))
+    spec.kwargs = {"problem": problem_class}
+    return spec
+
+
+def _description(dataset: Dataset, room: float) -> str:
+    plan = dataset.header.plan
+    return (
+        f"One-step episodes of {ENVIRONMENT}, {dataset.problem_class}, seed {plan.seed}: the action is the smallest "
+        f"box around the exact planner's [p, f], every side moved out by {room:g}; around an answer without the moment "
+        f"balance where the posture is infeasible. Source data set {dataset.header.digest[:16]}."
+    )
+
+
+def _minari() -> Any:
+    try:
+        for name in ("h5py", "minari.data_collector"):
+            importlib.import_module(name)
+        return importlib.import_module("minari")
+    except ImportError as error:
+        what = f"export: expected Minari, {error.name} is missing"
+        raise InvalidInput(f"{what}: pip install 'stancekit[datasets]'") from None
+
+
+@contextmanager
+def _minari_root(root: Path) -> Iterator[None]:
+    """Let Minari write below this folder only, and keep its advice on authors and links to itself."""
+    before = os.environ.get("MINARI_DATASETS_PATH")
+    os.environ["MINARI_DATASETS_PATH"] = str(root)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            yield
+    finally:
+        if before is None:
+            del os.environ["MINARI_DATASETS_PATH"]
+        else:
+            os.environ["MINARI_DATASETS_PATH"] = before

@@ -1,0 +1,180 @@
+"""Algorithm E1, DataGeneration: draw posture problems, decide them exactly, keep S and S̄ as a data set.
+
+Work comes in shards. A shard is drawn from a random stream of its own and the planner's answers do not depend on what
+it answered before, so its rows depend on nothing but the plan. Any executor may draw it; this process writes it when it
+comes, once, so a run that was killed goes on where it was, and no folder need be shared.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import logging
+import math
+import time
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from stancekit.envs.distributions.postures import Distribution, distribution
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.writing import write_bytes
+from stancekit.planners.verify import check_certificate, check_posture
+
+from . import ledger
+from .dataset import Dataset
+from .executor import processes
+from .ledger import Header, LabelPlan, Shard
+from .shards import label_shard, samples
+from .summary import Summary, finite
+
+Task = Callable[[], Shard]
+"""Draws one shard. It writes nothing, so it may run anywhere, and more than once."""
+
+WITNESS: Literal["canonical/1"] = "canonical/1"
+"""How postures and points are chosen now (``search.batch``); another choice gets another name."""
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """How far a run is. rows, drawn: of all shards that are done; rate: samples drawn per second in this run."""
+
+    shards_done: int
+    shards: int
+    rows: int
+    drawn: int
+    rate: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecheckReport:
+    """What the verifier says of all stored witnesses and certificates.
+
+    refused: indices of the rows whose proof is missing, is not accepted or proves less than its row says.
+    worst_residual: largest violation by a witness; smallest_bound: of what the certificates of rows that are not
+    trivial prove, both non-dimensional; NaN without any.
+    """
+
+    witnesses: int
+    certificates: int
+    refused: tuple[int, ...]
+    worst_residual: float
+    smallest_bound: float
+    seconds: float
+
+    @property
+    def accepted(self) -> bool:
+        """Whether all were."""
+        return not self.refused
+
+    def to_json(self) -> dict[str, Any]:
+        """Return JSON-ready values; what is not finite becomes null."""
+        return {"accepted": self.accepted, **finite(asdict(self))}
+
+
+def label(
+    plan: LabelPlan,
+    path: str | Path,
+    *,
+    workers: int = 1,
+    progress: Callable[[Progress], None] | None = None,
+    source: Distribution | None = None,
+    run: Callable[[Sequence[Task]], Iterable[Shard]] | None = None,
+    draws_per_row: int = 10_000,
+) -> Summary:
+    """Make the planned data set in this folder, or what is missing of it (Algorithm E1).
+
+    workers: processes; the rows do not depend on them. progress: called once at the start and after every shard.
+    source: the distribution, where its name is not a registered one. run: the executor, in place of ``processes``.
+    draws_per_row: a shard gives up after this many draws a row.
+    Raises InvalidInput where the folder holds another data set, LabellingFailed where a shard gives up.
+    """
+    folder, source = Path(path), source or distribution(plan.distribution)
+    if source.name != plan.distribution:
+        raise InvalidInput(f"distribution: expected the planned {plan.distribution!r}, got {source.name!r}")
+    header = _begin(folder, plan, source)
+    there = ledger.Ledger.open(folder)
+    done, begin = dict(there.tallies), time.perf_counter()
+    earlier = sum(tally.drawn.total for tally in done.values())
+
+    def report() -> None:
+        drawn, rows = (sum(getattr(tally, name).total for tally in done.values()) for name in ("drawn", "rows"))
+        rate = (drawn - earlier) / max(time.perf_counter() - begin, 1e-9)
+        if progress is not None:
+            progress(Progress(shards_done=len(done), shards=plan.shards, rows=rows, drawn=drawn, rate=rate))
+
+    report()
+    tasks = [partial(label_shard, header, source, shard, draws_per_row) for shard in there.missing]
+    for shard in (run or processes(workers))(tasks):
+        ledger.write_shard(folder, shard.table, shard.tally, shard.timing)
+        done[shard.tally.shard] = shard.tally
+        report()
+    return Dataset.open(folder).summary()
+
+
+def recheck(dataset: Dataset) -> RecheckReport:
+    """Let the verifier judge every stored witness and certificate again: no solver takes part."""
+    begin, plan = time.perf_counter(), dataset.header.plan
+    refused, residuals, bounds, certificates = [], [], [], 0
+    for index, row in enumerate(dataset.rows()):
+        accepted = row.status is Status.UNDECIDED
+        if row.status is Status.FEASIBLE and row.posture is not None and row.point is not None:
+            report = check_posture(row.problem, row.posture, tolerance=plan.tolerance)
+            residuals.append(report.worst)
+            off = float(np.abs(Scaled.of(row.problem).point(row.posture) - row.point).max())
+            accepted = report.accepted and off < 1e-9
+        elif row.status is Status.INFEASIBLE and row.certificate is not None:
+            proof = check_certificate(row.problem, row.certificate, tolerance=plan.gap)
+            certificates += 1
+            bounds += [] if row.trivial else [proof.lower_bound]
+            accepted = proof.accepted and proof.lower_bound >= (1.0 - 1e-9) * row.lower_bound
+        refused += [] if accepted else [index]
+    return RecheckReport(
+        witnesses=len(residuals),
+        certificates=certificates,
+        refused=tuple(refused),
+        worst_residual=max(residuals, default=math.nan),
+        smallest_bound=min(bounds, default=math.nan),
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def _begin(folder: Path, plan: LabelPlan, source: Distribution) -> Header:
+    """The header of a new data set, or that of the one begun here after checking that it is the same."""
+    first = next(samples(plan, 0, source))
+    header = Header(
+        problem_class=plan.distribution,
+        legs=list(first.legs),
+        plan=plan,
+        first_sample=hashlib.sha256(json.dumps(first.to_json()).encode()).hexdigest(),
+        software=ledger.software(),
+        witness=WITNESS,
+    )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"{folder}: expected a folder or room for one, got {error.strerror}") from None
+    ledger.remove_leftovers(folder)
+    if not (folder / ledger.HEADER).exists() and not any(folder.glob("shard-*.parquet")):
+        write_bytes(folder / ledger.HEADER, header.model_dump_json(indent=1).encode())
+        return header
+    there = ledger.read_header(folder)
+    where, begun = f"{folder / ledger.HEADER}", asdict(there.plan)
+    for key, planned in asdict(plan).items():
+        if planned != begun[key]:
+            raise InvalidInput(f"{where}: {key}: expected {planned!r} as planned, got {begun[key]!r}")
+    if there.witness != WITNESS and ledger.Ledger.open(folder).missing:
+        raise InvalidInput(f"{where}: witness: expected {WITNESS!r} to go on with, got {there.witness!r}")
+    if there.digest != header.model_copy(update={"witness": there.witness}).digest:
+        raise InvalidInput(f"{where}: first_sample: expected what {source.name!r} draws here and now, got another")
+    if there.software != header.software:
+        log.warning("%s was begun with %s, goes on with %s", folder, there.software, header.software)
+    return there

@@ -1,0 +1,19 @@
+"""How much data an experiment asks for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from pydantic import ConfigDict
+
+
+@dataclass(frozen=True, kw_only=True)
+class Quota:
+    """How many rows of each label, from which seed."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    feasible: int
+    infeasible: int
+    seed: int

@@ -1,0 +1,167 @@
+"""One shard of a data set, drawn in blocks: sample, decide, and keep what is wanted (Algorithm E1, lines 4–11).
+
+A block is decided together because that is cheaper, and for no other reason: where it begins and ends changes nothing.
+"""
+
+from __future__ import annotations
+
+import functools
+import logging
+import math
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from stancekit.envs.distributions.postures import Distribution, distribution
+from stancekit.planners.answer.outcome import Outcome, Posture, Status
+from stancekit.planners.equilibrium.batch import ScaledBatch
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.errors import StancekitError
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem import PostureBatch, PostureProblem
+from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.batch import solve_all, without_moments
+from stancekit.planners.search.exact import ExactPlanner
+
+from . import ledger
+from .dataset import LabelledPosture, table_of
+from .ledger import Counts, Header, LabelPlan, Shard, Tally
+
+BLOCK = 512
+"""Samples that are decided together, at most."""
+
+log = logging.getLogger(__name__)
+
+
+class LabellingFailed(StancekitError):
+    """The distribution does not give the rows that were planned."""
+
+
+def samples(plan: LabelPlan, shard: int, source: Distribution | None = None) -> Iterator[PostureProblem]:
+    """The endless stream of samples that a shard is drawn from; a row's ``sample`` counts from 0."""
+    source, rng = source or distribution(plan.distribution), _stream(plan, shard)
+    while True:
+        yield source.sample(rng)
+
+
+def _stream(plan: LabelPlan, shard: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(shard,)))
+
+
+def label_shard(header: Header, source: Distribution, shard: int, draws_per_row: int) -> Shard:
+    """Draw one shard until its quotas are full, block by block; no row depends on where a block begins."""
+    begin, plan = time.process_time(), header.plan
+    labeller = _Labeller(plan, shard)
+    limit, rng = draws_per_row * labeller.wanted, _stream(plan, shard)
+    while labeller.missing:
+        if len(labeller.drawn) >= limit:
+            lacks = f"lacks {labeller.missing} rows after {limit} draws"
+            raise LabellingFailed(f"{plan.distribution}: shard {shard} {lacks}")
+        labeller.take(source.batch(rng, min(labeller.expected, BLOCK, limit - len(labeller.drawn))))
+    undecided = [sample for sample, kind in enumerate(labeller.drawn) if kind == "undecided"]
+    if undecided:
+        drawn = len(labeller.drawn)
+        log.warning("shard %d: %d of %d samples stayed undecided: %s", shard, len(undecided), drawn, undecided)
+    tally = Tally(
+        dataset=header.digest,
+        shard=shard,
+        rows=Counts(**Counter(row.kind for row in labeller.kept)),
+        drawn=Counts(**Counter(labeller.drawn)),
+        undecided_samples=undecided,
+        software=ledger.software(),
+    )
+    table = table_of(labeller.kept, len(header.legs))
+    timing = ledger.Timing(shard=shard, cpu_s=time.process_time() - begin, solve_ms=labeller.solve_ms)
+    return Shard(table=table, tally=tally, timing=timing)
+
+
+class _Labeller:
+    """Lines 4 to 11 of Algorithm E1, a block at a time. No clock takes part: slow machines label as fast ones do.
+
+    kept: rows so far; drawn: the kind of every sample so far; solve_ms: what each took, of a block its share.
+    """
+
+    def __init__(self, plan: LabelPlan, shard: int) -> None:
+        self._plan, self._shard = plan, shard
+        self._room = Counter(dict(zip(("feasible", "infeasible"), plan.quota(shard), strict=True)))
+        self.wanted = self._room.total()
+        self.kept: list[LabelledPosture] = []
+        self.drawn: list[str] = []
+        self.solve_ms: list[float] = []
+        acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
+        self._exact = ExactPlanner(
+            acceptance=acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, programs=_programs()
+        )
+
+    @property
+    def missing(self) -> str:
+        """How many rows of which kind are missing, in words; empty where none is."""
+        if self._plan.natural:
+            return f"{self.wanted - len(self.kept)}" if len(self.kept) < self.wanted else ""
+        return " and ".join(f"{count} {kind}" for kind, count in self._room.items() if count > 0)
+
+    @property
+    def expected(self) -> int:
+        """How many samples will do, by what came so far; as many as are missing where everything is kept."""
+        if self._plan.natural:
+            return self.wanted - len(self.kept)
+        came = Counter(self.drawn)
+        return max(-(-count * (len(self.drawn) + 2) // (came[kind] + 1)) for kind, count in self._room.items())
+
+    def take(self, batch: PostureBatch) -> None:
+        """Decide a block and keep of it what is wanted, in its order; what comes after the last row was not drawn."""
+        outcomes = solve_all(self._exact, batch)
+        points = self._points(batch, outcomes)
+        for k, outcome in enumerate(outcomes):
+            if not self.missing:
+                break
+            kind = _kind(outcome)
+            if self._wants(kind):
+                row = self._row(batch.problems[k], outcome, points.get(k))
+                kind = row.kind
+                if self._wants(kind):
+                    self.kept.append(row)
+                    self._room[kind] -= 1
+            self.drawn.append(kind)
+            self.solve_ms.append(round(1e3 * outcome.seconds, 3))
+
+    def _wants(self, kind: str) -> bool:
+        """Whether there is room for another row of this kind."""
+        return self._plan.natural or self._room[kind] > 0
+
+    def _row(self, problem: PostureProblem, outcome: Outcome, point: Array | None) -> LabelledPosture:
+        """The row as it will be kept; undecided if P̄ has no answer to keep although it should have one."""
+        status, certificate, bound = outcome.status, outcome.certificate, outcome.lower_bound
+        if _kind(outcome) == "infeasible" and point is None:
+            status, certificate, bound = Status.UNDECIDED, None, 0.0
+        return LabelledPosture(
+            shard=self._shard, row=len(self.kept), sample=len(self.drawn), problem=problem, status=status,
+            trivial=_kind(outcome) == "trivial", posture=outcome.posture, point=point, certificate=certificate,
+            lower_bound=bound, solves=outcome.solves, nodes=int(outcome.details["nodes"]),
+        )  # fmt: skip
+
+    def _points(self, batch: PostureBatch, outcomes: Sequence[Outcome]) -> dict[int, Array]:
+        """[p, f] by index: of the witness; for what is infeasible, of an answer of P̄ that violates nothing else."""
+        postures = dict[int, Posture]()
+        if self._wants("feasible"):
+            postures |= {k: outcome.posture for k, outcome in enumerate(outcomes) if outcome.posture is not None}
+        if self._wants("infeasible"):
+            rows = np.array([k for k, outcome in enumerate(outcomes) if _kind(outcome) == "infeasible"], dtype=np.intp)
+            found = without_moments(self._exact.programs, batch.select(rows), tolerance=self._plan.tolerance)
+            postures |= {int(rows[k]): posture for k, posture in found.items()}
+        pairs = ScaledBatch.of(batch.select(np.array(list(postures), dtype=np.intp))).pairs(list(postures.values()))
+        return dict(zip(postures, pairs, strict=True))
+
+
+def _kind(outcome: Outcome) -> str:
+    """The label, "trivial" set apart."""
+    trivial = outcome.status is Status.INFEASIBLE and outcome.details["trivial"] > 0.0
+    return "trivial" if trivial else str(outcome.status)
+
+
+@functools.cache
+def _programs() -> Programs:
+    """The programs of this process, for all of its shards: no answer depends on what was solved before."""
+    return Programs()

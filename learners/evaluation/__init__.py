@@ -1,0 +1,1 @@
+"""Comparing: Table I's shares, and the benches of selectors and planners."""

@@ -1,0 +1,220 @@
+"""Table I again: label, learn by every method, compare on held-out terrains. What is done is kept and used again."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any, ClassVar, Literal, TypeVar
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from stancekit.envs.scenes import Scene
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.writing import write_text
+from stancekit.planners.projection.project import Projection
+from stancekit.planners.relaxation.envelope import EnvelopeSet
+
+from ..data.dataset import Dataset
+from ..data.executor import Executor
+from ..data.labelling import label
+from ..data.ledger import LabelPlan, software
+from ..data.quota import Quota
+from ..data.scenes import scenes_of
+from ..selectors.selector import FixedSelector, Learned
+from ..selectors.selector_file import load_selector
+from ..training.fitting import learn_selector
+from .evaluate import Score, Share, evaluate, evaluate_lift
+from .experiment import Experiment
+
+Progress = Callable[[str, int, int], None]
+Told = Callable[[str], Callable[[int, int], None]]
+Key = TypeVar("Key")
+SHARD_SIZE = 125
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClassResult:
+    """What a run found for one class of problems.
+
+    labelling: summary of the training rows. learned: selectors by method. fresh: rows that this run made.
+    """
+
+    problem_class: str
+    labelling: Mapping[str, Any]
+    scores: tuple[Score, ...]
+    learned: Mapping[str, Learned]
+    test: Dataset
+    fresh: tuple[str, ...]
+
+    @property
+    def best_envelopes(self) -> tuple[str, EnvelopeSet]:
+        """Name and envelopes of the fixed selector with the best balanced P1 share. Raises InvalidInput without any."""
+        learned = {name: item.selector for name, item in self.learned.items()}
+        fixed = {name: selector.envelopes for name, selector in learned.items() if isinstance(selector, FixedSelector)}
+        if not fixed:
+            raise InvalidInput("methods: expected one or more that learn envelopes, got none")
+        best = max((score for score in self.scores if score.selector in fixed), key=lambda score: score.balanced)
+        return best.selector, fixed[best.selector]
+
+
+class _Row(BaseModel):
+    """``METHOD.row.json``: what a row was made from and what it says. Shares are [hits, of]."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+    format: Literal["stancekit/bench-row/1"] = "stancekit/bench-row/1"
+    fit_key: str
+    file: str
+    file_sha256: str
+    fit_seconds: float
+    row_key: str = ""
+    p1_feasible: tuple[int, int] = (0, 0)
+    p1_infeasible: tuple[int, int] = (0, 0)
+    projected: dict[Projection, tuple[int, int]] = {}
+    gap: float | None = None
+    p1_ms: float | None = None
+
+    __hash__: ClassVar[None]  # type: ignore[assignment]
+
+
+def run(
+    experiment: Experiment, folder: Path, *, executor: Executor, progress: Progress | None = None
+) -> Iterator[ClassResult]:
+    """Yield the result of every class as it comes; everything is kept in ``folder``.
+
+    Data sets are gone on with, selectors and rows used again, wherever they follow from the same settings, data and
+    software. executor: where labelling and rollouts run. Raises InvalidInput, e.g. where a data set of another plan
+    is in the folder.
+    """
+    for name in experiment.problems:
+        (folder / name).mkdir(parents=True, exist_ok=True)
+
+        def told(stage: str, name: str = name) -> Callable[[int, int], None]:
+            return lambda done, total: None if progress is None else progress(f"{name}: {stage}", done, total)
+
+        yield _Class(experiment, name, folder / name, executor, told).result()
+
+
+class _Class:
+    """The run of one class of problems."""
+
+    def __init__(self, experiment: Experiment, name: str, folder: Path, executor: Executor, told: Told) -> None:
+        self._experiment, self._name, self._folder, self._run, self._told = experiment, name, folder, executor, told
+
+    def result(self) -> ClassResult:
+        """All rows of this class."""
+        experiment = self._experiment
+        train, labelling = self._label("train", experiment.train)
+        calibration = None if experiment.calibration is None else self._label("calibration", experiment.calibration)[0]
+        test, _ = self._label("test", experiment.test)
+        scenes = scenes_of(test)
+        scores: list[Score] = []
+        learned: dict[str, Learned] = {}
+        fresh: list[str] = []
+        for method in experiment.methods:
+            row, learned[method] = self._learned(method, train, calibration)
+            score = self._score(method, row, learned[method], scenes, test)
+            fresh += [] if score.notes["kept"] else [method]
+            scores.append(score)
+        scores.append(self._lift(scenes, test))
+        fresh += [] if scores[-1].notes["kept"] else ["lift"]
+        plain = tuple(replace(s, notes={k: v for k, v in s.notes.items() if k != "kept"}) for s in scores)
+        return ClassResult(
+            problem_class=self._name, labelling=labelling, scores=plain, learned=learned, test=test, fresh=tuple(fresh)
+        )
+
+    def _label(self, part: str, quota: Quota) -> tuple[Dataset, Mapping[str, Any]]:
+        plan = LabelPlan(distribution=self._name, shard_size=SHARD_SIZE, **asdict(quota))
+        bar = self._told(f"label {part}")
+        summary = label(plan, self._folder / part, run=self._run, progress=lambda state: bar(state.rows, plan.rows))
+        return Dataset.open(self._folder / part), summary.to_json()
+
+    def _learned(self, method: str, train: Dataset, calibration: Dataset | None) -> tuple[_Row, Learned]:
+        """The selector that is there, or a new one; and its row as far as it is known."""
+        digests = [train.header.digest, "" if calibration is None else calibration.header.digest]
+        key = _digest(["fit", method, self._experiment.fit.concerning(method), digests, software()])
+        row = self._read(method)
+        if row is not None and row.fit_key == key and (self._folder / row.file).is_file():
+            path = self._folder / row.file
+            if hashlib.sha256(path.read_bytes()).hexdigest() == row.file_sha256:
+                return row, load_selector(path)
+        begin, checkpoint = perf_counter(), self._folder / f"{method}.checkpoint-{key[:12]}"
+        bar = self._told(f"fit {method}")
+        settings = self._experiment.fit
+        learned = learn_selector(method, train, settings, bar, calibration=calibration, checkpoint=checkpoint)
+        path = self._folder / f"{method}{learned.suffix}"
+        learned.write(path)
+        row = _Row(
+            fit_key=key, file=path.name, file_sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
+            fit_seconds=perf_counter() - begin,
+        )  # fmt: skip
+        self._write(method, row)
+        return row, load_selector(path)
+
+    def _score(self, method: str, row: _Row, learned: Learned, scenes: list[Scene], test: Dataset) -> Score:
+        key = self._row_key(row.file_sha256, test)
+        notes = {"fit_seconds": row.fit_seconds, "file": row.file}
+        if row.row_key == key:
+            return _as_score(method, row, {**notes, "kept": True})
+        score = evaluate(
+            method, learned.selector, scenes, problem_class=self._name, projections=self._experiment.projections,
+            boxes=learned.boxes, progress=self._told(f"evaluate {method}"), run=self._run,
+        )  # fmt: skip
+        self._write(method, _with_score(row, key, score))
+        return replace(score, notes={**notes, "kept": False})
+
+    def _lift(self, scenes: list[Scene], test: Dataset) -> Score:
+        key = self._row_key("lift", test)
+        row = self._read("lift")
+        if row is not None and row.row_key == key:
+            return _as_score("lift", row, {"kept": True})
+        projections = self._experiment.projections
+        score = evaluate_lift(scenes, projections=projections, progress=self._told("evaluate lift"), run=self._run)
+        blank = _Row(fit_key="", file="", file_sha256="", fit_seconds=0.0)
+        self._write("lift", _with_score(blank, key, score))
+        return replace(score, notes={"kept": False})
+
+    def _row_key(self, selector: str, test: Dataset) -> str:
+        return _digest(["row", selector, test.header.digest, list(self._experiment.projections), software()])
+
+    def _read(self, name: str) -> _Row | None:
+        """A row that an earlier run kept; None where there is none that can be used."""
+        try:
+            return _Row.model_validate_json((self._folder / f"{name}.row.json").read_bytes())
+        except (OSError, ValidationError):
+            return None
+
+    def _write(self, name: str, row: _Row) -> None:
+        write_text(self._folder / f"{name}.row.json", row.model_dump_json(indent=1) + "\n")
+
+
+def _with_score(row: _Row, key: str, score: Score) -> _Row:
+    def pair(share: Share) -> tuple[int, int]:
+        return share.hits, share.of
+
+    numbers = {name: value if value == value else None for name, value in (("gap", score.gap), ("p1_ms", score.p1_ms))}
+    shares = {"p1_feasible": pair(score.p1_feasible), "p1_infeasible": pair(score.p1_infeasible)}
+    projected = {way: pair(share) for way, share in score.projected.items()}
+    return row.model_copy(update={"row_key": key, **shares, "projected": projected, **numbers})
+
+
+def _as_score(name: str, row: _Row, notes: Mapping[str, Any]) -> Score:
+    def share(pair: tuple[int, int]) -> Share:
+        return Share(hits=pair[0], of=pair[1])
+
+    return Score(
+        selector=name,
+        p1_feasible=share(row.p1_feasible),
+        p1_infeasible=share(row.p1_infeasible),
+        projected={way: share(pair) for way, pair in row.projected.items()},
+        gap=float("nan") if row.gap is None else row.gap,
+        p1_ms=float("nan") if row.p1_ms is None else row.p1_ms,
+        notes=notes,
+    )
+
+
+def _digest(parts: list[Any]) -> str:
+    return hashlib.sha256(json.dumps(parts, sort_keys=True).encode()).hexdigest()

@@ -1,0 +1,74 @@
+"""What an experiment is: which problems, how much data, which methods. ``bench`` runs it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+from pydantic import ConfigDict, TypeAdapter, ValidationError
+
+from stancekit.envs.distributions.postures import distribution
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import read_yaml
+from stancekit.planners.files.refusals import refusals, shown
+from stancekit.planners.projection.project import Projection
+
+from ..data.quota import Quota
+from ..training.fit_settings import FitSettings
+from ..training.fitting import METHODS
+
+
+@dataclass(frozen=True, kw_only=True)
+class Experiment:
+    """Which problems, how much data, which methods. The seeds of ``train``, ``calibration`` and ``test`` differ.
+
+    calibration: rows that methods may calibrate on; without it they keep a part of ``train`` for that.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    problems: tuple[str, ...]
+    train: Quota
+    test: Quota
+    calibration: Quota | None = None
+    methods: tuple[str, ...]
+    projections: tuple[Projection, ...]
+    fit: FitSettings = field(default_factory=FitSettings)
+
+    def __post_init__(self) -> None:
+        if self.train.seed == self.test.seed:
+            raise InvalidInput(f"test.seed: expected another seed than train.seed, got {self.test.seed} for both")
+        if self.calibration is not None and self.calibration.seed in (self.train.seed, self.test.seed):
+            got = self.calibration.seed
+            raise InvalidInput(f"calibration.seed: expected another seed than train.seed and test.seed, got {got}")
+        for name in self.problems:
+            distribution(name)
+        for index, method in enumerate(self.methods):
+            known = [name for name in METHODS.names() if name != "modes"]
+            if method not in known and ".py:" not in method:
+                raise InvalidInput(f"methods[{index}]: expected one of {', '.join(known)}, got {method!r}")
+            self.fit.check(method)
+        for name in ("problems", "methods", "projections"):
+            if not getattr(self, name):
+                raise InvalidInput(f"{name}: expected one or more, got none")
+
+    @classmethod
+    def from_yaml(cls, path: str | Path, *, quick: bool = False) -> Experiment:
+        """Read an experiment file. quick: with the keys of its section ``quick`` in place of the main ones.
+
+        Raises InvalidInput with every key that is wrong.
+        """
+        data = read_yaml(path)
+        short = data.pop("quick", {})
+        if quick and not (isinstance(short, dict) and short):
+            raise InvalidInput(f"{path}: quick: expected keys of an experiment, got {shown(short)}")
+        return cls.from_mapping(data | short if quick else data, str(path))
+
+    @classmethod
+    def from_mapping(cls, data: Any, where: str) -> Experiment:
+        """Check the keys and values of a mapping. Raises InvalidInput."""
+        try:
+            return TypeAdapter(cls).validate_python(data)
+        except ValidationError as error:
+            raise InvalidInput(f"{where}: " + "; ".join(refusals(error))) from None

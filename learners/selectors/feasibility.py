@@ -1,0 +1,239 @@
+"""What P1 says of many problems over many boxes: by solving each, or with what earlier solves have proved.
+
+P1 over a box is settled without a solve by
+- a *witness*: a point of the problem that lies in the other box and under the other envelope, with room to spare;
+- a *certificate*: multipliers of an earlier solve. Their Lagrangian is affine in the products of the box's bounds and
+  linear in its bounds, so its minimum over the problem and the other box is a dot product and 6N products; where it is
+  positive P1 has no answer;
+- a *range*: the box misses where a limb's p or f can be at all;
+- or for good, where already P̄ has no answer.
+A verdict nearer to the border than BAND is never taken from these, so it is the one that a solve would have given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
+from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN, DualBound
+
+from .dual_bounds import BAND, Bools, Bounds, Index, least, ranges, witnessed
+
+WITNESS, CERTIFICATE = 0, 1
+CHUNK = 64
+"""Problems that are checked at once: bounds the memory."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Counts:
+    """How verdicts were found. unknown: of the solves, those that came to no end (and count as not admitted)."""
+
+    solved: int = 0
+    witness: int = 0
+    certificate: int = 0
+    range: int = 0
+    trivial: int = 0
+    unknown: int = 0
+
+    @property
+    def total(self) -> int:
+        """All verdicts."""
+        return self.solved + self.cached
+
+    @property
+    def cached(self) -> int:
+        """Verdicts without a solve."""
+        return self.witness + self.certificate + self.range + self.trivial
+
+    def __sub__(self, other: Counts) -> Counts:
+        return Counts(**{f.name: getattr(self, f.name) - getattr(other, f.name) for f in fields(self)})
+
+
+class FeasibilityOracle(Protocol):
+    """Says which problems P1 admits over which boxes."""
+
+    @property
+    def counts(self) -> Counts:
+        """How all verdicts so far were found."""
+        ...
+
+    def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
+        """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
+        ...
+
+
+class SolvingOracle:
+    """Solves P1 for every problem and box: the plain loop."""
+
+    def __init__(self, problems: Sequence[Scaled], programs: Programs) -> None:
+        self._problems, self._programs = of_one_size(problems), programs
+        self.counts = Counts()
+
+    def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
+        """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
+        margins = np.array([[self._margin(int(k), box) for k in which] for box in boxes]).reshape(len(boxes), -1)
+        done = self.counts
+        unknown = done.unknown + int(np.isnan(margins).sum())
+        self.counts = Counts(solved=done.solved + margins.size, unknown=unknown)
+        return margins <= FEASIBLE_MARGIN
+
+    def _margin(self, k: int, box: Envelope) -> float:
+        problem = self._problems[k]
+        program = self._programs.get(McCormick, problem.layout)
+        margins = (program.solve(problem, near).margin for near in _tries(box))
+        return next((margin for margin in margins if not np.isnan(margin)), float("nan"))
+
+
+class CachingOracle:
+    """Solves P1 only where no witness and no certificate kept of earlier solves settles it.
+
+    witnesses, certificates: how many are kept a problem; the one that has not served for longest gives way.
+    """
+
+    def __init__(
+        self, problems: Sequence[Scaled], programs: Programs, *, witnesses: int = 4, certificates: int = 8
+    ) -> None:
+        self._problems, self._programs = of_one_size(problems), programs
+        size, n = len(problems), problems[0].size[0]
+        whole = [ranges(problem) for problem in problems]
+        self._range = np.stack([low for low, _ in whole]), np.stack([high for _, high in whole])
+        self._axes = np.stack([moment_axes(problem) for problem in problems])
+        self._trivial = np.zeros(size, dtype=bool)
+        self._point = np.full((size, witnesses, n, 6), np.inf)  # in no box
+        self._excess = np.zeros((size, witnesses, n, 3, 3))
+        self._rows = np.zeros((size, certificates, 4, n, 3, 3))
+        self._slope = np.zeros((size, certificates, n, 6))
+        self._constant = np.full((size, certificates), -np.inf)  # proves nothing
+        self._used = np.zeros((size, witnesses), dtype=np.int64), np.zeros((size, certificates), dtype=np.int64)
+        self._clock = 0
+        self._tally = dict.fromkeys((f.name for f in fields(Counts)), 0)
+
+    @property
+    def counts(self) -> Counts:
+        """How all verdicts so far were found."""
+        return Counts(**self._tally)
+
+    def is_feasible(self, which: Index, boxes: Sequence[Envelope]) -> Bools:
+        """Whether P1 admits the problems of these numbers, shape (len(boxes), len(which))."""
+        found = np.zeros((len(which), len(boxes)), dtype=bool)
+        bounds = Bounds.of(boxes)
+        for begin in range(0, len(which), CHUNK):
+            part = which[begin : begin + CHUNK]
+            found[begin : begin + CHUNK] = self._decide(part, boxes, bounds)
+        return found.T
+
+    def _decide(self, which: Index, boxes: Sequence[Envelope], bounds: Bounds) -> Bools:
+        """Shape (K, P), for K problems and P boxes."""
+        self._clock += 1
+        admits = np.zeros((len(which), len(boxes)), dtype=bool)
+        open_ = np.repeat(~self._trivial[which][:, None], len(boxes), axis=1)
+        self._tally["trivial"] += int((~open_).sum())
+        low, high = self._overlap(which, bounds)
+        missed = open_ & np.any(low > high, axis=(2, 3))
+        self._settle("range", missed, open_)
+        served = witnessed(self._point[which], self._excess[which], self._axes[which], bounds, open_)
+        admits |= self._credit(WITNESS, which, served)
+        self._settle("witness", admits, open_)
+        kept = self._rows[which], self._slope[which], self._constant[which]
+        refuted = open_ & self._credit(CERTIFICATE, which, (least(*kept, bounds, low, high) > 0.0) & open_[:, None])
+        self._settle("certificate", refuted, open_)
+        for row in np.flatnonzero(open_.any(axis=1)):
+            self._work(int(which[row]), _Case(boxes, bounds, low[row], high[row]), open_[row], admits[row])
+        return admits
+
+    def _work(self, k: int, case: _Case, open_: Bools, admits: Bools) -> None:
+        """Solve one problem over what is open of its boxes, shape (P,); every solve may settle some of the others."""
+        while open_.any():
+            b = int(np.flatnonzero(open_)[0])
+            bound = self._solve(k, case.boxes[b])
+            open_[b] = False
+            admits[b] = bound.margin <= FEASIBLE_MARGIN
+            self._tally["solved"] += 1
+            self._tally["unknown"] += bool(np.isnan(bound.margin))
+            if np.isposinf(bound.margin):  # the multipliers of the envelope rows add up to 0: any box will do
+                self._trivial[k] = True
+                self._settle("trivial", open_.copy(), open_)
+            elif not np.isnan(bound.margin):
+                kind, slot = self._keep(k, bound)
+                rest = np.flatnonzero(open_)
+                now = np.zeros_like(open_)
+                now[rest] = self._apply(k, kind, slot, case, rest)
+                admits |= now & (kind == WITNESS)
+                self._settle("witness" if kind == WITNESS else "certificate", now, open_)
+
+    def _apply(self, k: int, kind: int, slot: int, case: _Case, rest: Index) -> Bools:
+        """Which of these boxes one kept proof settles, shape (len(rest),)."""
+        bounds, one = case.bounds.take(rest), (slice(k, k + 1), slice(slot, slot + 1))
+        if kind == WITNESS:
+            open_ = np.ones((1, len(rest)), dtype=bool)
+            hits = witnessed(self._point[one], self._excess[one], self._axes[k : k + 1], bounds, open_)
+        else:
+            low, high = case.low[rest][None], case.high[rest][None]
+            hits = least(self._rows[one], self._slope[one], self._constant[one], bounds, low, high) > 0.0
+        return np.asarray(hits[0, 0])
+
+    def _solve(self, k: int, box: Envelope) -> DualBound:
+        problem = self._problems[k]
+        program = self._programs.get(McCormick, problem.layout)
+        found = (program.dual_bound(problem, near) for near in _tries(box))
+        return next((bound for bound in found if not np.isnan(bound.margin)), DualBound(margin=float("nan")))
+
+    def _keep(self, k: int, bound: DualBound) -> tuple[int, int]:
+        """Put what a solve proves in the place of what has not served for longest; returns its kind and place."""
+        kind = WITNESS if bound.margin <= FEASIBLE_MARGIN else CERTIFICATE
+        slot = int(np.argmin(self._used[kind][k]))
+        self._used[kind][k, slot] = self._clock
+        if kind == WITNESS:
+            self._point[k, slot], self._excess[k, slot] = bound.point, bound.excess
+        else:
+            self._rows[k, slot], self._slope[k, slot] = bound.rows, bound.slope
+            self._constant[k, slot] = bound.constant
+        return kind, slot
+
+    def _credit(self, kind: int, which: Index, hits: Bools) -> Bools:
+        """Note which of the kept proofs, shape (K, C, P), served; return where any did, shape (K, P)."""
+        used = self._used[kind][which]
+        used[hits.any(axis=2)] = self._clock
+        self._used[kind][which] = used
+        return np.asarray(hits.any(axis=1))
+
+    def _settle(self, how: str, now: Bools, open_: Bools) -> None:
+        self._tally[how] += int(now.sum())
+        open_ &= ~now
+
+    def _overlap(self, which: Index, bounds: Bounds) -> tuple[Array, Array]:
+        """Where [p, f] can be if the margin is at most BAND, shape (K, P, N, 6)."""
+        low, high = (side[which][:, None] for side in self._range)
+        return np.maximum(low, bounds.low - BAND), np.minimum(high, bounds.high + BAND)
+
+
+def of_one_size(problems: Sequence[Scaled]) -> Sequence[Scaled]:
+    """The problems. Raises InvalidInput unless there are any, all with as many contacts and vertices a patch."""
+    sizes = sorted({problem.size for problem in problems})
+    if len(sizes) != 1:
+        raise InvalidInput(f"problems: expected some, all of one size (contacts, vertices), got sizes {sizes}")
+    return problems
+
+
+class _Case(NamedTuple):
+    """The boxes of one question, and where [p, f] of one problem can be in them, shape (P, N, 6)."""
+
+    boxes: Sequence[Envelope]
+    bounds: Bounds
+    low: Array
+    high: Array
+
+
+def _tries(box: Envelope) -> Iterator[Envelope]:
+    """The box, and the same to within BAND: a solver that gives up on one in a few thousand takes the next."""
+    yield box
+    yield from (box.widened(share * BAND) for share in (0.01, 0.02, 0.04))

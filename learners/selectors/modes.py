@@ -1,0 +1,85 @@
+"""Envelopes for mode switching (paper E §IV-A, end): a box a terrain over [p, f], the forces in world axes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stancekit.envs.distributions.postures import distribution
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem import PostureProblem
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.modes import Modes, world_points
+from stancekit.planners.search.exact import ExactPlanner
+
+from ..data.dataset import Dataset
+from .quantile import quantile_box
+
+
+def learn_modes(
+    distributions: Sequence[str] = ("ground-3", "wall-3"),
+    *,
+    rng: np.random.Generator,
+    count: int = 500,
+    share: float = 0.0,
+    programs: Programs | None = None,
+) -> Modes:
+    """Draw postures of each distribution, solve them exactly, and put the quantile box around their solutions.
+
+    count: solutions of each. share: of them left out on each side of each dimension; with none it is the exterior
+    boundary of Algorithm E2. The modes are named after the terrains and counted in the order given, which for ground
+    and wall is that of ``Course.modes``.
+    Raises InvalidInput for a count below 1.
+    """
+    if count < 1:
+        raise InvalidInput(f"count: expected 1 or more, got {count}")
+    planner = ExactPlanner(programs=programs or Programs())
+    samples = dict[str, tuple[Sequence[PostureProblem], Sequence[Envelope]]]()
+    for name in distributions:
+        problems, points = solved_postures(name, count, planner, rng)
+        box = quantile_box(world_points(problems, points), share=share)
+        samples[distribution(name).terrain] = (problems, [box])
+    return Modes.around(samples)
+
+
+def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
+    """A mode a data set, in their order: the quantile box around S of Algorithm 1, the forces in world axes.
+
+    share: as for ``learn_modes``. The modes are named after the terrains of the distributions, or after these where
+    they do not say theirs. Raises InvalidInput for fewer than two data sets, for different limbs, and for one without
+    feasible rows.
+    """
+    if len(datasets) < 2:
+        raise InvalidInput(f"data sets: expected two or more, one a mode, got {len(datasets)}")
+    samples = dict[str, tuple[Sequence[PostureProblem], Sequence[Envelope]]]()
+    for rows in datasets:
+        name, legs, first = rows.problem_class, rows.header.legs, datasets[0].header.legs
+        if legs != first:
+            raise InvalidInput(f"data sets: expected all on {', '.join(first)}, got {name} on {', '.join(legs)}")
+        problems = list(rows.select(rows.feasible).problems())
+        if not problems:
+            raise InvalidInput(f"data sets: expected feasible rows of {name}, got none")
+        terrain = getattr(distribution(name), "terrain", name)
+        if terrain in samples:
+            raise InvalidInput(f"data sets: expected one a terrain, got two of {terrain}")
+        samples[terrain] = problems, [quantile_box(world_points(problems, rows.points), share=share)]
+    return Modes.around(samples)
+
+
+def solved_postures(
+    name: str, count: int, planner: ExactPlanner, rng: np.random.Generator
+) -> tuple[list[PostureProblem], Array]:
+    """Feasible problems of a distribution as they come, and the point [p, f] of a witness each, shape (K, N, 6)."""
+    source = distribution(name)
+    problems, points = list[PostureProblem](), list[Array]()
+    while len(points) < count:
+        problem = source.sample(rng)
+        posture = planner.solve(problem).posture
+        if posture is not None:
+            problems.append(problem)
+            points.append(Scaled.of(problem).point(posture))
+    return problems, np.array(points)

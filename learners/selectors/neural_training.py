@@ -1,0 +1,268 @@
+"""Training the neural selectors: quantile regression of solutions, then descent through P1's signed margin.
+
+Both stages are bit-reproducible for a seed and go on from a checkpoint as if they had never stopped: what chance
+decides in an epoch depends on the seed and the epoch alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick
+
+from ..data.dataset import Dataset
+from .network import Architecture, BoxNetwork, Mirror, SceneTensors, as_arrays, pinball
+from .tensors import load_weights, read_tensors, write_tensors
+
+Progress = Callable[[int, int], None]
+CHECKPOINT = "stancekit/neural-checkpoint/1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class NeuralSettings:
+    """How a neural selector is trained.
+
+    share: of the solutions that the boxes of the first stage leave out on each side. epochs: of the first stage, over
+    the feasible rows; batch, rate: of AdamW. margin_epochs: of the second stage, over the scarcer label; 0 leaves it
+    out. margin_batch: problems of each label a step. margin_rate: of AdamW there. softness: τ, the margin over which
+    P1's answer turns from wrong to right in the loss σ(±t/τ), non-dimensional. caution: how much more a feasible
+    problem lost counts than an infeasible one let in. anchor: weight of the first stage's loss in the second, which
+    keeps the boxes around solutions and so projectable. target: share of the feasible calibration rows that P1 must
+    admit. calibration: share of the rows kept for that where no data set is given for it.
+    """
+
+    architecture: Architecture = field(default_factory=Architecture)
+    share: float = 0.05
+    epochs: int = 20
+    batch: int = 128
+    rate: float = 2e-3
+    margin_epochs: int = 4
+    margin_batch: int = 64
+    margin_rate: float = 3e-4
+    softness: float = 5e-4
+    caution: float = 2.0
+    anchor: float = 30.0
+    target: float = 0.985
+    calibration: float = 0.15
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        for name in ("epochs", "batch", "margin_batch"):
+            if getattr(self, name) < 1:
+                raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)!r}")
+        if self.margin_epochs < 0:
+            raise InvalidInput(f"margin_epochs: expected 0 or more, got {self.margin_epochs!r}")
+        for name in ("rate", "margin_rate", "softness"):
+            if not getattr(self, name) > 0.0:
+                raise InvalidInput(f"{name}: expected a number above 0, got {getattr(self, name)!r}")
+        for name in ("share", "target", "calibration"):
+            if not 0.0 < getattr(self, name) < 1.0:
+                raise InvalidInput(f"{name}: expected a number between 0 and 1, got {getattr(self, name)!r}")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rows:
+    """Problems of one label: as the solver wants them, as the network sees them, and with solutions where feasible."""
+
+    problems: tuple[Scaled, ...]
+    scenes: SceneTensors
+    points: Tensor
+
+    @classmethod
+    def of(cls, dataset: Dataset, label: str) -> Rows:
+        """The rows ``feasible`` or ``infeasible`` of a data set. Raises InvalidInput where there are none."""
+        indices = dataset.feasible if label == "feasible" else dataset.infeasible
+        if not len(indices):
+            raise InvalidInput(f"data set: expected one or more {label} rows, got none")
+        problems = tuple(Scaled.of(problem) for problem in dataset.select(indices).problems())
+        points = dataset.points if label == "feasible" else np.zeros((0, problems[0].size[0], 6))
+        return cls(
+            problems=problems,
+            scenes=SceneTensors.of_problems(problems),
+            points=torch.tensor(points, dtype=torch.float32),
+        )
+
+    def __len__(self) -> int:
+        return len(self.problems)
+
+
+class Margin(torch.autograd.Function):
+    """P1's signed margin of each scene over its box, with the exact gradient that P1's multipliers give.
+
+    low, high: shape (B, N, 6); returns shape (B,). Where P1 has no margin the value is 0 and nothing flows back.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs) -> Tensor:
+        """Solve P1 once a scene."""
+        lows, highs = as_arrays(low, high)
+        margins, slopes = np.zeros(len(problems)), np.zeros((2, *lows.shape))
+        for i, problem in enumerate(problems):
+            answer = programs.get(McCormick, problem.layout).solve(
+                problem, Envelope(low=lows[i], high=highs[i]), gradient=True
+            )
+            if answer.gradient is not None:
+                margins[i], slopes[:, i] = answer.margin, answer.gradient
+        ctx.save_for_backward(torch.as_tensor(slopes, dtype=low.dtype))
+        return torch.as_tensor(margins, dtype=low.dtype)
+
+    @staticmethod
+    def backward(ctx: Any, *outputs: Tensor) -> tuple[Tensor, Tensor, None, None]:
+        """Chain rule."""
+        (slopes,) = ctx.saved_tensors
+        grown = outputs[0][:, None, None]
+        return slopes[0] * grown, slopes[1] * grown, None, None
+
+
+def margins_of(low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs) -> Tensor:
+    """``Margin`` with types."""
+    found: Tensor = Margin.apply(low, high, problems, programs)  # type: ignore[no-untyped-call]
+    return found
+
+
+class Trainer:
+    """Both stages over one data set, an epoch at a time.
+
+    history: one record an epoch, with the mean loss. checkpoint: file written after every epoch, and gone on from.
+    """
+
+    def __init__(
+        self, feasible: Rows, infeasible: Rows | None, programs: Programs, settings: NeuralSettings, digest: str,
+        checkpoint: Path | None = None,
+    ) -> None:  # fmt: skip
+        self.history: list[dict[str, Any]] = []
+        self._feasible, self._infeasible, self._programs, self._settings = feasible, infeasible, programs, settings
+        self._run = {"settings": asdict(settings), "data": digest}
+        self._checkpoint = checkpoint
+        self._mirror = Mirror.of(feasible.scenes)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(settings.seed)
+            self.network = BoxNetwork.of_data(settings.architecture, feasible.scenes, feasible.points)
+        self._optimizer = self._fresh(settings.rate)
+        self._stage = 1
+        self._resume()
+
+    @property
+    def total(self) -> int:
+        """Epochs of both stages."""
+        return self._settings.epochs + (self._settings.margin_epochs if self._infeasible else 0)
+
+    def run(self, progress: Progress | None = None) -> BoxNetwork:
+        """Train what is left of both stages; ``progress`` is told epochs done and epochs in all."""
+        while len(self.history) < self.total:
+            epoch = len(self.history)
+            stage = 1 if epoch < self._settings.epochs else 2
+            if stage != self._stage:
+                self._stage, self._optimizer = stage, self._fresh(self._settings.margin_rate)
+            self.network.train()
+            loss = self._regress(epoch) if stage == 1 else self._descend(epoch)
+            self.history.append({"stage": stage, "epoch": epoch + 1, "loss": loss})
+            self._save()
+            if progress is not None:
+                progress(epoch + 1, self.total)
+        return self.network.eval()
+
+    def _regress(self, epoch: int) -> float:
+        """One pass of quantile regression over the feasible rows."""
+        settings, chance = self._settings, self._chance(epoch)
+        order = torch.split(torch.randperm(len(self._feasible), generator=chance), settings.batch)
+        total = 0.0
+        for step, rows in enumerate(order):
+            self._set_rate(settings.rate, (epoch + step / len(order)) / settings.epochs)
+            flipped = self._flipped(len(rows), chance)
+            scenes, points = self._feasible.scenes[rows], self._feasible.points[rows]
+            if self._mirror is not None:
+                scenes, points = self._mirror.scenes(scenes, flipped), self._mirror.points(points, flipped)
+            low, high = self.network(scenes)
+            loss = pinball(low, high, points, settings.share).mean()
+            total += self._step(loss) * len(rows)
+        return total / len(self._feasible)
+
+    def _descend(self, epoch: int) -> float:
+        """One pass over the scarcer label through P1's margins: a smooth count of its mistakes, and the anchor."""
+        assert self._infeasible is not None
+        settings, chance = self._settings, self._chance(epoch)
+        size = min(settings.margin_batch, len(self._feasible), len(self._infeasible))
+        steps = max(min(len(self._feasible), len(self._infeasible)) // size, 1)
+        orders = [torch.randperm(len(rows), generator=chance) for rows in (self._feasible, self._infeasible)]
+        total = 0.0
+        for step in range(steps):
+            self._set_rate(settings.margin_rate, (epoch - settings.epochs + step / steps) / settings.margin_epochs)
+            kept, lost = (order[step * size : (step + 1) * size] for order in orders)
+            low, high, margins = self._margins(self._feasible, kept, chance)
+            loss = settings.caution * torch.sigmoid(margins / settings.softness).mean()
+            loss = loss + settings.anchor * pinball(low, high, self._feasible.points[kept], settings.share).mean()
+            loss = loss + torch.sigmoid(-self._margins(self._infeasible, lost, chance)[2] / settings.softness).mean()
+            total += self._step(loss)
+        return total / steps
+
+    def _margins(self, rows: Rows, chosen: Tensor, chance: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
+        """(low, high, margin) of scenes; some are shown mirrored, and their boxes mirrored back."""
+        flipped = self._flipped(len(chosen), chance)
+        scenes = rows.scenes[chosen]
+        low, high = self.network(scenes if self._mirror is None else self._mirror.scenes(scenes, flipped))
+        if self._mirror is not None:
+            low, high = self._mirror.box(low, high, flipped)
+        return low, high, margins_of(low, high, [rows.problems[int(i)] for i in chosen], self._programs)
+
+    def _step(self, loss: Tensor) -> float:
+        self._optimizer.zero_grad()
+        torch.autograd.backward(loss)
+        nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
+        self._optimizer.step()
+        return float(loss.detach())
+
+    def _set_rate(self, rate: float, done: float) -> None:
+        """Rise over the first tenth of a stage, then fall along a cosine."""
+        factor = min(done / 0.1, 1.0) if done < 0.1 else 0.5 * (1.0 + math.cos(math.pi * (done - 0.1) / 0.9))
+        for group in self._optimizer.param_groups:
+            group["lr"] = rate * max(factor, 1e-3)
+
+    def _fresh(self, rate: float) -> torch.optim.AdamW:
+        return torch.optim.AdamW(self.network.parameters(), lr=rate, weight_decay=1e-4)
+
+    def _chance(self, epoch: int) -> torch.Generator:
+        state = np.random.SeedSequence([self._settings.seed, epoch]).generate_state(1)
+        return torch.Generator().manual_seed(int(state[0]))
+
+    def _flipped(self, count: int, chance: torch.Generator) -> Tensor:
+        return torch.rand(count, generator=chance) < 0.5
+
+    def _save(self) -> None:
+        if self._checkpoint is None:
+            return
+        tensors = {f"network.{name}": value for name, value in self.network.state_dict().items()}
+        for index, state in self._optimizer.state_dict()["state"].items():
+            tensors |= {f"adam.{index}.{name}": torch.as_tensor(value) for name, value in state.items()}
+        write_tensors(self._checkpoint, CHECKPOINT, {"run": self._run, "history": self.history}, tensors)
+
+    def _resume(self) -> None:
+        """Go on from the checkpoint where there is one. Raises InvalidInput where it belongs to another run."""
+        if self._checkpoint is None or not self._checkpoint.exists():
+            return
+        header, tensors = read_tensors(self._checkpoint, CHECKPOINT)
+        if header.get("run") != self._run or not header.get("history"):
+            raise InvalidInput(f"{self._checkpoint}: expected a checkpoint of these settings and rows, got another's")
+        self.history = list(header["history"])
+        self._stage = self.history[-1]["stage"]
+        weights = {name.removeprefix("network."): tensor for name, tensor in tensors.items() if "network." in name}
+        load_weights(self.network, weights, self._checkpoint)
+        state: dict[int, dict[str, Tensor]] = {}
+        for name, value in tensors.items():
+            if name.startswith("adam."):
+                _, index, key = name.split(".")
+                state.setdefault(int(index), {})[key] = value
+        self._optimizer = self._fresh(self._settings.rate)
+        self._optimizer.load_state_dict({**self._optimizer.state_dict(), "state": state})

@@ -1,0 +1,52 @@
+"""Selectors from elsewhere: an entry point of another package, or a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from stancekit.planners.plugins import Registry
+
+from .selector import Learned, Observation
+
+ANY = "any"
+"""Class of problems of a selector that does not say for which it was made."""
+SELECTORS: Registry[Any] = Registry(
+    "selector", "stancekit.selectors", {}, expected="something with predict(observation), or a class of it",
+    accepts=lambda it: callable(getattr(it, "predict", None)),
+)  # fmt: skip
+"""Selectors by name. A class is made without arguments."""
+
+
+def is_own(name: str) -> bool:
+    """Whether a text names a selector from elsewhere, and no file of weights or envelopes."""
+    return ".py:" in name or name.endswith(".py") or (not Path(name).exists() and name in SELECTORS.names())
+
+
+def own_selector(name: str) -> Learned:
+    """A selector by its entry point's name, or "FILE.py:NAME". Raises InvalidInput."""
+    return Learned.of(OwnSelector(name), name, ANY)
+
+
+class OwnSelector:
+    """A selector from elsewhere; to other processes it goes by its name."""
+
+    def __init__(self, name: str) -> None:
+        found = SELECTORS.get(name)
+        self._found = found() if isinstance(found, type) else found
+        path, colon, attribute = name.rpartition(":")
+        self._name = f"{Path(path).resolve()}:{attribute}" if colon else name
+        self.problem_class = str(getattr(self._found, "problem_class", ANY))
+        self.boxes = int(getattr(self._found, "boxes", 1))
+
+    def predict(
+        self, observation: Observation, state: Any = None, episode_start: Any = None, deterministic: bool = True
+    ) -> tuple[Any, Any]:
+        """Return (action, state), as every selector."""
+        found: tuple[Any, Any] = self._found.predict(
+            observation, state=state, episode_start=episode_start, deterministic=deterministic
+        )
+        return found
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return OwnSelector, (self._name,)

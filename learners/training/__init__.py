@@ -1,0 +1,1 @@
+"""Learning by name: every method of ``stancekit fit``, and reinforcement."""

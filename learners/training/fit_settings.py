@@ -1,0 +1,142 @@
+"""What a method of fitting is asked: a data set, and the settings that concern it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from pydantic import ConfigDict
+
+from stancekit.planners.errors import InvalidInput
+
+from ..data.dataset import Dataset
+from ..selectors.genetic import GeneticSettings
+from ..settings import typed
+
+if TYPE_CHECKING:
+    from .train_config import TrainConfig
+
+KNOBS: Mapping[str, tuple[str, ...]] = {
+    "heuristic": (),
+    "quantile": ("share",),
+    "gmm-printed": ("clusters", "threshold", "time_limit_s", "seed"),
+    "gmm": ("share", "clusters", "steps", "batch", "seed"),
+    "gradient": ("share", "boxes", "steps", "batch", "seed"),
+    "ga": ("genetic",),
+    "modes": ("share",),
+    "chooser": ("share", "boxes", "steps", "batch", "seed", "chooser"),
+    "neural": ("neural",),
+    "rl": ("rl",),
+}
+"""Which settings concern which method."""
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class FitSettings:
+    """Knobs of the fitting methods; each method uses those that concern it (``KNOBS``).
+
+    share: of the solutions that a quantile box leaves out on each side. clusters: n of Algorithm E2. threshold: p_th of
+    its line 6. time_limit_s: of the printed Boundary_fit, per cluster. boxes: of gradient and chooser. steps, batch: of
+    the margin descent. genetic, neural, chooser: keys of ``GeneticSettings``, ``NeuralSettings``, ``ChooserSettings``;
+    rl: of ``TrainConfig``, but for environment, problem and scenes.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    share: float = 0.05
+    clusters: int = 1
+    threshold: float = 0.05
+    time_limit_s: float = 12.0
+    boxes: int = 1
+    steps: int = 80
+    batch: int = 100
+    seed: int = 0
+    genetic: Mapping[str, Any] = field(default_factory=dict)
+    neural: Mapping[str, Any] = field(default_factory=dict)
+    chooser: Mapping[str, Any] = field(default_factory=dict)
+    rl: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.share < 0.5:
+            raise InvalidInput(f"share: expected a number in [0, 0.5), got {self.share!r}")
+        for name in ("clusters", "boxes", "steps", "batch"):
+            if getattr(self, name) < 1:
+                raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)!r}")
+        if not 0.0 <= self.threshold < 1.0:
+            raise InvalidInput(f"threshold: expected a number in [0, 1), got {self.threshold!r}")
+        if not 0.0 < self.time_limit_s < float("inf"):
+            raise InvalidInput(f"time_limit_s: expected a number above 0, got {self.time_limit_s!r}")
+        if self.seed < 0:
+            raise InvalidInput(f"seed: expected 0 or more, got {self.seed!r}")
+
+    def concerning(self, method: str) -> dict[str, Any]:
+        """The settings that this method uses, JSON-ready; of a method from elsewhere all."""
+        values = {name: getattr(self, name) for name in KNOBS.get(method, tuple(self.__dataclass_fields__))}
+        return {name: dict(value) if isinstance(value, Mapping) else value for name, value in values.items()}
+
+    def check(self, method: str) -> None:
+        """Raise InvalidInput where the keys of a method with settings of its own are wrong, or torch is missing."""
+        try:
+            self._check(method)
+        except ImportError as error:
+            raise missing(method, error) from None
+
+    def _check(self, method: str) -> None:
+        if method == "ga":
+            typed(GeneticSettings, self.genetic, "genetic")
+        elif method == "neural":
+            from ..selectors.neural_training import NeuralSettings
+
+            typed(NeuralSettings, self.neural, "neural")
+        elif method == "chooser":
+            from ..selectors.chooser import ChooserSettings
+
+            typed(ChooserSettings, self.chooser, "chooser")
+        elif method == "rl":
+            self.training("wall-3", {"feasible": 1, "infeasible": 1, "seed": 0})
+
+    def training(self, problem: str, count: Mapping[str, int]) -> TrainConfig:
+        """The reinforcement that these settings describe. Raises InvalidInput."""
+        from .train_config import TrainConfig
+
+        fixed = {
+            "environment": "stancekit/EnvelopeSelection-v0",
+            "problem": problem,
+            "train": dict(count),
+            "held_out": {**count, "seed": count["seed"] + 1},
+        }
+        for name in fixed:
+            if name in self.rl:
+                raise InvalidInput(f"rl.{name}: expected nothing, it follows from the data set, got {self.rl[name]!r}")
+        return typed(TrainConfig, {**self.rl, **fixed}, "rl")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FitRequest:
+    """What a method gets: it is called with this alone, and returns what it learned.
+
+    datasets: rows to learn from; all but "modes" want one, ``dataset``. progress: told steps done and in all, where a
+    method takes its time. calibration: rows to calibrate on, never those of a test; a part of the data set where None.
+    checkpoint: file or folder by which a method that takes long goes on where it was stopped.
+    """
+
+    datasets: tuple[Dataset, ...]
+    settings: FitSettings = FitSettings()
+    progress: Progress | None = None
+    calibration: Dataset | None = None
+    checkpoint: Path | None = None
+
+    @property
+    def dataset(self) -> Dataset:
+        """The one data set. Raises InvalidInput where there are several."""
+        if len(self.datasets) != 1:
+            raise InvalidInput(f"data sets: expected one, got {len(self.datasets)}")
+        return self.datasets[0]
+
+
+def missing(method: str, error: ImportError) -> InvalidInput:
+    """What is said where a method needs a package that is not there."""
+    return InvalidInput(f"method: {method!r} needs {error.name}, got none: pip install 'stancekit[rl]'")

@@ -1,0 +1,46 @@
+"""Methods that learn networks, and need torch."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+from ..data.scenes import scenes_of
+from ..selectors.chooser import Chooser, ChooserSettings, fit_chooser
+from ..selectors.neural import NeuralSelector, fit_neural
+from ..selectors.neural_training import NeuralSettings
+from ..selectors.policy import TrainedPolicy, bounds_of
+from ..settings import typed
+from .envelope_methods import fit
+from .fit_settings import FitRequest
+from .reinforce import TrainingScenes, train
+
+
+def neural(request: FitRequest) -> NeuralSelector:
+    """A network from terrain to box."""
+    knobs = typed(NeuralSettings, request.settings.neural, "neural")
+    return fit_neural(
+        request.dataset, knobs, request.progress, calibration=request.calibration, checkpoint=request.checkpoint
+    )
+
+
+def chooser(request: FitRequest) -> Chooser:
+    """Boxes that descend P1's margins, and a network that picks one a terrain."""
+    dataset, settings, progress = request.dataset, request.settings, request.progress
+    envelopes = fit("gradient", dataset, settings, progress)
+    return fit_chooser(dataset, envelopes, typed(ChooserSettings, settings.chooser, "chooser"), progress)
+
+
+def reinforcement(request: FitRequest) -> TrainedPolicy:
+    """A policy trained on the data set's scenes; its learning curve is drawn on the calibration rows."""
+    dataset, calibration, settings = request.dataset, request.calibration, request.settings
+    learned, held_out = (dataset, calibration) if calibration is not None else dataset.split((0.85, 0.15))
+    count = {"feasible": len(learned.feasible), "infeasible": len(learned.infeasible), "seed": learned.header.plan.seed}
+    config = settings.training(dataset.problem_class, count)
+    base = bounds_of(fit(config.base, dataset, settings).envelopes[0])
+    scenes = TrainingScenes(train=scenes_of(learned), held_out=scenes_of(held_out), base=base)
+    with tempfile.TemporaryDirectory() as spare:
+        where = request.checkpoint or Path(spare)
+        where.mkdir(parents=True, exist_ok=True)
+        resume = (where / "checkpoint.safetensors").exists()
+        return train(config, where, resume=resume, scenes=scenes, progress=request.progress).policy

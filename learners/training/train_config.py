@@ -1,0 +1,92 @@
+"""What a training run is asked for: a typed file whose keys are checked all at once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.documents import read_yaml
+from stancekit.planners.files.refusals import refusals
+
+from ..data.quota import Quota
+from ..selectors.policy import EnvironmentName, PolicyShape
+
+
+@dataclass(frozen=True, kw_only=True)
+class PpoSettings:
+    """Knobs of PPO. rollout: steps of every sub-environment between updates; rate: falls linearly to a tenth."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    rate: Annotated[float, Field(gt=0.0)] = 1e-3
+    rollout: Annotated[int, Field(ge=1)] = 64
+    batch: Annotated[int, Field(ge=2)] = 512
+    epochs: Annotated[int, Field(ge=1)] = 10
+    clip: Annotated[float, Field(gt=0.0)] = 0.2
+    entropy: Annotated[float, Field(ge=0.0)] = 0.0
+    discount: Annotated[float, Field(ge=0.0, le=1.0)] = 1.0
+    hidden: Annotated[tuple[int, ...], Field(min_length=1)] = (128, 128)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainConfig:
+    """One training run. Steps are rounded up to whole segments, and segments to whole rollouts.
+
+    problem: distribution. train, held_out: how many labelled scenes to learn from and to evaluate on, and their seeds.
+    envs: sub-environments; workers: their processes (selection only). Selection: base, offset, spread: the envelope
+    that the policy moves the bounds of, how far it may, and the initial standard deviation of that, as a share of
+    offset. Refinement: budget of solves an episode. tensorboard: write its logs, too.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    environment: EnvironmentName
+    problem: str
+    steps: Annotated[int, Field(ge=1)]
+    train: Quota
+    held_out: Quota
+    seed: Annotated[int, Field(ge=0)] = 0
+    envs: Annotated[int, Field(ge=1)] = 16
+    workers: Annotated[int, Field(ge=1)] = 1
+    base: Literal["heuristic", "quantile"] = "quantile"
+    offset: Annotated[float, Field(gt=0.0)] = 0.25
+    spread: Annotated[float, Field(gt=0.0)] = 0.2
+    budget: Annotated[int, Field(ge=1)] = 200
+    evaluate_every: Annotated[int, Field(ge=1)] = 10_240
+    tensorboard: bool = False
+    ppo: PpoSettings = field(default_factory=PpoSettings)
+
+    def __post_init__(self) -> None:
+        if self.train.seed == self.held_out.seed:
+            raise InvalidInput(f"held_out.seed: expected another seed than train.seed, got {self.train.seed} for both")
+        _ = self.shape.contacts  # refuses unknown distributions
+
+    @classmethod
+    def from_yaml(cls, path: str | Path, overrides: Mapping[str, Any] | None = None) -> TrainConfig:
+        """Read a file, some of its keys replaced. Raises InvalidInput with every key that is wrong."""
+        data = read_yaml(path)
+        try:
+            return TypeAdapter(cls).validate_python(data | dict(overrides or {}))
+        except ValidationError as error:
+            raise InvalidInput(f"{path}: " + "; ".join(refusals(error))) from None
+        except InvalidInput as error:
+            raise InvalidInput(f"{path}: {error}") from None
+
+    @property
+    def shape(self) -> PolicyShape:
+        """The policy that is trained."""
+        return PolicyShape(
+            environment=self.environment, problem=self.problem, hidden=tuple(self.ppo.hidden), spread=self.spread,
+            offset=self.offset,
+        )  # fmt: skip
+
+    @property
+    def segment(self) -> int:
+        """Steps between evaluations: whole rollouts."""
+        rollout = self.ppo.rollout * self.envs
+        return -(-self.evaluate_every // rollout) * rollout

@@ -1,0 +1,48 @@
+"""What a motion is: what should be at every time, for a tracker to follow."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.terrain.prism import Solid
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotionSample:
+    """What should be at one time; N limbs.
+
+    com_m, rotation_rad: body; frame: progress in key frames, e.g. 1.5 half way from frame 1 to 2. feet_m: centres of
+    the feet, shape (N, 3). forces_n: on the robot, shape (N, 3). placement: what every limb stands on, −1 in the air.
+    normals: of the surface that a limb stands on, leaves or comes to, shape (N, 3).
+    """
+
+    com_m: Array
+    rotation_rad: Array
+    frame: float
+    feet_m: Array
+    forces_n: Array
+    placement: tuple[int, ...]
+    normals: Array
+
+
+class Motion(Protocol):
+    """What a tracker can follow. knots_s: times from 0 to its end at which postures of the limbs are chosen, the same
+    moments at every pace; solids: what limbs keep off."""
+
+    solids: tuple[Solid, ...]
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes [s]."""
+        ...
+
+    @property
+    def knots_s(self) -> Array:
+        """shape (T,) [s]."""
+        ...
+
+    def at(self, time_s: float) -> MotionSample:
+        """What should be at a time; the ends are held."""
+        ...

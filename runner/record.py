@@ -1,0 +1,100 @@
+"""What a run records: for every control period what was sent, and why, and what the world measured after it.
+
+There is one record. Reports, figures of tracking, estimates of friction and pictures are computed from it.
+"""
+
+from __future__ import annotations
+
+import io
+from dataclasses import dataclass, field, fields
+
+import numpy as np
+
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.kinematics import Kinematics
+
+from .control.tracker import Target
+from .worlds.world import State
+
+
+@dataclass
+class Record:
+    """pairs: target and state of every control period. began_s: when each was sent, on the performance counter."""
+
+    pairs: list[tuple[Target, State]] = field(default_factory=list)
+    began_s: list[float] = field(default_factory=list)
+
+    def add(self, target: Target, state: State, began_s: float) -> None:
+        """One control period."""
+        self.pairs.append((target, state))
+        self.began_s.append(began_s)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trace:
+    """A record as arrays, a row a control period, T of them; N limbs, J joints.
+
+    com_m, planned_com_m: shape (T, 3). frame: progress in key frames, shape (T,). origin_m, rotation: of the body's
+    frame, shape (T, 3), (T, 3, 3). feet_m: centres, shape (T, N, 3); rolled_m: of that, what they should have rolled
+    since they were put down. forces_n, planned_forces_n: shape (T, N, 3).
+    angles_rad, torques_nm, planned_torques_nm: shape (T, J). placement: what every limb should stand on, −1 in the
+    air, shape (T, N). bump_n: terrain on anything but feet, shape (T,).
+    """
+
+    time_s: Array
+    frame: Array
+    com_m: Array
+    planned_com_m: Array
+    origin_m: Array
+    rotation: Array
+    feet_m: Array
+    rolled_m: Array
+    forces_n: Array
+    planned_forces_n: Array
+    angles_rad: Array
+    torques_nm: Array
+    planned_torques_nm: Array
+    placement: Array
+    bump_n: Array
+
+    @classmethod
+    def of(cls, record: Record, kinematics: Kinematics) -> Trace:
+        """The arrays of a record. kinematics: of the robot, for its centre of mass."""
+        pairs = record.pairs
+        samples, states = [target.sample for target, _ in pairs], [state for _, state in pairs]
+        return cls(
+            time_s=np.array([s.time_s for s in states]),
+            frame=np.array([p.frame for p in samples]),
+            com_m=np.array([s.position_m + s.rotation @ kinematics.com_offset(s.angles_rad) for s in states]),
+            planned_com_m=np.array([p.com_m for p in samples]),
+            origin_m=np.array([s.position_m for s in states]),
+            rotation=np.array([s.rotation for s in states]),
+            feet_m=np.array([s.feet_m for s in states]),
+            rolled_m=np.array([target.rolled_m for target, _ in pairs]),
+            forces_n=np.array([s.forces_n for s in states]),
+            planned_forces_n=np.array([p.forces_n for p in samples]),
+            angles_rad=np.array([s.angles_rad for s in states]),
+            torques_nm=np.array([s.torques_nm for s in states]),
+            planned_torques_nm=np.array([target.torques_nm for target, _ in pairs]),
+            placement=np.array([p.placement for p in samples]),
+            bump_n=np.array([s.bump_n for s in states]),
+        )
+
+    def slips(self, placements: int) -> Array:
+        """How far every placement's foot slid from where it first stood, while it should stand, shape (P,) [m].
+
+        That is its centre's path less what it should have rolled.
+        """
+        found, feet = np.zeros(placements), self.feet_m - self.rolled_m
+        for placement in range(placements):
+            rows, limbs = np.nonzero(self.placement == placement)
+            if len(rows):
+                moved = feet[rows, limbs] - feet[rows[0], limbs[0]]
+                found[placement] = float(np.linalg.norm(moved, axis=1).max())
+        return found
+
+    def to_npz(self) -> bytes:
+        """All arrays by their names, as a NumPy archive."""
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, **{item.name: getattr(self, item.name) for item in fields(self)})
+        return buffer.getvalue()

@@ -1,0 +1,40 @@
+"""How a motion is run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from stancekit.planners.files.arrays import checked
+
+from .control.tracker import ContactFeedback
+from .execution import Tolerance
+from .motion.timeline import Timing
+from .safety.ending import Ending
+from .safety.guard import Limits
+
+
+@dataclass(frozen=True, kw_only=True)
+class RunSettings:
+    """How a plan, or a gait, is run.
+
+    timing: of a plan's phases. feedback: what the feet do with the forces that they feel. limits: what is let through
+    to the world. tolerance: when it is stopped, and when it is a success. speed_rad_s: of the soft start, and of the
+    path home. ending: the state to leave the robot in. hung: the robot hangs in a stand, level and off the ground: its
+    feet carry nothing and meet nothing; for what is real only. forces: press with a plan's forces "shared" anew among
+    the limbs of every stance, with a reserve of friction, or as "planned". check_limits: a plan is slowed down to
+    what its joints can do, and refused where no pace helps; False, for simulations only, to see what comes of it.
+    """
+
+    timing: Timing = field(default_factory=Timing)
+    feedback: ContactFeedback = field(default_factory=ContactFeedback)
+    limits: Limits = field(default_factory=Limits)
+    tolerance: Tolerance = field(default_factory=Tolerance)
+    speed_rad_s: float = 0.4
+    ending: Ending = "hold"
+    hung: bool = False
+    forces: Literal["shared", "planned"] = "shared"
+    check_limits: bool = True
+
+    def __post_init__(self) -> None:
+        checked(self.speed_rad_s, "speed_rad_s", above=0.0)

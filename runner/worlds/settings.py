@@ -1,0 +1,34 @@
+"""What a world is made for, and out of what."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.posture import GRAVITY_M_S2
+from stancekit.planners.robot import Robot
+from stancekit.planners.robot.urdf import Servo
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldSettings:
+    """robot, servo: who moves, and by what. gravity_m_s2: what pulls. rate_hz: targets a second, None for what is
+    usual in that world. setup: the file that a world is made from, None where none was given."""
+
+    robot: Robot
+    servo: Servo = field(default_factory=Servo)
+    gravity_m_s2: float = GRAVITY_M_S2
+    rate_hz: float | None = None
+    setup: Path | None = None
+
+    def file(self, content: str, world: str) -> Path:
+        """The set-up file. Raises InvalidInput, which says what should be in it, where there is none."""
+        if self.setup is None:
+            raise InvalidInput(f"setup: expected {content} with world {world}, got none")
+        return self.setup
+
+    def check_name(self, robot: str | None) -> None:
+        """Raise InvalidInput for a set-up file of another robot; None says nothing."""
+        if robot not in (None, self.robot.name):
+            raise InvalidInput(f"{self.setup}: robot: expected {self.robot.name}, whom the plan is for, got {robot}")

@@ -1,0 +1,118 @@
+"""Files: what is saved is what is loaded, by what it says that it is; anything else is one line."""
+
+import json
+
+import numpy as np
+import pytest
+
+import stancekit
+from stancekit.configs import config_path
+from stancekit.learners.selectors.selector import Learned
+from stancekit.planners.relaxation.modes import Modes
+from stancekit.planners.robot.single_body import GaitRobot
+
+
+@pytest.fixture(scope="module")
+def problems() -> list[stancekit.PostureProblem]:
+    return stancekit.sample("wall-3", 9, rng=8)
+
+
+@pytest.fixture(scope="module")
+def envelopes(problems) -> stancekit.EnvelopeSet:
+    box = stancekit.Envelope(low=np.full((3, 6), -0.5), high=np.full((3, 6), 0.5))
+    return stancekit.EnvelopeSet.for_problems("wall-3", problems, [box, box.widened(0.1)])
+
+
+@pytest.fixture(scope="module")
+def plan() -> stancekit.Plan:
+    return stancekit.plan("walls", frames=2).plan
+
+
+def test_problems_come_back_one_or_several(problems, tmp_path):
+    stancekit.save(problems[0], tmp_path / "p.json")
+    assert stancekit.load(tmp_path / "p.json").to_json() == problems[0].to_json()
+    stancekit.save(problems, tmp_path / "p.jsonl")
+    assert [p.to_json() for p in stancekit.load(tmp_path / "p.jsonl", list)] == [p.to_json() for p in problems]
+    (tmp_path / "array.json").write_text(json.dumps([p.to_json() for p in problems]))
+    assert len(stancekit.load(tmp_path / "array.json")) == 9
+
+
+def test_envelopes_and_modes_come_back(envelopes, tmp_path):
+    stancekit.save(envelopes, tmp_path / "e.json")
+    assert stancekit.load(tmp_path / "e.json").to_json() == envelopes.to_json()
+    stancekit.save(Learned.fixed("both", envelopes), tmp_path / "learned.json")
+    assert (tmp_path / "learned.json").read_bytes() == (tmp_path / "e.json").read_bytes()
+    modes = Modes(names=("ground", "wall"), boxes=envelopes)
+    stancekit.save(modes, tmp_path / "m.json")
+    assert stancekit.load(tmp_path / "m.json", Modes).to_json() == modes.to_json()
+
+
+def test_plans_and_courses_come_back_and_a_plan_is_verified_as_it_is_written(plan, tmp_path):
+    stancekit.save(plan, tmp_path / "plan.json")
+    again = stancekit.load(tmp_path / "plan.json", stancekit.Plan)
+    np.testing.assert_array_equal(again.forces_n, plan.forces_n)
+    assert json.loads((tmp_path / "plan.json").read_text())["verified"]
+    stancekit.save(plan.course, tmp_path / "course.json")
+    course = stancekit.load(tmp_path / "course.json", stancekit.Course)
+    assert (course.name, course.frames, course.stances) == (plan.course.name, 2, plan.course.stances)
+
+
+def test_a_proof_comes_back_as_subject_and_certificate(problems, tmp_path):
+    certificate = stancekit.solve(problems[0]).certificate
+    stancekit.save((problems[0], certificate), tmp_path / "proof.json")
+    subject, proof = stancekit.load(tmp_path / "proof.json")
+    assert stancekit.verify(subject, proof).accepted
+    np.testing.assert_array_equal(proof.multipliers, certificate.multipliers)
+
+
+def test_a_walk_comes_back(tmp_path):
+    level = stancekit.HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1)
+    walk = stancekit.walk(level, (0.2, 0.0), duration_s=2.0, chart="decoupled").trajectory
+    stancekit.save(walk, tmp_path / "walk.json")
+    assert stancekit.load(tmp_path / "walk.json", stancekit.Trajectory).digest == walk.digest
+
+
+def test_yaml_is_a_course_or_a_robot_and_a_folder_a_data_set(tmp_path):
+    assert stancekit.load(config_path("courses/stairs.yaml"), stancekit.Course).name == "stairs"
+    assert stancekit.load(config_path("robots/anymal.yaml"), GaitRobot).name == "anymal"
+    stancekit.label("wall-3", tmp_path / "set", feasible=2, infeasible=2)
+    rows = stancekit.load(tmp_path / "set", stancekit.Dataset)
+    assert len(rows) == 4
+    assert stancekit.verify(rows).accepted
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("x.json", '{"format": "stancekit/luck/1"}', "expected a format of stancekit/posture, "),
+        ("x.json", "3", "expected a format of stancekit/posture, "),
+        ("x.json", "{", "broken at line 1 column 2"),
+        ("x.jsonl", '{"format": 3}\n{"format": 4}\n', "format: "),
+        ("x.safetensors", "nothing", "expected a whole safetensors file, got something else"),
+        ("x.yaml", "terrain: 3\n", "terrain: "),
+    ],
+)
+def test_what_is_none_of_ours_is_one_line(name, content, words, tmp_path):
+    (tmp_path / name).write_text(content)
+    with pytest.raises(stancekit.InvalidInput) as error:
+        stancekit.load(tmp_path / name)
+    assert words in str(error.value)
+    assert str(tmp_path / name) in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_another_kind_than_was_asked_for_is_refused(plan, tmp_path):
+    stancekit.save(plan, tmp_path / "plan.json")
+    with pytest.raises(stancekit.InvalidInput, match=r"plan\.json: expected a Course, got a Plan$"):
+        stancekit.load(tmp_path / "plan.json", stancekit.Course)
+    with pytest.raises(stancekit.InvalidInput, match=r"x\.json: expected something that has a file format, got a int$"):
+        stancekit.save(3, tmp_path / "x.json")
+
+
+def test_pairs_that_do_not_belong_together_are_refused(problems, plan):
+    certificate = stancekit.solve(problems[0]).certificate
+    for subject, answer, came in ((plan, certificate, "Plan with Certificate"), (problems[0], None, "PostureProblem")):
+        with pytest.raises(stancekit.InvalidInput, match=rf"got {came}$"):
+            stancekit.verify(subject, answer)
+    with pytest.raises(stancekit.InvalidInput, match="expected no posture and no envelope with a Plan"):
+        stancekit.draw(plan, envelope=3)

@@ -1,0 +1,136 @@
+"""Export: the expert's episodes are those of the environment, and Minari reads them back without Stancekit's help."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from stancekit.envs.scenes import ListedScenes
+from stancekit.envs.selection import EnvelopeSelectionEnv
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.export import Exported, expert_action, export, load_exported
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.data.scenes import scenes_of
+from stancekit.planners.errors import InvalidInput
+
+LOAD = """
+import minari, numpy as np
+data = minari.load_dataset("stancekit/wall-3/expert-v0")
+print(data.total_episodes, data.total_steps, [float(episode.rewards[0]) for episode in data.iterate_episodes()])
+env = data.recover_environment()
+env.reset(seed=0)
+assert env.observation_space == data.observation_space and env.action_space == data.action_space
+"""
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    path = tmp_path_factory.mktemp("export") / "set"
+    label(LabelPlan(distribution="wall-3", feasible=6, infeasible=6, shard_size=6, seed=7), path)
+    return Dataset.open(path)
+
+
+@pytest.fixture(scope="module")
+def written(dataset: Dataset, tmp_path_factory: pytest.TempPathFactory) -> tuple[Exported, Any]:
+    pytest.importorskip("minari")
+    pytest.importorskip("h5py")
+    done = export(dataset, tmp_path_factory.mktemp("minari") / "out")
+    return done, load_exported(done.root)
+
+
+def test_every_row_is_an_episode_of_one_step_with_the_environments_own_numbers(
+    dataset: Dataset, written: tuple[Exported, Any]
+) -> None:
+    done, data = written
+    assert data.total_episodes == data.total_steps == done.episodes == len(dataset) == 12
+    env = EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes_of(dataset)))
+    for row, episode in zip(dataset.rows(), data.iterate_episodes(), strict=True):
+        observation, _ = env.reset()
+        action = expert_action(row, 0.02)
+        _, reward, _, _, info = env.step(action)
+        np.testing.assert_array_equal(episode.actions, action[None])
+        assert episode.rewards.tolist() == [reward]
+        assert (episode.terminations.tolist(), episode.truncations.tolist()) == ([True], [False])
+        for name, values in observation.items():
+            assert episode.observations[name].dtype == np.float32
+            np.testing.assert_array_equal(episode.observations[name], [values, values])
+        for name, values in episode.infos.items():
+            assert values.shape == (1, 1)
+            assert values[0, 0] == info[name]
+        assert data.action_space.contains(episode.actions[0])
+
+
+def test_the_experts_box_holds_the_witness_and_p1_over_it_says_what_the_label_says(
+    dataset: Dataset, written: tuple[Exported, Any]
+) -> None:
+    done, _ = written
+    assert done.agreement == 1.0
+    for row in dataset.rows():
+        assert row.point is not None
+        low, high = expert_action(row, 0.02).reshape(2, 3, 6)
+        assert np.all(low <= row.point)
+        assert np.all(row.point <= high)
+        assert np.all(high - low <= 0.04 + 1e-6)
+
+
+def test_minari_itself_loads_it_in_another_process(written: tuple[Exported, Any]) -> None:
+    done, data = written
+    environment = os.environ | {"MINARI_DATASETS_PATH": str(done.root)}
+    run = subprocess.run([sys.executable, "-c", LOAD], capture_output=True, text=True, env=environment, check=False)
+    assert run.returncode == 0, run.stderr
+    rewards = [float(episode.rewards[0]) for episode in data.iterate_episodes()]
+    assert run.stdout.strip() == f"12 12 {rewards}"
+
+
+def test_nothing_is_written_elsewhere(dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("minari")
+    pytest.importorskip("h5py")
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.delenv("MINARI_DATASETS_PATH", raising=False)
+    export(dataset.select([0, 1]), tmp_path / "out")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert "MINARI_DATASETS_PATH" not in os.environ
+
+
+def test_bad_input_is_refused_and_leaves_nothing(dataset: Dataset, tmp_path: Path) -> None:
+    pytest.importorskip("minari")
+    pytest.importorskip("h5py")
+    (tmp_path / "full").mkdir()
+    (tmp_path / "full" / "mine").touch()
+    (tmp_path / "file").touch()
+    for out, message in (
+        ("full", "full: expected a new or empty folder, found files in it"),
+        ("file", "file: expected a new or empty folder, found a file"),
+        ("no/where", f"no/where: expected an existing folder {tmp_path / 'no'}"),
+    ):
+        with pytest.raises(InvalidInput) as error:
+            export(dataset, tmp_path / out)
+        assert str(error.value) == f"{tmp_path}/{message}"
+    with pytest.raises(InvalidInput, match=r"^room: expected a number between 0 and 1, got 0.0$"):
+        export(dataset, tmp_path / "out", room=0.0)
+    with pytest.raises(InvalidInput, match=r"^data set: expected rows that are feasible or infeasible"):
+        export(dataset.select([]), tmp_path / "out")
+    with pytest.raises(InvalidInput, match=r"full: expected one exported data set, found 0$"):
+        load_exported(tmp_path / "full")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "full"]
+
+
+def test_a_damaged_export_is_refused(written: tuple[Exported, Any], tmp_path: Path) -> None:
+    done, _ = written
+    data = tmp_path / "stancekit" / "wall-3" / "expert-v0" / "data"
+    data.mkdir(parents=True)
+    for path in (done.root / data.relative_to(tmp_path)).iterdir():
+        (data / path.name).write_bytes(path.read_bytes()[:50])
+    with pytest.raises(InvalidInput, match="expected a whole Minari data set: "):
+        load_exported(tmp_path)
+
+
+def test_that_minari_is_missing_is_said(dataset: Dataset, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(InvalidInput, match=r"pip install 'stancekit\[datasets\]'$"):
+        export(dataset, tmp_path / "out")

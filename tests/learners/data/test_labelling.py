@@ -1,0 +1,436 @@
+"""Labelling: the rows follow from the plan alone, whoever draws them and however often they are interrupted."""
+
+import hashlib
+import itertools
+import json
+import logging
+import math
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+
+from stancekit.envs.distributions.postures import PostureDistribution, distribution
+from stancekit.learners.data import ledger, shards
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.executor import processes
+from stancekit.learners.data.labelling import Progress, Task, label, recheck
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.data.shards import LabellingFailed, samples
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.search.batch import canonical
+from stancekit.planners.search.exact import ExactPlanner
+
+PLAN = LabelPlan(distribution="wall-3", feasible=18, infeasible=14, shard_size=6, seed=5)
+NATURAL = LabelPlan(distribution="wall-3", feasible=0, infeasible=40, shard_size=20, seed=6, natural=True)
+
+RUN = """
+import json, os, signal, sys
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.data.labelling import label
+
+plan, path, workers, function, calls = json.loads(sys.argv[1])
+if function:
+    real = getattr(os, function)
+
+    def deadly(*arguments):
+        global calls
+        calls -= 1
+        if calls == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return real(*arguments)
+
+    setattr(os, function, deadly)
+label(LabelPlan(**plan), path, workers=workers, progress=lambda p: print(p.shards_done, flush=True))
+"""
+
+
+@pytest.fixture(scope="module")
+def balanced(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A balanced set, labelled without any interruption."""
+    path = tmp_path_factory.mktemp("balanced") / "set"
+    label(PLAN, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def natural(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("natural") / "set"
+    label(NATURAL, path)
+    return path
+
+
+def contents(path: Path) -> dict[str, str]:
+    """Digest of every file that must follow from the plan, and the names of all others but the times."""
+    kept = [file for file in sorted(path.iterdir()) if not file.name.startswith("timing-")]
+    return {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in kept}
+
+
+def test_a_balanced_set_has_exactly_the_planned_rows(balanced: Path) -> None:
+    data = Dataset.open(balanced)
+    assert (len(data.feasible), len(data.infeasible), len(data)) == (18, 14, 32)
+    assert [tally.rows.total for tally in data.ledger.tallies.values()] == [6, 5, 5, 6, 5, 5]
+    for shard, tally in data.ledger.tallies.items():
+        assert (tally.rows.feasible, tally.rows.infeasible) == PLAN.quota(shard)
+
+
+def test_trivially_infeasible_samples_are_counted_but_never_kept_in_a_balanced_set(balanced: Path) -> None:
+    data = Dataset.open(balanced)
+    drawn = data.summary().drawn
+    assert drawn.trivial > 0
+    assert drawn.total > len(data)
+    assert len(data.trivial) == 0
+    assert not any(row.trivial or row.point is None for row in data.rows())
+
+
+@pytest.mark.parametrize("size", [1, 2, 3, 5, 7, 100])
+@pytest.mark.parametrize(("feasible", "infeasible"), [(18, 14), (1, 1), (0, 9), (45, 1), (1, 46), (500, 500)])
+def test_quotas_add_up_and_no_shard_is_empty(feasible: int, infeasible: int, size: int) -> None:
+    plan = LabelPlan(distribution="wall-3", feasible=feasible, infeasible=infeasible, shard_size=size)
+    quotas = [plan.quota(shard) for shard in range(plan.shards)]
+    assert [sum(column) for column in zip(*quotas, strict=True)] == [feasible, infeasible]
+    assert all(1 <= sum(quota) <= size + 1 and min(quota) >= 0 for quota in quotas)
+
+
+def test_two_workers_write_the_same_bytes_as_one(balanced: Path, tmp_path: Path) -> None:
+    label(PLAN, tmp_path, workers=2)
+    assert contents(tmp_path) == contents(balanced)
+    assert len(contents(tmp_path)) == PLAN.shards + 1
+
+
+def test_any_executor_in_any_order_writes_the_same_bytes(balanced: Path, tmp_path: Path) -> None:
+    def backwards(tasks: Sequence[Task]) -> Iterable[ledger.Tally]:
+        return [task() for task in reversed(tasks)]
+
+    label(PLAN, tmp_path, run=backwards)
+    assert contents(tmp_path) == contents(balanced)
+
+
+def test_no_row_depends_on_where_a_block_begins(
+    balanced: Path, natural: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for size in (1, 7, 64):
+        monkeypatch.setattr(shards, "BLOCK", size)
+        for plan, whole in ((PLAN, balanced), (NATURAL, natural)):
+            label(plan, tmp_path / f"{plan.natural}-{size}")
+            assert contents(tmp_path / f"{plan.natural}-{size}") == contents(whole)
+
+
+def test_rows_hold_what_the_exact_planner_proves_of_each_problem_alone(natural: Path) -> None:
+    exact = ExactPlanner(max_nodes=NATURAL.max_nodes, time_limit_s=math.inf)
+    kinds = set()
+    for row in Dataset.open(natural).rows():
+        alone = exact.solve(row.problem)
+        kinds.add(row.kind)
+        assert (row.status, row.lower_bound) == (alone.status, alone.lower_bound)
+        if row.certificate is not None and alone.certificate is not None:
+            assert row.solves == alone.solves
+            assert row.certificate.to_json() == alone.certificate.to_json()
+    assert kinds == {"feasible", "infeasible", "trivial"}
+
+
+def test_rows_hold_the_canonical_posture_of_each_problem_alone(natural: Path) -> None:
+    drawn = distribution("wall-3")
+    batches = [drawn.batch(ledger_stream(shard), 20) for shard in range(2)]
+    looked_at = 0
+    for row in Dataset.open(natural):
+        alone = canonical(batches[row.shard].select(np.array([row.sample]))).get(0)
+        if row.posture is None:
+            assert alone is None
+        elif alone is not None:
+            looked_at += 1
+            for name in ("com_m", "rotation_rad", "toes_m", "forces_n"):
+                assert getattr(row.posture, name).tobytes() == getattr(alone[0], name).tobytes()
+    assert looked_at >= 0.9 * len(Dataset.open(natural).feasible) > 5
+
+
+def ledger_stream(shard: int) -> np.random.Generator:
+    return np.random.default_rng(np.random.SeedSequence(NATURAL.seed, spawn_key=(shard,)))
+
+
+def test_a_set_of_the_older_witnesses_is_read_but_not_continued(tmp_path: Path) -> None:
+    """Without the key ``witness`` the digest is that of before, so older shards belong to their header."""
+    plan = replace(PLAN, feasible=4, infeasible=0, shard_size=2)
+    label(plan, tmp_path)
+    header = json.loads((tmp_path / "header.json").read_text())
+    assert header.pop("witness") == "canonical/1"
+    (tmp_path / "header.json").write_text(json.dumps(header))
+    before = ledger.read_header(tmp_path).model_dump_json(exclude={"software", "witness"})
+    bare = hashlib.sha256(before.encode()).hexdigest()  # as the version without the key has it
+    assert ledger.read_header(tmp_path).digest == bare
+    for shard in range(plan.shards):  # as an older version has written them
+        path = tmp_path / f"shard-{shard:05d}.parquet"
+        table = pq.read_table(path)
+        tally = json.loads(table.schema.metadata[b"stancekit"]) | {"dataset": bare}
+        pq.write_table(table.replace_schema_metadata({"stancekit": json.dumps(tally)}), path, write_page_checksum=True)
+    data = Dataset.open(tmp_path)
+    assert (data.header.witness, len(data), recheck(data).accepted) == (None, 4, True)
+    assert label(plan, tmp_path).rows.total == 4  # nothing is missing
+    (tmp_path / "shard-00001.parquet").unlink()
+    with pytest.raises(InvalidInput) as error:
+        label(plan, tmp_path)
+    assert str(error.value) == f"{tmp_path}/header.json: witness: expected 'canonical/1' to go on with, got None"
+
+
+def start(path: Path, *, workers: int = 1, function: str = "", calls: int = 0) -> subprocess.Popen[str]:
+    """Label in a process that kills itself just before this call of ``os.<function>``."""
+    task = json.dumps([asdict(PLAN), str(path), workers, function, calls])
+    return subprocess.Popen([sys.executable, "-c", RUN, task], stdout=subprocess.PIPE, text=True)
+
+
+@pytest.mark.parametrize(
+    ("function", "calls", "shards"),  # a header, then for each shard its times and the shard; each, then its folder
+    [("fsync", 1, 0), ("fsync", 3, 0), ("replace", 3, 0), ("replace", 4, 1), ("fsync", 13, 2), ("replace", 13, 5)],
+)
+def test_a_run_killed_at_any_step_is_resumed_to_the_same_bytes(
+    balanced: Path, tmp_path: Path, function: str, calls: int, shards: int
+) -> None:
+    assert start(tmp_path, function=function, calls=calls).wait() == -signal.SIGKILL
+    before = {file: file.stat().st_mtime_ns for file in tmp_path.glob("shard-*.parquet")}
+    assert len(before) == shards
+    assert len(list(tmp_path.glob(".*.tmp"))) == 1
+    seen: list[int] = []
+    label(PLAN, tmp_path, progress=lambda p: seen.append(p.shards_done))
+    assert seen == list(range(shards, PLAN.shards + 1))
+    assert all(file.stat().st_mtime_ns == then for file, then in before.items())
+    assert contents(tmp_path) == contents(balanced)
+
+
+def test_a_run_on_two_processes_that_is_killed_is_resumed_to_the_same_bytes(balanced: Path, tmp_path: Path) -> None:
+    run = start(tmp_path, workers=2)
+    assert run.stdout is not None
+    while run.stdout.readline().strip() != "2":
+        assert run.poll() is None
+    time.sleep(0.02)  # a shard takes about twice as long
+    run.kill()
+    run.wait()
+    label(PLAN, tmp_path, workers=2)  # while the orphans finish what they were given
+    time.sleep(0.5)
+    assert contents(tmp_path) == contents(balanced)
+    assert len(Dataset.open(tmp_path)) == PLAN.rows
+
+
+def test_what_a_killed_run_was_writing_is_removed(balanced: Path, tmp_path: Path) -> None:
+    label(PLAN, tmp_path)
+    (tmp_path / "shard-00003.parquet").rename(tmp_path / ".shard-00003.parquet.123.tmp")
+    (tmp_path / ".timing-00003.json.123.tmp").write_text("{")
+    (tmp_path / "notes.txt").write_text("mine")
+    label(PLAN, tmp_path)
+    assert contents(tmp_path).keys() == contents(balanced).keys() | {"notes.txt"}
+    assert len(Dataset.open(tmp_path)) == PLAN.rows
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"seed": 6, "max_nodes": 9}, "seed: expected 6 as planned, got 5"),
+        ({"feasible": 17}, "feasible: expected 17 as planned, got 18"),
+        ({"natural": True}, "natural: expected True as planned, got False"),
+        ({"distribution": "wall-5"}, "distribution: expected 'wall-5' as planned, got 'wall-3'"),
+    ],
+)
+def test_another_plan_is_refused_and_changes_nothing(
+    balanced: Path, changes: dict[str, object], message: str
+) -> None:
+    before = contents(balanced)
+    with pytest.raises(InvalidInput) as error:
+        label(replace(PLAN, **changes), balanced)  # type: ignore[arg-type]
+    assert str(error.value) == f"{balanced}/header.json: {message}"
+    assert contents(balanced) == before
+
+
+def test_a_distribution_that_draws_something_else_now_is_refused(balanced: Path) -> None:
+    changed = replace(distribution("wall-3"), friction=(0.5, 0.6))
+    with pytest.raises(InvalidInput) as error:
+        label(PLAN, balanced, source=changed)
+    message = "first_sample: expected what 'wall-3' draws here and now, got another"
+    assert str(error.value) == f"{balanced}/header.json: {message}"
+
+
+def test_other_software_is_logged(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    plan = replace(PLAN, feasible=1, infeasible=0)
+    label(plan, tmp_path)
+    header = json.loads((tmp_path / "header.json").read_text())
+    header["software"]["clarabel"] = "0.1"
+    (tmp_path / "header.json").write_text(json.dumps(header))
+    with caplog.at_level(logging.WARNING):
+        label(plan, tmp_path)
+    assert "goes on with" in caplog.text
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"feasible": -1}, "feasible: expected an integer of at least 0, got -1"),
+        ({"shard_size": 0}, "shard_size: expected an integer of at least 1, got 0"),
+        ({"seed": 1.5}, "seed: expected an integer of at least 0, got 1.5"),
+        ({"gap": 0.0}, "gap: expected a number between 0 and 1, got 0.0"),
+        ({"feasible": 0, "infeasible": 0}, "feasible, infeasible: expected one row or more, got none"),
+    ],
+)
+def test_a_plan_that_makes_no_sense_is_refused(values: dict[str, object], message: str) -> None:
+    with pytest.raises(InvalidInput) as error:
+        replace(PLAN, **values)  # type: ignore[arg-type]
+    assert str(error.value) == message
+
+
+def test_bad_arguments_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput) as error:
+        processes(0)
+    assert str(error.value) == "workers: expected 1 or more, got 0"
+    with pytest.raises(InvalidInput) as error:
+        label(replace(PLAN, distribution="moon"), tmp_path)
+    assert str(error.value) == "distribution: expected one of ground-3, wall-3, wall-5, or FILE.py:NAME, got 'moon'"
+    with pytest.raises(InvalidInput) as error:
+        label(PLAN, tmp_path, source=distribution("wall-5"))
+    assert str(error.value) == "distribution: expected the planned 'wall-3', got 'wall-5'"
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InvalidInput) as error:
+        label(PLAN, tmp_path / "file")
+    assert str(error.value) == f"{tmp_path}/file: expected a folder or room for one, got File exists"
+
+
+def test_shards_without_their_header_are_not_continued(tmp_path: Path) -> None:
+    label(replace(PLAN, feasible=1, infeasible=0), tmp_path)
+    (tmp_path / "header.json").unlink()
+    with pytest.raises(InvalidInput) as error:
+        label(PLAN, tmp_path)
+    assert str(error.value) == f"{tmp_path}/header.json: expected the header of a data set, found nothing"
+
+
+def test_a_distribution_without_a_label_does_not_spin_forever(tmp_path: Path) -> None:
+    slippery = PostureDistribution(name="slippery", terrain="wall", legs=("RF", "RR", "LM"), friction=(0.0, 0.01))
+    plan = replace(PLAN, distribution="slippery", feasible=2, infeasible=0)
+    with pytest.raises(LabellingFailed) as error:
+        label(plan, tmp_path, source=slippery, draws_per_row=3)
+    assert str(error.value) == "slippery: shard 0 lacks 2 feasible rows after 6 draws"
+
+
+def test_a_failure_in_a_worker_process_arrives(tmp_path: Path) -> None:
+    with pytest.raises(LabellingFailed, match=r"^wall-3: shard \d lacks .* rows after 5 draws$"):
+        label(replace(PLAN, feasible=0, infeasible=10, shard_size=5), tmp_path, workers=2, draws_per_row=1)
+
+
+def test_a_natural_set_keeps_the_first_samples_as_they_come(natural: Path) -> None:
+    data = Dataset.open(natural)
+    assert [(row.shard, row.sample) for row in data.rows()] == [(shard, k) for shard in range(2) for k in range(20)]
+    assert {row.kind for row in data.rows()} == {"feasible", "infeasible", "trivial"}
+    summary = data.summary()
+    assert summary.rows == summary.drawn
+    assert summary.rows.total == 40
+    for row in data.rows():
+        assert (row.posture is not None) == (row.status is Status.FEASIBLE)
+        assert (row.certificate is not None) == (row.status is Status.INFEASIBLE)
+        assert (row.point is None) == row.trivial
+
+
+def test_every_row_can_be_drawn_again_to_the_last_bit(balanced: Path) -> None:
+    data = Dataset.open(balanced)
+    streams = {shard: list(itertools.islice(samples(PLAN, shard), 200)) for shard in range(PLAN.shards)}
+    for row in data.rows():
+        drawn = streams[row.shard][row.sample]
+        assert json.dumps(row.problem.to_json()) == json.dumps(drawn.to_json())
+        for mine, theirs in zip(row.problem.contacts, drawn.contacts, strict=True):
+            assert mine.patch.vertices_m.tobytes() == theirs.patch.vertices_m.tobytes()
+            assert mine.patch.normal.tobytes() == theirs.patch.normal.tobytes()
+            assert mine.patch.friction == theirs.patch.friction
+
+
+def test_samples_that_stay_undecided_are_listed(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    plan = replace(NATURAL, gap=0.5, max_nodes=1, shard_size=40)
+    with caplog.at_level(logging.WARNING):
+        label(plan, tmp_path)
+    data = Dataset.open(tmp_path)
+    (tally,) = data.ledger.tallies.values()
+    undecided = np.flatnonzero(data.labels == "undecided")
+    assert tally.undecided_samples == undecided.tolist() != []
+    assert f"{len(undecided)} of 40 samples stayed undecided" in caplog.text
+    row = data.row(int(undecided[0]))
+    assert (row.point, row.posture, row.certificate, row.lower_bound) == (None, None, None, 0.0)
+    assert recheck(data).accepted
+
+
+def test_progress_begins_with_what_is_there_and_ends_with_everything(balanced: Path, tmp_path: Path) -> None:
+    seen: list[Progress] = []
+    summary = label(PLAN, tmp_path, progress=seen.append)
+    assert [p.shards_done for p in seen] == list(range(7))
+    assert (seen[-1].rows, seen[-1].drawn, seen[-1].shards) == (32, summary.drawn.total, 6)
+    assert seen[0].rate == 0.0 < seen[-1].rate
+    label(PLAN, balanced, progress=seen.append)
+    assert (seen[-1].shards_done, seen[-1].rows, seen[-1].rate) == (6, 32, 0.0)
+
+
+def test_the_summary_counts_and_times_all_samples(tmp_path: Path) -> None:
+    summary = label(replace(PLAN, shard_size=40), tmp_path)
+    assert summary.rows == ledger.Counts(feasible=18, infeasible=14)
+    assert 0.1 < summary.solve_ms_median < summary.solve_ms_p99
+    (timing,) = Dataset.open(tmp_path).ledger.timings()
+    assert len(timing.solve_ms) == summary.drawn.total
+    assert min(timing.solve_ms) > 0.0
+    assert summary.solve_ms_median == np.median(timing.solve_ms)
+    assert summary.cpu_s_per_1000 == pytest.approx(1e3 * timing.cpu_s / summary.drawn.total)
+    for file in tmp_path.glob("timing-*.json"):
+        file.unlink()
+    untimed = Dataset.open(tmp_path).summary()
+    assert math.isnan(untimed.cpu_s_per_1000)
+    assert untimed.to_json()["solve_ms_p99"] is None
+    assert untimed.rows == summary.rows
+
+
+def test_every_stored_witness_and_certificate_passes_the_verifier_again(balanced: Path, natural: Path) -> None:
+    for path in (balanced, natural):
+        data = Dataset.open(path)
+        report = recheck(data)
+        assert report.accepted
+        assert (report.witnesses, report.certificates) == (len(data.feasible), len(data) - len(data.feasible))
+        assert report.worst_residual <= PLAN.tolerance
+        assert report.smallest_bound > PLAN.gap
+        assert json.loads(json.dumps(report.to_json()))["refused"] == []
+
+
+@pytest.mark.parametrize("column", ["label", "forces_n", "multipliers", "lower_bound", "point"])
+def test_a_row_that_was_changed_is_refused(tmp_path: Path, column: str) -> None:
+    label(replace(PLAN, feasible=2, infeasible=2, shard_size=4), tmp_path)
+    data = Dataset.open(tmp_path)
+    victim = int((data.infeasible if column in ("multipliers", "lower_bound") else data.feasible)[1])
+    table = data.ledger.read(0)
+    values = table.column(column).to_pylist()
+    values[victim] = "infeasible" if column == "label" else (1.5 * np.array(values[victim]) + 0.01).tolist()
+    if column == "multipliers":
+        values[victim] = np.zeros_like(values[victim]).tolist()
+    kind = table.schema.field(column).type
+    storage = pa.array(values, kind.storage_type if isinstance(kind, pa.BaseExtensionType) else kind)
+    changed = pa.ExtensionArray.from_storage(kind, storage) if isinstance(kind, pa.BaseExtensionType) else storage
+    table = table.set_column(table.schema.get_field_index(column), table.schema.field(column), changed)
+    (timing,) = data.ledger.timings()
+    ledger.write_shard(tmp_path, table, data.ledger.tallies[0], timing)
+    assert recheck(data.select(np.arange(4))).accepted is False
+    assert recheck(Dataset.open(tmp_path)).refused == (victim,)
+
+
+def test_points_of_s_balance_and_points_of_s_bar_do_so_but_for_the_moment(balanced: Path) -> None:
+    looked_at = 0
+    for row in Dataset.open(balanced).rows():
+        assert row.point is not None
+        position, force = row.point[:, :3], row.point[:, 3:]
+        frames = np.array([contact.patch.frame for contact in row.problem.contacts])
+        world = np.einsum("njk,nk->nj", frames, force)
+        moment = np.abs(np.cross(position, world).sum(axis=0)).max()
+        friction = np.array([contact.patch.friction for contact in row.problem.contacts])
+        np.testing.assert_allclose(world.sum(axis=0), [0.0, 0.0, 1.0], atol=1e-6)
+        assert np.all(np.hypot(force[:, 1], force[:, 2]) <= friction * force[:, 0] + 1e-6)
+        if row.status is Status.FEASIBLE:
+            assert moment <= 1e-6
+        else:
+            assert moment >= row.lower_bound - 1e-6  # no answer of P̄ has less than the certificate proves
+            looked_at += 1
+    assert looked_at == PLAN.infeasible

@@ -1,0 +1,121 @@
+"""Rollouts: one function for every selector, the same figures anywhere, and the environment's own rewards."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stancekit.envs.scenes import ListedScenes, Scene
+from stancekit.envs.selection import EnvelopeSelectionEnv
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.executor import processes
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.data.scenes import scenes_of
+from stancekit.learners.evaluation import evaluate as module
+from stancekit.learners.evaluation.evaluate import Share, evaluate, evaluate_lift, paper_row, rollout
+from stancekit.learners.selectors.selector import FixedSelector
+from stancekit.learners.training.envelope_methods import fit
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.mccormick import McCormick
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    path = tmp_path_factory.mktemp("evaluate") / "set"
+    label(LabelPlan(distribution="wall-3", feasible=14, infeasible=10, shard_size=12, seed=3), path)
+    return Dataset.open(path)
+
+
+@pytest.fixture(scope="module")
+def scenes(dataset: Dataset) -> list[Scene]:
+    return scenes_of(dataset)
+
+
+@pytest.fixture(scope="module")
+def envelopes(dataset: Dataset) -> EnvelopeSet:
+    return fit("quantile", dataset)
+
+
+def test_the_shares_are_what_p1_and_p2_say_when_asked_directly(
+    scenes: list[Scene], envelopes: EnvelopeSet, programs: Programs
+) -> None:
+    score = evaluate(
+        "quantile", FixedSelector("quantile", envelopes), scenes, problem_class="wall-3", projections=("fix-toes",)
+    )
+    (box,) = envelopes.envelopes
+    box = type(box).from_vector(box.to_vector().astype(np.float32).astype(np.float64))  # what an action can say
+    right = {True: 0, False: 0}
+    for scene in scenes:
+        scaled = Scaled.of(scene.problem)
+        right[scene.feasible] += programs.get(McCormick, scaled.layout).solve(scaled, box).feasible == scene.feasible
+    assert score.p1_feasible == Share(hits=right[True], of=14)
+    assert score.p1_infeasible == Share(hits=right[False], of=10)
+    assert 0 < score.projected["fix-toes"].hits <= right[True]
+    assert score.balanced == pytest.approx((right[True] / 14 + right[False] / 10) / 2.0)
+
+
+def test_any_number_of_processes_gives_the_same_shares(
+    scenes: list[Scene], envelopes: EnvelopeSet, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(module, "CHUNK", 7)
+    selector = FixedSelector("quantile", envelopes)
+    told: list[tuple[int, int]] = []
+    one, two = (
+        evaluate(
+            "quantile", selector, scenes, problem_class="wall-3", projections=("fix-p", "scp"), run=processes(workers),
+            progress=lambda done, total: told.append((done, total)),
+        )
+        for workers in (1, 2)
+    )  # fmt: skip
+    assert (one.p1_feasible, one.p1_infeasible, one.projected) == (two.p1_feasible, two.p1_infeasible, two.projected)
+    assert one.gap == two.gap
+    assert told == [(7, 24), (14, 24), (21, 24), (24, 24)] * 2
+
+
+def test_stable_baselines3_comes_to_the_same_mean_reward(scenes: list[Scene], envelopes: EnvelopeSet) -> None:
+    evaluation = pytest.importorskip("stable_baselines3.common.evaluation")
+    monitor = pytest.importorskip("stable_baselines3.common.monitor")
+    selector = FixedSelector("quantile", envelopes)
+    infos = rollout(selector, EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes)), len(scenes))
+    env = monitor.Monitor(EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes)))
+    mean, _ = evaluation.evaluate_policy(selector, env, n_eval_episodes=len(scenes))
+    assert mean == pytest.approx(np.mean([info["reward"] for info in infos]), rel=1e-5)
+    for info in infos:
+        assert info["reward"] == pytest.approx(sum(v for k, v in info.items() if k.startswith("reward_")))
+
+
+def test_the_lift_admits_every_feasible_posture(scenes: list[Scene]) -> None:
+    score = evaluate_lift(scenes, projections=("scp",))
+    assert score.p1_feasible == Share(hits=14, of=14)
+    assert score.projected["scp"] == Share(hits=14, of=14)
+    record = json.loads(json.dumps(score.to_json(), allow_nan=False))
+    assert (record["selector"], record["gap"], record["project_scp"]) == ("lift", None, 1.0)
+
+
+def test_wilson_intervals_are_those_of_the_literature() -> None:
+    # Newcombe, Statistics in Medicine 17 (1998), p. 861, method 3: 81/263, 15/148, 0/20, 1/29
+    for hits, of, low, high in ((81, 263, 0.2553, 0.3662), (15, 148, 0.0624, 0.1605), (0, 20, 0.0, 0.1611)):
+        assert Share(hits=hits, of=of).interval == pytest.approx((low, high), abs=1e-4)
+    assert np.isnan(Share(hits=0, of=0).interval).all()
+
+
+def test_the_papers_rows_stand_beside_the_methods_they_printed() -> None:
+    assert paper_row("wall-3", "gmm-printed") == {
+        "p1_feasible": 0.9362, "p1_infeasible": 0.8, "project_fix_p": 0.6332, "project_nlp": 0.9362,
+    }  # fmt: skip
+    assert paper_row("wall-5", "ga") == {
+        "p1_feasible": 0.6821, "p1_infeasible": 0.9868, "project_fix_p": 0.6270, "project_nlp": 0.6821,
+    }  # fmt: skip
+    assert paper_row("wall-3", "neural") is None
+    assert paper_row("moon", "ga") is None
+
+
+def test_a_data_set_without_trivial_or_undecided_rows_is_played_whole(dataset: Dataset, scenes: list[Scene]) -> None:
+    assert len(scenes) == len(dataset) == 24
+    assert sum(scene.feasible for scene in scenes) == 14
+    assert all(scene.lower_bound > 0.0 for scene in scenes if not scene.feasible)
+    assert Path(dataset.ledger.folder).is_dir()

@@ -1,0 +1,280 @@
+"""Neural selectors: symmetric by construction, exact gradients, calibrated, repeatable, and no file is trusted."""
+
+import itertools
+import pickle
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from stancekit.envs.distributions.postures import distribution
+from stancekit.envs.scenes import ListedScenes
+from stancekit.envs.selection import EnvelopeSelectionEnv
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.data.scenes import scenes_of
+from stancekit.learners.selectors.network import Architecture, BoxNetwork, Mirror, SceneTensors, pinball
+from stancekit.learners.selectors.neural import NeuralSelector, calibrated_room, fit_neural, roomy
+from stancekit.learners.selectors.neural_training import NeuralSettings, Rows, margins_of
+from stancekit.learners.selectors.quantile import quantile_box
+from stancekit.learners.selectors.tensors import read_tensors, write_tensors
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem import Contact, PostureProblem
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.terrain import Patch
+
+SMALL = Architecture(width=32, layers=2, heads=2, corner_width=16)
+QUICK = NeuralSettings(architecture=SMALL, epochs=2, batch=32, margin_epochs=2, margin_batch=16, seed=3)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    path = tmp_path_factory.mktemp("data") / "set"
+    label(LabelPlan(distribution="wall-3", feasible=400, infeasible=40, seed=31), path)
+    return Dataset.open(path)
+
+
+@pytest.fixture(scope="module")
+def selector(dataset: Dataset) -> NeuralSelector:
+    return fit_neural(dataset, QUICK)
+
+
+def drawn(name: str, count: int, seed: int = 0) -> list[PostureProblem]:
+    rng = np.random.default_rng(seed)
+    return [distribution(name).sample(rng) for _ in range(count)]
+
+
+def tensors_of(problems: list[PostureProblem]) -> SceneTensors:
+    return SceneTensors.of_problems([Scaled.of(problem) for problem in problems])
+
+
+def random_network(problems: list[PostureProblem], seed: int = 0) -> BoxNetwork:
+    torch.manual_seed(seed)
+    scenes = tensors_of(problems)
+    return BoxNetwork.of_data(SMALL, scenes, torch.randn(len(problems), *scenes.reach.shape[1:], 6))
+
+
+def turned_round(problem: PostureProblem) -> PostureProblem:
+    """The problem seen in a mirror across the plane x = 0, written down anew from its patches."""
+    x = np.array([-1.0, 1.0, 1.0])
+    contacts = []
+    for contact in problem.contacts:
+        patch = Patch(
+            vertices_m=(contact.patch.vertices_m * x)[::-1],
+            normal=contact.patch.normal * x,
+            shear_reference=contact.patch.shear_reference,
+            friction=contact.patch.friction,
+        )
+        leg = contact.leg.translate(str.maketrans("FR", "RF"))
+        leg = contact.leg[0] + leg[1] if contact.leg[1] in "FR" else contact.leg
+        contacts.append(
+            Contact(
+                leg=leg, shoulder_m=contact.shoulder_m * x, reach_m=contact.reach_m, patch=patch,
+                force_min=contact.force_min, force_max=contact.force_max,
+            )
+        )  # fmt: skip
+    return replace(problem, contacts=tuple(contacts))
+
+
+@pytest.mark.parametrize("name", ["wall-3", "wall-5"])
+def test_boxes_follow_the_order_of_contacts_and_not_that_of_corners(name: str) -> None:
+    scenes = tensors_of(drawn(name, 5))
+    network = random_network(drawn(name, 40, seed=1))
+    low, high = network(scenes)
+    assert bool((low < high).all())
+    count = scenes.reach.shape[1]
+    for order in itertools.islice(itertools.permutations(range(count)), 1, 8):
+        index = torch.tensor(order)
+        moved = replace(scenes, **{k: v[:, index] for k, v in vars(scenes).items()})
+        for side, expected in zip(network(moved), (low, high), strict=True):
+            torch.testing.assert_close(side, expected[:, index], rtol=0.0, atol=1e-5)
+    for corners in itertools.permutations(range(3)):
+        shuffled = replace(scenes, vertices=scenes.vertices[:, :, torch.tensor(corners)])
+        torch.testing.assert_close(network(shuffled)[0], low, rtol=0.0, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["ground-3", "wall-3", "wall-5"])
+def test_the_mirror_is_an_exact_symmetry_of_scenes_and_of_p1(name: str) -> None:
+    problems = drawn(name, 60)
+    mirror = Mirror.of(tensors_of(problems))
+    assert mirror is not None
+    originals = [Scaled.of(problem) for problem in problems[:12]]
+    turned = [Scaled.of(turned_round(problem)) for problem in problems[:12]]
+    flipped = torch.ones(12, dtype=torch.bool)
+    shown, written = mirror.scenes(tensors_of(problems[:12]), flipped), SceneTensors.of_problems(turned)
+    for key in ("frames", "friction", "shoulders", "reach"):
+        torch.testing.assert_close(getattr(shown, key), getattr(written, key), rtol=0.0, atol=1e-6)
+    torch.testing.assert_close(shown.vertices, written.vertices.flip(2), rtol=0.0, atol=1e-6)
+    rng, programs = np.random.default_rng(2), Programs()
+    force = np.tile([0.4, 0.0, 0.2], (originals[0].size[0], 1))
+    middle = np.stack([np.hstack([problem.patches.mean(axis=1), force]) for problem in originals])
+    low = torch.tensor(middle - rng.uniform(0.05, 0.3, middle.shape))
+    high = torch.tensor(middle + rng.uniform(0.05, 0.3, middle.shape))
+    here, there = (
+        margins_of(low, high, originals, programs),
+        margins_of(*mirror.box(low, high, flipped), turned, programs),
+    )
+    assert bool((here != 0.0).sum() > 6)
+    torch.testing.assert_close(here, there, rtol=0.0, atol=1e-6)
+
+
+def test_limbs_that_lie_uneven_have_no_mirror() -> None:
+    scenes = tensors_of(drawn("wall-3", 3))
+    moved = scenes.shoulders + torch.tensor([0.05, 0.0, 0.0])
+    assert Mirror.of(replace(scenes, shoulders=moved)) is None
+
+
+def test_the_margin_flows_back_as_finite_differences_say(dataset: Dataset, programs: Programs) -> None:
+    problems = [Scaled.of(problem) for problem in dataset.select(dataset.infeasible[:6]).problems()]
+    box = quantile_box(dataset.points)
+    low, high = (torch.tensor(np.stack([side] * 6)).requires_grad_() for side in (box.low, box.high))
+    weights = torch.arange(1.0, 7.0, dtype=torch.float64)
+    torch.autograd.backward((weights * margins_of(low, high, problems, programs)).sum())
+    assert low.grad is not None
+    assert high.grad is not None
+    rng, step = np.random.default_rng(0), 1e-5
+    for _ in range(3):
+        ways = [torch.tensor(rng.normal(size=low.shape)) for _ in range(2)]
+        sides = [(low.detach() + s * ways[0], high.detach() + s * ways[1]) for s in (step, -step)]
+        ahead, behind = (float((weights * margins_of(*pair, problems, programs)).sum()) for pair in sides)
+        along = float((low.grad * ways[0]).sum() + (high.grad * ways[1]).sum())
+        assert along == pytest.approx((ahead - behind) / (2 * step), rel=0.02, abs=2e-3)
+
+
+def test_the_pinball_loss_is_least_at_the_quantiles() -> None:
+    points = torch.tensor(np.random.default_rng(0).normal(size=(501, 1, 6)))
+    best = torch.quantile(points, 0.1, dim=0), torch.quantile(points, 0.9, dim=0)
+
+    def loss(low: torch.Tensor, high: torch.Tensor) -> float:
+        return float(pinball(low.expand_as(points), high.expand_as(points), points, 0.1).mean())
+
+    for shift in (-0.05, 0.05):
+        assert loss(*best) < min(loss(best[0] + shift, best[1]), loss(best[0], best[1] + shift))
+
+
+def test_calibration_gives_no_more_room_than_the_target_needs(dataset: Dataset, programs: Programs) -> None:
+    rows = Rows.of(dataset.select(dataset.feasible[:60]), "feasible")
+    network = random_network(drawn("wall-3", 40))
+    room = calibrated_room(network, rows, programs, 0.8, least=-0.05, most=0.5)
+
+    def is_feasible(room: float) -> int:
+        with torch.no_grad():
+            low, high = (side.numpy().astype(float) for side in network(rows.scenes))
+        return sum(
+            programs.get(McCormick, problem.layout).solve(problem, roomy(low[i], high[i], room)).feasible
+            for i, problem in enumerate(rows.problems)
+        )
+
+    assert is_feasible(room) >= 48 > is_feasible(room - 1e-3)
+
+
+def test_training_repeats_to_the_last_bit_and_goes_on_where_it_stopped(
+    dataset: Dataset, selector: NeuralSelector, tmp_path: Path
+) -> None:
+    class Stop(Exception):
+        pass
+
+    def stop_after(epochs: int):  # type: ignore[no-untyped-def]
+        def told(done: int, total: int) -> None:
+            assert total == 4
+            if done == epochs:
+                raise Stop
+
+        return told
+
+    for epochs in (1, 3):
+        with pytest.raises(Stop):
+            fit_neural(dataset, QUICK, stop_after(epochs), checkpoint=tmp_path / "checkpoint")
+    resumed = fit_neural(dataset, QUICK, checkpoint=tmp_path / "checkpoint")
+    selector.save(tmp_path / "straight")
+    resumed.save(tmp_path / "resumed")
+    assert (tmp_path / "straight").read_bytes() == (tmp_path / "resumed").read_bytes()
+    assert [record["stage"] for record in resumed.provenance["history"]] == [1, 1, 2, 2]
+    with pytest.raises(InvalidInput, match=r"expected a checkpoint of these settings and rows, got another's$"):
+        fit_neural(dataset, replace(QUICK, seed=4), checkpoint=tmp_path / "checkpoint")
+
+
+def test_a_trained_network_knows_more_than_the_quantile_box(dataset: Dataset) -> None:
+    train, held = dataset.split((0.8, 0.2))
+    settings = replace(QUICK, epochs=25, margin_epochs=0)
+    network = fit_neural(train, settings, calibration=held).network
+    rows = Rows.of(held, "feasible")
+    box = quantile_box(train.points)
+    fixed = [torch.tensor(side, dtype=torch.float32).expand_as(rows.points) for side in (box.low, box.high)]
+    with torch.no_grad():
+        low, high = network(rows.scenes)
+    learned, plain = (float(pinball(*pair, rows.points, 0.05).mean()) for pair in ((low, high), fixed))
+    assert learned < 0.6 * plain
+
+
+def test_predictions_are_actions_single_or_in_a_batch(dataset: Dataset, selector: NeuralSelector) -> None:
+    env = EnvelopeSelectionEnv("wall-3", scenes=ListedScenes(scenes_of(dataset)[:4]))
+    observations = [env.reset(seed=0)[0] for _ in range(4)]
+    actions = [selector.predict(observation)[0] for observation in observations]
+    batch, state = selector.predict({k: np.stack([o[k] for o in observations]) for k in observations[0]}, state="kept")
+    assert state == "kept"
+    np.testing.assert_allclose(batch, actions, rtol=0.0, atol=1e-5)
+    assert all(env.action_space.contains(action) for action in actions)
+    assert env.step(actions[-1])[4]["log_volume"] > -np.inf
+    problems = [Scaled.of(scene.problem) for scene in scenes_of(dataset)[:4]]
+    for box, action in zip(selector.envelopes(problems), actions, strict=True):
+        np.testing.assert_allclose(box.to_vector(), Envelope.from_vector(action).to_vector(), atol=1e-5)
+    five, _ = EnvelopeSelectionEnv("wall-5").reset(seed=0)
+    with pytest.raises(InvalidInput, match=r"^observation 'vertices': expected 27 numbers a scene for 3 contacts"):
+        selector.predict(five)
+
+
+def test_a_saved_selector_comes_back_the_same(selector: NeuralSelector, tmp_path: Path) -> None:
+    selector.save(tmp_path / "a.safetensors")
+    back = NeuralSelector.load(tmp_path / "a.safetensors", problem_class="wall-3", legs=("RF", "RR", "LM"))
+    back.save(tmp_path / "b.safetensors")
+    assert (tmp_path / "a.safetensors").read_bytes() == (tmp_path / "b.safetensors").read_bytes()
+    observation, _ = EnvelopeSelectionEnv("wall-3").reset(seed=1)
+    np.testing.assert_array_equal(selector.predict(observation)[0], back.predict(observation)[0])
+    header, _ = read_tensors(tmp_path / "a.safetensors", "stancekit/neural/1")
+    assert header["calibration"]["room"] == selector.room
+    assert header["provenance"]["method"] == "neural"
+
+
+def test_files_that_are_not_this_selector_are_refused_in_one_line(selector: NeuralSelector, tmp_path: Path) -> None:
+    good, path = tmp_path / "good", tmp_path / "odd"
+    selector.save(good)
+    header, tensors = read_tensors(good, "stancekit/neural/1")
+
+    def refusal(**wanted: object) -> str:
+        with pytest.raises(InvalidInput) as error:
+            NeuralSelector.load(path, **wanted)  # type: ignore[arg-type]
+        assert "\n" not in str(error.value)
+        return str(error.value)
+
+    assert "expected a file of format stancekit/neural/1, found nothing" in refusal()
+    for content in (good.read_bytes()[:2000], good.read_bytes()[:-5], pickle.dumps({"a": 1}), b"", b"\xff" * 64):
+        path.write_bytes(content)
+        assert "expected a whole file of format stancekit/neural/1" in refusal()
+    write_tensors(path, "someone/else", header, tensors)
+    assert "expected format stancekit/neural/1, got someone/else" in refusal()
+    write_tensors(path, "stancekit/neural/1", {**header, "more": 1}, tensors)
+    assert "more" in refusal()
+    write_tensors(path, "stancekit/neural/1", header, {**tensors, "scale": torch.full((6,), torch.nan)})
+    assert "tensor scale: expected finite numbers" in refusal()
+    write_tensors(path, "stancekit/neural/1", header, {**tensors, "scale": torch.ones(5)})
+    assert "tensor scale: expected shape (6,), got (5,)" in refusal()
+    write_tensors(path, "stancekit/neural/1", header | {"architecture": header["architecture"] | {"heads": 3}}, tensors)
+    assert "odd: architecture: width: expected a multiple of 3 heads, got 32" in refusal()
+    path.write_bytes(good.read_bytes())
+    assert "expected a selector for wall-5, got one for wall-3" in refusal(problem_class="wall-5")
+    assert "expected a selector for legs ['RF'], got one for ['RF', 'RR', 'LM']" in refusal(legs=["RF"])
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    for name, value in (("epochs", 0), ("margin_epochs", -1), ("target", 1.0), ("softness", 0.0), ("share", 0.0)):
+        with pytest.raises(InvalidInput, match=f"^{name}: expected"):
+            NeuralSettings(**{name: value})
+    with pytest.raises(InvalidInput, match=r"^width: expected a multiple of 3 heads, got 32$"):
+        Architecture(width=32, heads=3)

@@ -1,0 +1,137 @@
+"""One list of methods: each learns a selector that is written and read back and answers the same."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
+from stancekit.learners.selectors.genetic import GeneticSettings
+from stancekit.learners.selectors.selector import FixedSelector
+from stancekit.learners.selectors.selector_file import load_selector
+from stancekit.learners.settings import typed
+from stancekit.learners.training.envelope_methods import ENVELOPES, fit
+from stancekit.learners.training.fit_settings import KNOBS, FitSettings
+from stancekit.learners.training.fitting import METHODS, learn, learn_selector
+from stancekit.planners.equilibrium.features import observe
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput
+
+SETTINGS = FitSettings(
+    steps=2,
+    batch=4,
+    boxes=2,
+    time_limit_s=1.0,
+    genetic={"population": 4, "generations": 2, "terrains": 4},
+    neural={"epochs": 1, "margin_epochs": 1},
+    chooser={"epochs": 1},
+    rl={"steps": 16, "envs": 2, "evaluate_every": 16, "ppo": {"rollout": 8, "batch": 8, "hidden": [8]}},
+)
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
+    path = tmp_path_factory.mktemp("fitting") / "set"
+    label(LabelPlan(distribution="wall-3", feasible=20, infeasible=20, shard_size=20, seed=4), path)
+    return Dataset.open(path)
+
+
+@pytest.mark.parametrize("method", [name for name in METHODS.names() if name != "modes"])
+def test_what_a_method_learns_can_be_written_read_and_asked(dataset: Dataset, tmp_path: Path, method: str) -> None:
+    if method not in ENVELOPES:
+        pytest.importorskip("torch")
+        pytest.importorskip("safetensors")
+    learned = learn_selector(method, dataset, SETTINGS)
+    path = tmp_path / f"selector{learned.suffix}"
+    learned.write(path)
+    again = load_selector(path)
+    assert (again.problem_class, again.boxes) == (learned.problem_class, learned.boxes) == ("wall-3", learned.boxes)
+    assert learned.boxes == (2 if method == "gradient" else 1)
+    for problem in list(dataset.problems())[:3]:
+        seen = observe(Scaled.of(problem))
+        first, second = (one.selector.predict(seen)[0] for one in (learned, again))
+        assert first.shape == (36 * learned.boxes,)
+        np.testing.assert_allclose(first, second, atol=1e-6)
+        assert np.all(np.abs(first) <= 1.0 + 1e-6)
+
+
+def test_every_method_says_which_settings_made_it(dataset: Dataset) -> None:
+    assert set(KNOBS) == set(METHODS.names())
+    assert fit("quantile", dataset, SETTINGS).provenance["settings"] == {"share": 0.05}
+    assert SETTINGS.concerning("ga") == {"genetic": {"population": 4, "generations": 2, "terrains": 4}}
+
+
+def test_a_fixed_selector_keeps_its_envelopes(dataset: Dataset) -> None:
+    selector = learn_selector("heuristic", dataset).selector
+    assert isinstance(selector, FixedSelector)
+    assert selector.envelopes.provenance["method"] == "heuristic"
+
+
+@pytest.mark.parametrize(
+    ("method", "values", "message"),
+    [
+        ("ga", {"genetic": {"poulation": 3}}, "genetic.poulation: expected one of population, generations, "),
+        ("ga", {"genetic": {"population": "many"}}, "genetic.population: "),
+        ("ga", {"genetic": {"population": 1}}, "genetic.population: expected an integer of at least 2, got 1"),
+        ("neural", {"neural": {"epoch": 3}}, "neural.epoch: expected one of architecture, share, epochs, "),
+        ("chooser", {"chooser": {"epochs": 0}}, "chooser.epochs: expected 1 or more, got 0"),
+        ("rl", {"rl": {}}, "rl.steps: "),
+        ("rl", {"rl": {"steps": 8, "problem": "wall-5"}}, "rl.problem: expected nothing, it follows from the data set"),
+        ("gmm", {"steps": 0}, "steps: expected 1 or more, got 0"),
+        ("quantile", {"share": 0.7}, "share: expected a number in [0, 0.5), got 0.7"),
+    ],
+)
+def test_settings_that_make_no_sense_are_told_by_key(method: str, values: dict[str, object], message: str) -> None:
+    if method in ("neural", "chooser", "rl"):
+        pytest.importorskip("stable_baselines3")
+        pytest.importorskip("safetensors")
+    with pytest.raises(InvalidInput) as error:
+        FitSettings(**values).check(method)  # type: ignore[arg-type]
+    assert str(error.value).startswith(message)
+
+
+def test_a_mapping_becomes_typed_settings() -> None:
+    assert typed(GeneticSettings, {"population": 7}, "genetic") == GeneticSettings(population=7)
+
+
+def test_unknown_methods_and_too_little_data_are_refused(dataset: Dataset) -> None:
+    with pytest.raises(InvalidInput, match=r"^method: expected one of heuristic, .*, or FILE.py:NAME, got 'luck'$"):
+        learn("luck", dataset)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput, match=r"^data set: expected two or more rows of each label, got 0 feasible"):
+        learn("gmm", dataset.select(dataset.infeasible))
+
+
+@pytest.mark.parametrize(
+    ("content", "name", "message"),
+    [
+        (None, "x.json", "expected a file, found nothing there"),
+        (b"", "x.json", "expected some text, the file is empty"),
+        (b"{}", "x.json", "format: "),
+        (b"\x80\x04pickle", "x.json", "expected UTF-8 text, byte 0 is not"),
+        (b"\x80\x04pickle", "x.safetensors", "expected a whole safetensors file, got something else"),
+        ((12).to_bytes(8, "little") + b'{"a": "b  "}', "x.safetensors", "expected format stancekit/envelope/1, "),
+    ],
+)
+def test_files_that_are_no_selectors_are_refused(
+    tmp_path: Path, content: bytes | None, name: str, message: str
+) -> None:
+    path = tmp_path / name
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(InvalidInput) as error:
+        load_selector(path)
+    assert str(error.value).startswith(f"{path}: {message}")
+
+
+def test_a_truncated_network_is_refused(dataset: Dataset, tmp_path: Path) -> None:
+    pytest.importorskip("torch")
+    pytest.importorskip("safetensors")
+    learned = learn_selector("neural", dataset, SETTINGS)
+    learned.write(tmp_path / "whole.safetensors")
+    content = (tmp_path / "whole.safetensors").read_bytes()
+    for size in (4, 100, len(content) // 2, len(content) - 1):
+        (tmp_path / "cut.safetensors").write_bytes(content[:size])
+        with pytest.raises(InvalidInput, match=r"cut\.safetensors: expected a whole"):
+            load_selector(tmp_path / "cut.safetensors")

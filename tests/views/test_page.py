@@ -1,0 +1,225 @@
+"""Pages: one file with everything in it, which headless Chromium opens from disk without a network."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import shutil
+import subprocess
+import time
+from contextlib import closing
+from dataclasses import replace
+from io import BytesIO
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+from scipy.spatial.transform import Rotation
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.verify.trajectories import check_trajectory
+from stancekit.views import page as page_module
+from stancekit.views.gaits import GaitView
+from stancekit.views.page import check_page, page, write_page
+from stancekit.views.plans import PlanView
+from stancekit.views.shapes import along
+from stancekit.views.sheet import ACCENT
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
+OFFLINE = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", "--window-size=800,600", "--remote-debugging-port=0",
+)  # fmt: skip
+PATIENCE_S = 120.0
+
+
+@pytest.fixture(scope="module")
+def plan():
+    found = TwoStageCoursePlanner().solve(read_course("icy-walls", 2)).plan
+    assert found is not None
+    return found
+
+
+@pytest.fixture(scope="module")
+def walk() -> GaitView:
+    """ANYmal's body glides over a swell, all feet down, then two; for the eye alone."""
+    robot, share = anymal(), np.linspace(0.0, 1.0, 41)
+    field = HeightField.from_function(lambda x, y: 0.1 * np.sin(3.0 * x), 1.5, 0.1, name="</script><b>swell")
+    torso = np.column_stack([0.4 * share, 0.0 * share, 0.5 + 0.0 * share])
+    contact = np.array([[k < 20 or foot < 2 for foot in range(4)] for k in range(41)])
+    trajectory = Trajectory(
+        times_s=0.05 * np.arange(41), torso_m=torso,
+        rotation=Rotation.from_euler("z", 0.3 * share[:, None]).as_matrix(),
+        feet_m=torso[:, None] + np.array([foot.nominal_m for foot in robot.feet]), contact=contact,
+        forces_n=np.where(contact[..., None], [0.0, 0.0, 70.0], 0.0), robot=robot, terrain=field, friction=0.6,
+        adhesive=[False] * 4, start_xy_m=torso[0, :2], goal_xy_m=torso[-1, :2],
+    )  # fmt: skip
+    return GaitView(trajectory)
+
+
+def page_of(motion):
+    try:
+        return page(motion)
+    except InvalidInput as error:
+        pytest.skip(str(error))
+
+
+@pytest.fixture(scope="module")
+def plan_page(plan):
+    return page_of(PlanView(plan).film(step_s=0.2))
+
+
+@pytest.fixture(scope="module")
+def walk_page(walk):
+    return page_of(walk.film(check_trajectory(walk.trajectory)))
+
+
+def test_the_page_holds_everything_that_it_shows(plan_page, walk_page):
+    assert "<title>icy-walls</title>" in plan_page
+    assert "<b>icy-walls</b>" in plan_page
+    assert "ice, μ = 0" in plan_page
+    assert "friction μ = 1" in plan_page
+    assert "path of the centre of mass" in plan_page
+    assert f"{ACCENT}" in walk_page  # the verifier's word is bad news
+    for name in anymal().foot_names:
+        assert f"</span>{name}</div>" in walk_page
+    for text in (plan_page, walk_page):
+        assert text.startswith("<!doctype html>")
+        assert not re.search(r"""(src|href)\s*=\s*["'](?!data:)""", text[: text.index("<script")])
+        assert set(re.findall(r"https?://[\w.]+", text)) <= {"http://www.w3.org"}  # the name of SVG, not a place to go
+        assert len(text) < 3_000_000
+
+
+def test_names_are_text_and_no_markup(plan, walk_page):
+    shown = page_of(
+        PlanView(replace(plan, course=replace(plan.course, name="<script>alert(1)</script>"))).film(step_s=0.2)
+    )
+    assert "<script>alert" not in shown
+    assert "&lt;script&gt;alert" in shown
+    assert "anymal over &lt;/script&gt;&lt;b&gt;swell" in walk_page
+    assert "</script><b>" not in walk_page
+
+
+@pytest.mark.parametrize("subject", ["plan", "walk"])
+def test_nodes_follow_the_motion(subject, plan, walk):
+    """What a page records of bodies, forces and notes is what the moments have, and what is not there is hidden."""
+    motion = PlanView(plan).film(step_s=0.2) if subject == "plan" else walk.film(None, step_s=0.5)
+    try:
+        server = page_module._server()
+        with server as shown:
+            stage = page_module._Stage(shown.scene, motion.camera.distance_m)
+            names = set()
+            for moment, note in zip(motion.moments, motion.notes or [""] * len(motion.moments), strict=True):
+                stage.pose(moment, note)
+                nodes = {name: node for name, node in stage._nodes.items() if node.visible}
+                forces = [arrow for arrow in moment.arrows if arrow.visible]
+                expected = {f"/bodies/{body.name}" for body in moment.bodies} | {
+                    f"/forces/{each.name}" for each in forces
+                }
+                assert set(nodes) == expected | ({f"/notes/{note}"} if note else set())
+                for body in moment.bodies:
+                    node = nodes[f"/bodies/{body.name}"]
+                    assert node.position == pytest.approx(body.position_m, abs=1e-6)
+                    w, *xyz = node.wxyz
+                    assert Rotation.from_quat([*xyz, w]).as_matrix() == pytest.approx(body.rotation, abs=1e-6)
+                for arrow in forces:
+                    ends = [[arrow.start_m, arrow.start_m + arrow.vector_m]]
+                    assert np.allclose(nodes[f"/forces/{arrow.name}"].points, ends, atol=1e-6)
+                names |= set(nodes)
+            assert names == set(stage._nodes)
+    except InvalidInput as error:
+        pytest.skip(str(error))
+
+
+def test_recording_says_nothing_on_standard_output(plan, capsys):
+    page_of(PlanView(plan).film(step_s=0.1))
+    said = capsys.readouterr()
+    assert (said.out, said.err) == ("", "")
+
+
+def is_climb(shown):
+    """Terrain, ice, and dark limbs or the path of the centre of mass."""
+    red, green, blue = (shown[..., k] for k in range(3))
+    rough, icy = (green - blue > 0.08) & (green > 0.4), (blue - red > 0.05) & (blue > 0.6)
+    return min(rough.mean(), icy.mean()) > 0.01 and (shown.max(axis=-1) < 0.45).mean() > 0.001
+
+
+def is_walk(shown):
+    """Below the legend: the grey of the block, dark limbs, and the red of the forces."""
+    part = shown[190:400]
+    red, green, blue = (part[..., k] for k in range(3))
+    grey = (np.abs(part.max(axis=-1) - 0.6) < 0.15) & (np.ptp(part, axis=-1) < 0.1)
+    forces = red - np.maximum(green, blue) > 0.2
+    return grey.mean() > 0.02 and forces.sum() > 5 and (part.max(axis=-1) < 0.45).sum() > 20
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)")
+@pytest.mark.parametrize(("subject", "is_seen"), [("plan_page", is_climb), ("walk_page", is_walk)])
+def test_headless_chromium_opens_it_from_disk_without_a_network(subject, is_seen, request, tmp_path):
+    (tmp_path / "page.html").write_text(request.getfixturevalue(subject))
+    with closing(pictures_of((tmp_path / "page.html").as_uri(), tmp_path / "profile")) as pictures:
+        if not any(map(is_seen, pictures)):
+            pytest.fail(f"no terrain or robot was to be seen within {PATIENCE_S:g} s")
+
+
+def pictures_of(address, profile):
+    """What Chromium shows of a page, again and again while patience lasts, shape (H, W, 3) in [0, 1]."""
+    connect = pytest.importorskip("websockets.sync.client").connect
+    command = [CHROMIUM, *OFFLINE, f"--user-data-dir={profile}", address]
+    browser = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
+    try:
+        at = next(found for line in browser.stderr if (found := re.search(r"ws://(127\.0\.0\.1:\d+)/", line)))
+        with urlopen(f"http://{at[1]}/json/list") as answer:
+            tab = next(tab for tab in json.load(answer) if tab["type"] == "page")
+        with connect(tab["webSocketDebuggerUrl"], max_size=None) as line:
+            until = time.monotonic() + PATIENCE_S
+            while time.monotonic() < until:
+                line.send(json.dumps({"id": 1, "method": "Page.captureScreenshot"}))
+                said = json.loads(line.recv(timeout=PATIENCE_S))
+                if "result" in said:
+                    yield imread(BytesIO(base64.b64decode(said["result"]["data"])))[..., :3]
+                time.sleep(0.5)
+    finally:
+        browser.kill()
+        browser.communicate()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("a.png", "a.png: expected a name that ends in .html, got .png"),
+        ("a", "a: expected a name that ends in .html, got no suffix"),
+    ],
+)
+def test_another_name_is_refused(name, message, plan):
+    with pytest.raises(InvalidInput) as refused:
+        write_page(name, PlanView(plan).film())
+    assert str(refused.value) == message
+
+
+def test_without_viser_the_extra_is_named(plan, monkeypatch, tmp_path):
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(page_module, "import_module", missing)
+    with pytest.raises(InvalidInput, match=r"page: expected viser; install it with pip install 'stancekit\[viz\]'"):
+        check_page(tmp_path / "a.html")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_quaternions_turn_as_they_should(seed):
+    rng = np.random.default_rng(seed)
+    rotation = Rotation.from_rotvec(0.3 * rng.normal(size=3)).as_matrix()
+    w, *xyz = page_module._quaternion(rotation)
+    assert Rotation.from_quat([*xyz, w]).as_matrix() == pytest.approx(rotation)
+    direction = rng.normal(size=3) if seed else np.array([0.0, 0.0, -2.0])
+    assert along(direction)[:, 2] == pytest.approx(direction / np.linalg.norm(direction))
+    assert along(direction).T @ along(direction) == pytest.approx(np.eye(3))
+    assert np.linalg.det(along(direction)) == pytest.approx(1.0)

@@ -1,0 +1,204 @@
+"""Pictures of plans: what they show is where the plan has it, and a bad request is one line."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_posture
+from stancekit.views.plan_motion import LOAD, PlanMotion
+from stancekit.views.plans import PlanView, draw_plan, frame_count, ghosts, plan_frames
+from stancekit.views.sheet import check_picture, save, to_rgb
+from stancekit.views.terrain import ICE, cells
+
+
+@pytest.fixture(scope="module")
+def plan():
+    found = TwoStageCoursePlanner().solve(read_course("icy-walls", 3)).plan
+    assert found is not None
+    return found
+
+
+def test_the_picture_has_ice_and_friction_and_changes_with_the_frame(plan):
+    last, first = to_rgb(draw_plan(plan, size_px=(600, 500))), to_rgb(draw_plan(plan, frame=0, size_px=(600, 500)))
+    assert last.shape == (500, 600, 3)
+    assert (last != first).any()
+    bluish = (last[..., 2].astype(int) - last[..., 0] > 15) & (last[..., 2] > 180)
+    greenish = (last[..., 1].astype(int) - last[..., 2] > 40) & (last[..., 1] > 120)
+    assert min(bluish.mean(), greenish.mean()) > 0.01, ICE
+
+
+def test_without_ice_there_is_none(plan):
+    rough = replace(plan.course, terrain=tuple(replace(patch, friction=0.8) for patch in plan.course.terrain))
+    shown = to_rgb(draw_plan(replace(plan, course=rough), size_px=(600, 500)))
+    bluish = (shown[..., 2].astype(int) - shown[..., 0] > 15) & (shown[..., 2] > 180)
+    assert bluish.mean() < 0.01
+
+
+def test_the_same_plan_gives_the_same_bytes(plan, tmp_path):
+    for name in ("a.png", "b.png"):
+        save(draw_plan(plan, caption="one", note="two", size_px=(400, 400)), tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+@pytest.mark.parametrize("frame", [-1, 3, 99])
+def test_a_frame_that_there_is_not_is_refused(frame, plan):
+    with pytest.raises(InvalidInput, match=f"frame: expected 0 to 2, got {frame}"):
+        draw_plan(plan, frame=frame)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("a.jpg", "expected a name that ends in .png, .pdf, .svg, got .jpg"),
+        ("a", "expected a name that ends in .png, .pdf, .svg, got no suffix"),
+        ("none/a.png", "expected an existing folder none"),
+    ],
+)
+def test_a_name_that_is_no_picture_is_refused(name, message, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InvalidInput) as refused:
+        check_picture(name)
+    assert str(refused.value) == f"{name}: {message}"
+
+
+def test_ghosts_are_other_frames_and_few(plan):
+    for shown in range(3):
+        assert shown not in ghosts(plan, shown)
+        assert 0 < len(ghosts(plan, shown)) <= 3
+
+
+def test_cells_cover_their_patch_and_no_more(plan):
+    box = np.array([[-9.0] * 3, [9.0] * 3])
+    for patch in plan.course.terrain[:5]:
+        parts = [cell for _, cell in cells(patch, box)]
+        assert sum(area(part) for part in parts) == pytest.approx(area(patch.vertices_m), rel=1e-9)
+        assert all(np.abs((part - patch.centre_m) @ patch.normal).max() < 1e-9 for part in parts)
+
+
+def test_cells_stay_in_the_bounds(plan):
+    view = PlanView(plan)
+    low, high = view.bounds_m
+    shown = [facet.corners_m for facet in view.fixed.facets]
+    assert shown
+    assert all((cell >= low - 1e-9).all() and (cell <= high + 1e-9).all() for cell in shown)
+
+
+def test_the_viewer_sees_the_faces_of_both_walls(plan):
+    camera = PlanView(plan).camera
+    for patch in plan.course.terrain:
+        if patch.centre_m[2] < 0.3:
+            assert camera.facing(patch.centre_m + 0.3 * patch.normal, patch.normal) > -0.3
+
+
+def test_a_stance_holds_the_robot_at_every_moment_of_the_motion(plan):
+    course, motion = plan.course, PlanMotion(plan)
+    assert motion.end == 2.0
+    for time in np.linspace(0.0, 2.0, 41):
+        moment = motion.at(float(time))
+        assert moment.forces_n.sum(axis=0) == pytest.approx([0.0, 0.0, course.weight_n], abs=1e-6)
+        torque = np.cross(moment.toes_m - moment.com_m, moment.forces_n).sum(axis=0)
+        assert np.abs(torque).max() < 1e-5
+        assert np.abs(moment.forces_n[list(moment.moving)]).max(initial=0.0) == 0.0
+
+
+def test_key_frames_of_the_motion_are_those_of_the_plan(plan):
+    motion = PlanMotion(plan)
+    for k in range(3):
+        moment = motion.at(float(k))
+        assert (moment.frame, moment.moving) == (k, ())
+        assert np.array_equal(moment.toes_m, plan.toes_at(k))
+        assert np.array_equal(moment.com_m, plan.com_m[k])
+    first = motion.at(0.5 * LOAD)
+    assert np.array_equal(first.toes_m, plan.toes_at(0))  # only the load shifts
+    problem = plan.course.posture_problem(plan.course.stances[0], plan.choice)
+    assert check_posture(problem, plan.posture(0)).accepted
+
+
+def test_a_toe_in_the_air_is_off_both_its_patches(plan):
+    motion, course = PlanMotion(plan), plan.course
+    swung = [p for p, put in enumerate(course.placements) if put.frame]
+    assert swung
+    for p in swung:
+        top = motion.swing(p, 0.5)
+        patch = course.patch(p, plan.choice)
+        assert (top - patch.centre_m) @ patch.normal > 0.05
+        assert motion.swing(p, 1.0) == pytest.approx(plan.toes_m[p])
+
+
+def test_the_robot_of_a_scene_is_where_the_plan_has_it(plan):
+    view = PlanView(plan)
+    for frame in range(3):
+        scene = view.at(view.motion.key(frame))
+        bodies = {body.name: body for body in scene.bodies}
+        trunk = bodies["trunk 0"]
+        assert np.array_equal(trunk.position_m, plan.com_m[frame])
+        assert trunk.rotation == pytest.approx(Rotation.from_rotvec(plan.rotation_rad[frame].copy()).as_matrix())
+        assert np.array_equal([bodies[f"{limb} joint 3"].position_m for limb in view.shape.limbs], plan.toes_at(frame))
+        forces = dict(zip(view.shape.limbs, plan.forces_at(frame), strict=True))
+        assert scene.arrows
+        for arrow in scene.arrows:
+            assert arrow.vector_m == pytest.approx(view.metres_a_newton * forces[arrow.name])
+        filled = {name for name in bodies if name.startswith("chosen ")}
+        assert filled == {f"chosen {p}" for p in plan.course.holds[frame].tolist()}
+
+
+def test_a_cone_holds_every_force_of_its_friction_and_no_other(plan):
+    view = PlanView(plan)
+    for body in view.at(view.motion.key(1)).bodies:
+        if body.name.startswith("cone "):
+            patch = view.chosen[int(body.name.split()[1])]
+            rays = body.shape.vertices_m[1:]
+            normal = rays @ patch.normal
+            aside = np.linalg.norm(rays - np.outer(normal, patch.normal), axis=1)
+            assert aside / normal == pytest.approx(patch.friction)
+            assert np.array_equal(body.shape.vertices_m[0], np.zeros(3))
+
+
+def test_a_film_stays_at_both_ends_and_passes_every_key_frame(plan):
+    view, count = PlanView(plan), frame_count(plan)
+    motion = view.film()
+    assert count == round(20.0 * (2 * 1.2 + 1.0)) + 1
+    assert len(motion.moments) == len(motion.notes) == count
+    trunks = np.array([next(b.position_m for b in moment.bodies if b.name == "trunk 0") for moment in motion.moments])
+    assert np.array_equal(trunks[:10], np.tile(plan.com_m[0], (10, 1)))
+    assert np.array_equal(trunks[-10:], np.tile(plan.com_m[-1], (10, 1)))
+    for com in plan.com_m:
+        assert np.abs(trunks - com).max(axis=1).min() < 1e-12
+    assert motion.notes[0] == "key frame 0 of 2"
+    assert motion.notes[-1] == "key frame 2 of 2"
+
+
+@pytest.mark.usefixtures("gl")
+def test_frames_of_a_film_show_one_room(plan):
+    pictures = list(islice(plan_frames(plan, size_px=(320, 300)), 0, 24, 23))
+    assert [picture.shape for picture in pictures] == [(300, 320, 3)] * 2
+    first, moving = pictures
+    assert (moving[33:] != first[33:]).any()
+    corner = (slice(33, None), slice(0, 8))
+    assert np.array_equal(moving[corner], first[corner])
+    bluish = (first[..., 2].astype(int) - first[..., 0] > 15) & (first[..., 2] > 150)
+    greenish = (first[..., 1].astype(int) - first[..., 2] > 40) & (first[..., 1] > 120)
+    assert min(bluish.mean(), greenish.mean()) > 0.01
+
+
+def area(polygon):
+    fan = np.cross(polygon[1:-1] - polygon[0], polygon[2:] - polygon[0])
+    return 0.5 * np.linalg.norm(fan.sum(axis=0))
+
+
+def test_one_frame_and_no_terrain_are_drawn_too():
+    plan = TwoStageCoursePlanner().solve(read_course("walls", 1)).plan
+    assert plan is not None
+    bare = replace(plan, course=replace(plan.course, terrain=()))
+    for shown in (plan, bare):
+        assert to_rgb(draw_plan(shown, size_px=(400, 300))).std() > 10.0
+        assert frame_count(shown) == 21
+        assert np.array_equal(PlanMotion(shown).at(0.0).com_m, plan.com_m[0])

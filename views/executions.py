@@ -1,0 +1,105 @@
+"""Pictures and films of an execution: the robot as the world had it, its joints, what its feet felt, and its path."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.urdf import FOOT_RADIUS_M
+from stancekit.runner.execution import Execution
+
+from .film import film_frames
+from .plan_motion import Moment
+from .plans import FILM_PX, PlanView
+from .scene import Layer, Motion, Path, Scene
+from .shapes import polyline
+from .sheet import DEFAULT_STYLE, SIZE_PX, Size, headline, plain_axes, sheet
+from .still import Still
+from .video import Frame
+
+REAL = "#c2410c"
+SPEED = 2.0
+"""Films run this much faster than the world."""
+FPS = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class ExecutionView(PlanView):
+    """A plan on which its execution plays. Raises InvalidInput without pinocchio."""
+
+    execution: Execution
+
+    @cached_property
+    def _kinematics(self) -> Kinematics:
+        return Kinematics(self.plan.course.robot)
+
+    def instant(self, row: int) -> tuple[Moment, Sequence[Array]]:
+        """What the world had after a control period, and the joints of its limbs, shape (4, 3) [m] each."""
+        trace = self.execution.trace
+        frame = min(round(float(trace.frame[row])), self.plan.course.frames - 1)
+        normals = np.array([self.chosen[int(p)].normal for p in self.plan.course.holds[frame]])
+        moment = Moment(
+            frame=frame, com_m=trace.origin_m[row], rotation_rad=Rotation.from_matrix(trace.rotation[row]).as_rotvec(),
+            toes_m=trace.feet_m[row] - FOOT_RADIUS_M * normals, forces_n=trace.forces_n[row],
+        )  # fmt: skip
+        chains = trace.origin_m[row] + self._kinematics.chains(trace.angles_rad[row]) @ trace.rotation[row].T
+        return moment, list(chains)
+
+    def row(self, row: int, *, cone_m: float | None = None) -> Scene:
+        """The robot after a control period, on the patches that it stands on."""
+        moment, chains = self.instant(row)
+        return self.at(moment, chains=chains, cone_m=cone_m)
+
+    def path(self, row: int) -> Scene:
+        """The path that the centre of mass went, over the planned one."""
+        went = self.execution.trace.com_m[: row + 1 : 20]
+        return Scene(paths=[Path(pieces_m=polyline(went), colour=REAL, width=1.4, layer=Layer.TOP, lift_m=65.0)])
+
+    def note(self, row: int) -> str:
+        """How far it is from the plan."""
+        trace = self.execution.trace
+        away = 1e3 * float(np.linalg.norm(trace.com_m[row] - trace.planned_com_m[row]))
+        most = np.abs(trace.torques_nm[: row + 1]).max()
+        return (
+            f"{trace.time_s[row]:.1f} s   ·   centre of mass {away:.1f} mm from the plan   ·   "
+            f"largest torque so far {most:.1f} of {self.execution.torque_limit_nm:g} Nm"
+        )
+
+    def played(self) -> Motion:
+        """The execution as a motion, ``FPS`` moments a second at ``SPEED`` times the pace."""
+        times = self.execution.trace.time_s
+        rows = [int(np.searchsorted(times, time_s)) for time_s in np.arange(0.0, times[-1], SPEED / FPS)]
+        return Motion(
+            fixed=self.fixed + self.path(len(times) - 1),
+            moments=[self.row(row, cone_m=0.3 * self.shape.size_m) for row in rows], step_s=1.0 / FPS,
+            camera=self.camera, title=f"{self.plan.course.name} in {self.execution.world}",
+            notes=[self.note(row) for row in rows], legend=[*self.legend, (REAL, "path that was gone")],
+        )  # fmt: skip
+
+
+@DEFAULT_STYLE
+def draw_execution(
+    plan: Plan, execution: Execution, *, time_s: float | None = None, caption: str = "", size_px: Size = SIZE_PX
+) -> Figure:
+    """Draw the robot as the world had it at a time, at the end unless one is named, and the path it went (red)."""
+    view, trace = ExecutionView(plan, execution), execution.trace
+    last = len(trace.time_s) - 1
+    row = last if time_s is None else min(int(np.searchsorted(trace.time_s, time_s)), last)
+    figure = sheet(size_px, SIZE_PX)
+    Still(view.fixed + view.row(row) + view.path(row), view.camera).paint(plain_axes(figure, 10.0, 10.0, 92.0))
+    title = caption or f"{plan.course.name} in {execution.world}: {'done' if execution.succeeded else 'failed'}"
+    headline(figure, title, view.note(row))
+    return figure
+
+
+def execution_frames(plan: Plan, execution: Execution, *, size_px: Size = FILM_PX) -> Iterator[Frame]:
+    """The frames of a film, uint8 of shape (H, W, 3), one by one, ``FPS`` a second at ``SPEED`` times the pace."""
+    return film_frames(ExecutionView(plan, execution).played(), size_px)

@@ -1,0 +1,265 @@
+"""Films of motions: MuJoCo's renderer off screen, which needs a GL library; pictures and pages never do."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path as File
+from typing import Any
+
+import numpy as np
+from matplotlib.colors import to_rgb as rgb
+from matplotlib.colors import to_rgba
+from PIL import Image
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+
+from .camera import Camera
+from .scene import Body, Colour, Facet, Motion, Path, Scene, Sheet, borders, fans
+from .shapes import Box, Capsule, Faces, Mesh, Sphere, triangles_of
+from .sheet import DEFAULT_STYLE, Size, headline, sheet, to_rgb
+from .still import GLASS, is_glass, normals_of
+from .video import Frame, check_video
+
+FINER = 2
+"""Rows and columns drawn to a pixel; their mean is what is seen."""
+POINT_M = 0.0006
+"""Half the width of a line of one point, as a share of the distance."""
+EMPTY = """<mujoco><visual><headlight active="0"/></visual>
+<asset><texture name="sky" type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="48"/></asset>
+<worldbody><light type="directional" dir="{} {} {}" castshadow="false" ambient=".78 .78 .78" diffuse=".3 .3 .3"
+specular=".1 .1 .1"/></worldbody></mujoco>"""
+GL = "video: expected a GL library for MuJoCo's renderer; install one, e.g. apt-get install libegl1 libgl1"
+
+
+def check_film(path: str | File) -> File:
+    """The file behind the name of a film, asked for before the work whose result goes there.
+
+    Raises InvalidInput as ``check_video`` does, and without MuJoCo or a GL library.
+    """
+    target = check_video(path)
+    with _renderer(_mujoco().MjSpec().compile(), (8, 8)):
+        return target
+
+
+def film_frames(motion: Motion, size_px: Size, *, foot_px: int = 0) -> Iterator[Frame]:
+    """The frames of a film, uint8 of shape (H, W, 3): words above, the scene below, and room at the foot.
+
+    One camera sees all of the motion. Raises InvalidInput without MuJoCo or a GL library.
+    """
+    head_px = round(0.11 * size_px[1])
+    view = size_px[0], size_px[1] - head_px - foot_px
+    notes = motion.notes or [""] * len(motion.moments)
+    words: dict[str, Frame] = {}
+    for pixels, note in zip(rendered(motion, view), notes, strict=True):
+        if note not in words:
+            words = {note: _words(motion, note, size_px)}
+        frame = words[note].copy()
+        frame[head_px : head_px + view[1]] = pixels
+        yield frame
+
+
+def rendered(motion: Motion, size_px: Size) -> Iterator[Frame]:
+    """The scene alone, moment by moment, seen by the motion's camera through a window that holds all of it."""
+    stage = _Stage(motion)
+    low, high = motion.window(size_px[0] / size_px[1])
+    with _renderer(stage.model, (FINER * size_px[0], FINER * size_px[1])) as draw:
+        for moment in motion.moments:
+            pixels = draw(partial(stage.pose, moment=moment, low=low, high=high))
+            yield np.array(Image.fromarray(pixels).reduce(FINER))
+
+
+class _Stage:
+    """A motion as MuJoCo has it: what stays in a model with all meshes, and what moves put into the scene by hand."""
+
+    def __init__(self, motion: Motion) -> None:
+        self._mujoco, self._camera, self._fixed = _mujoco(), motion.camera, motion.fixed
+        self._spec = self._mujoco.MjSpec.from_string(EMPTY.format(*-motion.camera.light))
+        self._meshes: dict[int, str] = {}
+        for ground in motion.fixed.sheets:
+            self._add_sheet(ground)
+        flat = _facets(motion.fixed.facets, self._camera)
+        for colour, opacity, triangles, normals in [*flat, *_ribbons(motion.fixed.paths, self._camera)]:
+            self._add_geom(meshname=self._add_flat(triangles, normals), rgba=(*colour, opacity))
+        for scene in (motion.fixed, *motion.moments):
+            for body in scene.bodies:
+                if isinstance(body.shape, Mesh) and id(body.shape) not in self._meshes:
+                    self._meshes[id(body.shape)] = self._add_mesh(body.shape.vertices_m, body.shape.faces)
+        self.model = self._spec.compile()
+        self._data = self._mujoco.MjData(self.model)
+        self._mujoco.mj_forward(self.model, self._data)
+
+    def pose(self, scene: Any, moment: Scene, low: Array, high: Array) -> None:
+        """Fill MuJoCo's scene with a moment, seen through a window of the picture plane, corners of shape (2,) [m]."""
+        mujoco = self._mujoco
+        mujoco.mjv_updateScene(
+            self.model, self._data, mujoco.MjvOption(), None, mujoco.MjvCamera(), mujoco.mjtCatBit.mjCAT_ALL, scene
+        )
+        self._aim(scene, low, high)
+        for each in (self._fixed, moment):
+            for body in each.bodies:
+                self._put_body(scene, body)
+            for arrow in filter(lambda arrow: arrow.visible, each.arrows):
+                geom = self._put(scene, mujoco.mjtGeom.mjGEOM_ARROW, np.ones(3), np.zeros(3), np.eye(3), arrow.colour)
+                ends = arrow.start_m, arrow.start_m + 2.0 * arrow.vector_m  # it draws half the way
+                mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_ARROW, 1.3 * arrow.radius_m, *ends)
+
+    def _aim(self, scene: Any, low: Array, high: Array) -> None:
+        camera = self._camera
+        near = 0.05 * camera.distance_m
+        for eye in scene.camera:
+            eye.pos, eye.forward, eye.up = camera.position_m, -camera.axes[2], camera.axes[1]
+            eye.frustum_near, eye.frustum_far = near, 20.0 * camera.distance_m
+            (left, bottom), (right, top) = 0.05 * low, 0.05 * high
+            eye.frustum_center, eye.frustum_width = 0.5 * (left + right), 0.5 * (right - left)
+            eye.frustum_bottom, eye.frustum_top = bottom, top
+
+    def _put_body(self, scene: Any, body: Body) -> None:
+        kinds = self._mujoco.mjtGeom
+        match body.shape:
+            case Capsule(length, radii):
+                kind, size = kinds.mjGEOM_CAPSULE, np.array([np.mean(radii), 0.5 * length, 0.0])
+            case Sphere(radius):
+                kind, size = kinds.mjGEOM_SPHERE, np.full(3, radius)
+            case Box(half):
+                kind, size = kinds.mjGEOM_BOX, half
+            case Mesh():
+                self._put_mesh(scene, body)
+                return
+        self._put(scene, kind, size, body.position_m, body.rotation, body.colour, body.opacity)
+
+    def _put_mesh(self, scene: Any, body: Body) -> None:
+        """A mesh, which MuJoCo keeps about its centre and along its axes of inertia."""
+        index, own = self.model.mesh(self._meshes[id(body.shape)]).id, np.zeros(9)
+        self._mujoco.mju_quat2Mat(own, self.model.mesh_quat[index])
+        centre, turn = body.position_m + body.rotation @ self.model.mesh_pos[index], body.rotation @ own.reshape(3, 3)
+        kind = self._mujoco.mjtGeom.mjGEOM_MESH
+        self._put(scene, kind, np.ones(3), centre, turn, body.colour, body.opacity).dataid = 2 * index
+
+    def _put(
+        self, scene: Any, kind: Any, size: Array, at: Array, turn: Array, colour: Colour, opacity: float = 1.0
+    ) -> Any:
+        """One more shape in the scene."""
+        geom = scene.geoms[scene.ngeom]
+        rgba = np.array([*rgb(colour), opacity], dtype=np.float32)
+        self._mujoco.mjv_initGeom(geom, kind, size, np.asarray(at, dtype=np.float64), turn.ravel(), rgba)
+        scene.ngeom += 1
+        return geom
+
+    def _add_sheet(self, ground: Sheet) -> None:
+        """A surface whose texture has a pixel a node."""
+        rows, columns = ground.points_m.shape[:2]
+        at = (np.moveaxis(np.indices((rows, columns)), 0, -1) + 0.5) / [rows, columns]
+        name = self._add_mesh(ground.points_m.reshape(-1, 3), triangles_of(ground.faces), usertexcoord=at.ravel())
+        picture = np.round(255.0 * ground.colours.swapaxes(0, 1)).astype(np.uint8)
+        texture = self._spec.add_texture(
+            name=name, type=self._mujoco.mjtTexture.mjTEXTURE_2D, width=rows, height=columns, nchannel=3
+        )
+        texture.data = picture.tobytes()
+        material = self._spec.add_material(name=name)
+        material.textures[self._mujoco.mjtTextureRole.mjTEXROLE_RGB] = name
+        self._add_geom(meshname=name, material=name)
+
+    def _add_mesh(self, points: Array, faces: Faces, **more: Any) -> str:
+        """A mesh of triangles in the model; returns its name."""
+        mesh = self._spec.add_mesh(
+            name=f"mesh {len(self._spec.meshes)}", uservert=points.ravel(), userface=faces.ravel().astype(np.int32),
+            inertia=self._mujoco.mjtMeshInertia.mjMESH_INERTIA_SHELL, **more,
+        )  # fmt: skip
+        return str(mesh.name)
+
+    def _add_flat(self, triangles: Array, normals: Array) -> str:
+        faces = np.arange(3 * len(triangles)).reshape(-1, 3)
+        normals = np.repeat(normals, 3, axis=0).ravel()
+        own = faces.ravel().astype(np.int32)
+        return self._add_mesh(triangles.reshape(-1, 3), faces, usernormal=normals, userfacenormal=own)
+
+    def _add_geom(self, **more: Any) -> None:
+        self._spec.worldbody.add_geom(type=self._mujoco.mjtGeom.mjGEOM_MESH, contype=0, conaffinity=0, **more)
+
+
+Flat = tuple[tuple[float, ...], float, Array, Array]
+"""Colour, opacity, triangles of shape (F, 3, 3) [m] and their normals in the light, shape (F, 3)."""
+
+
+def _facets(facets: Sequence[Facet], camera: Camera) -> list[Flat]:
+    """Facets and their edges; what would hide the robot is glass."""
+    seen = [
+        replace(each, opacity=GLASS * each.opacity, normal=-each.normal,
+                edge=each.edge and (*rgb(each.edge), 0.2 * to_rgba(each.edge)[3])) if is_glass(each, camera) else each
+        for each in facets
+    ]  # fmt: skip
+    return [(*key, each, normals_of(each)) for key, each in fans(seen).items()] + _ribbons(borders(seen), camera)
+
+
+def _ribbons(paths: Sequence[Path], camera: Camera) -> list[Flat]:
+    """Lines as bands that face the viewer, those of one colour together, a little before what they are on."""
+    found: dict[tuple[tuple[float, ...], float], list[Array]] = {}
+    for path in paths:
+        a, b = path.pieces_m[:, 0], path.pieces_m[:, 1]
+        towards = camera.position_m - a
+        towards /= np.linalg.norm(towards, axis=1, keepdims=True)
+        side = np.cross(b - a, towards)
+        length = np.linalg.norm(side, axis=1, keepdims=True)
+        seen = length[:, 0] > 1e-9
+        half = path.width * POINT_M * camera.distance_m
+        side *= half / np.maximum(length, 1e-12)
+        a, b = (end + (0.003 + 1.5 * half + min(path.lift_m, 0.02)) * towards for end in (a, b))
+        quads = np.stack([a - side, a + side, b + side, b - side], axis=1)[seen]
+        triangles = np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])
+        found.setdefault((rgb(path.colour), path.opacity), []).append(triangles)
+    joined = {key: np.concatenate(parts) for key, parts in found.items() if sum(map(len, parts))}
+    return [(*key, each, np.broadcast_to(0.7 * camera.light, (len(each), 3))) for key, each in joined.items()]
+
+
+@contextmanager
+def _renderer(model: Any, size_px: Size) -> Iterator[Callable[[Callable[[Any], None]], Frame]]:
+    """A function that draws what another one puts into MuJoCo's scene. Raises InvalidInput without a GL library."""
+    mujoco, (width, height) = _mujoco(), size_px
+    model.vis.global_.offwidth, model.vis.global_.offheight, model.vis.quality.offsamples = *size_px, 0
+    backend = os.environ.get("MUJOCO_GL") or ("egl" if sys.platform == "linux" else "")
+    try:
+        source = import_module(f"mujoco.{backend}") if backend in ("egl", "osmesa", "glfw", "cgl") else mujoco
+        context = source.GLContext(width, height)
+        context.make_current()
+    except Exception as error:  # every backend and every missing library has its own
+        raise InvalidInput(GL) from error
+    try:
+        scene = mujoco.MjvScene(model, maxgeom=20_000)
+        target = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, target)
+        scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+        rect, pixels = mujoco.MjrRect(0, 0, width, height), np.empty((height, width, 3), dtype=np.uint8)
+
+        def draw(fill: Callable[[Any], None]) -> Frame:
+            fill(scene)
+            mujoco.mjr_render(rect, scene, target)
+            mujoco.mjr_readPixels(pixels, None, rect, target)
+            return pixels[::-1]
+
+        yield draw
+    finally:
+        context.free()
+
+
+def _mujoco() -> Any:
+    """The module. Raises InvalidInput where it is missing."""
+    try:
+        return import_module("mujoco")
+    except ImportError:
+        raise InvalidInput("video: expected MuJoCo; install it with pip install 'stancekit[mujoco]'") from None
+
+
+@DEFAULT_STYLE
+def _words(motion: Motion, note: str, size_px: Size) -> Frame:
+    """All of a frame but the scene."""
+    figure = sheet(size_px, (1280, 720))
+    below = "   ·   ".join(filter(None, (motion.note, note)))
+    headline(figure, motion.title, below, alarm=motion.alarm)
+    return to_rgb(figure)

@@ -1,0 +1,186 @@
+"""Pictures of warp maps: the map's grid over its terrain, conformal error (paper W Fig. 4), convergence (Fig. 5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.warp.report import MapReport
+from stancekit.planners.warp.spline_map import SplineMap
+
+from .camera import Camera
+from .scene import Path, Scene
+from .shapes import polyline
+from .sheet import (
+    DEFAULT_STYLE,
+    INK,
+    MEASURE_COLOURS,
+    PLOT_PX,
+    QUIET,
+    SIZE_PX,
+    Size,
+    headline,
+    plain_axes,
+    quiet_axes,
+    sheet,
+)
+from .still import Still
+from .terrain import EARTH, block
+
+LINE = "#27407f"
+FACETS, LINES, POINTS = 80, 25, 121
+"""Facets of the terrain a side; lines of the map a side; points on one."""
+
+
+@DEFAULT_STYLE
+def draw_map(
+    warp: SplineMap, field: HeightField, report: MapReport, *, caption: str = "", size_px: Size = SIZE_PX
+) -> Figure:
+    """Draw a map: its ground grid on the terrain, a section through its middle, and the conformal error of its ground.
+
+    Raises InvalidInput where the map was made for another terrain.
+    """
+    warp.check_fits(field)
+    figure = sheet(size_px)
+    headline(figure, caption or f"Warp map of {field.name or 'a terrain'}", summary(report))
+    width, height = figure.get_figwidth(), figure.get_figheight()
+    below = 0.36 * height
+    scene = plain_axes(figure, 20.0, 100.0 * below, 90.0)
+    _ground(warp, field).paint(scene)
+    section = figure.add_axes((0.06, 0.09, 0.42, below / height - 0.14))
+    _draw_section(section, warp)
+    error = figure.add_axes((0.545, 0.09, 0.2 * height / width + 0.03, below / height - 0.14))
+    _draw_error_map(figure, error, warp, report)
+    share = figure.add_axes((0.79, 0.09, 0.18, below / height - 0.14))
+    _draw_error_shares(share, report)
+    return figure
+
+
+@DEFAULT_STYLE
+def draw_map_convergence(reports: Sequence[MapReport], *, caption: str = "", size_px: Size = PLOT_PX) -> Figure:
+    """Conformal and match energy by CPU time and by iteration, a line a method (paper W Fig. 5).
+
+    The barrier is left out, so that methods with and without one compare. Raises InvalidInput without reports.
+    """
+    if not reports:
+        raise InvalidInput("reports: expected one or more, got none")
+    figure = sheet(size_px, PLOT_PX)
+    headline(
+        figure,
+        caption or f"Convergence on {reports[0].terrain}",
+        "conformal + match energy, each method with its own weights",
+    )
+    for place, (word, over) in enumerate((("CPU seconds", "seconds"), ("iteration", "count"))):
+        axes = figure.add_axes((0.075 + 0.485 * place, 0.13, 0.415, 0.66))
+        for index, report in enumerate(reports):
+            value = report.energy[:, 1] + report.energy[:, 3]
+            at = report.seconds if over == "seconds" else np.arange(len(value), dtype=np.float64)
+            colour = MEASURE_COLOURS[index % len(MEASURE_COLOURS)]
+            least = float(report.energy[-1, 4])
+            name = report.method + ("" if least > 0.0 else f" (folded: min det J {least:.2f})")
+            axes.plot(np.maximum(at, 1e-3) if over == "seconds" else at, value, color=colour, lw=2.0, label=name)
+            axes.plot([max(float(at[-1]), 1e-3)], [value[-1]], "o", color=colour, ms=6)
+        axes.set(yscale="log", xlabel=word)
+        for ticks in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
+            ticks("{x:.2g}")
+        if over == "seconds":
+            axes.set_xscale("log")
+        _quiet(axes)
+    handles, names = axes.get_legend_handles_labels()
+    figure.legend(handles, names, loc="upper left", bbox_to_anchor=(0.065, 0.885), ncols=len(names), frameon=False,
+                  fontsize=11, labelcolor=INK)  # fmt: skip
+    return figure
+
+
+def summary(report: MapReport) -> str:
+    """One line: cost and quality of a map."""
+    return (
+        f"{report.method}, {' × '.join(map(str, report.cells))} cells, {report.cpu_s:.2f} CPU-s; min det J "
+        f"{report.least_det:.2f}; match {1e3 * report.match_m[0]:.2f} mm at most; conformal error at the ground "
+        f"{100.0 * float(report.ground_error.mean()):.0f} % on average"
+    )
+
+
+def _ground(warp: SplineMap, field: HeightField) -> Still:
+    """The terrain on its block, and the images of lines of constant x̄ and ȳ on it."""
+    low, high = np.array(field.domain_m).T
+    span = float(np.linalg.norm(high - low))
+    sheets = block(field, low, high, facets=FACETS, depth_m=0.08 * span, relief_m=0.0)
+    points = sheets[0].points_m.reshape(-1, 3)
+    camera = Camera(
+        target_m=0.5 * (points.min(axis=0) + points.max(axis=0)), azimuth_rad=np.deg2rad(-60.0),
+        elevation_rad=np.deg2rad(38.0), distance_m=2.2 * span,
+    )  # fmt: skip
+    lines, along = ([np.linspace(*span_m, count) for span_m in warp.domain_m] for count in (LINES, POINTS))
+    first = np.moveaxis(warp.ground_on_grid(lines[0], along[1]), 0, -1)
+    second = np.moveaxis(warp.ground_on_grid(along[0], lines[1]), 0, -1).swapaxes(0, 1)
+    pieces = np.concatenate([polyline(line) for line in (*first, *second)])
+    path = Path(pieces_m=pieces, colour=LINE, opacity=0.6, width=0.8, lift_m=1.5 * span / FACETS)
+    return Still(Scene(sheets=sheets, paths=[path]), camera)
+
+
+def _draw_section(axes: Axes, warp: SplineMap) -> None:
+    """Images of lines of constant x̄ and z̄ in the world's x and z, at the ȳ where the ground rises the most."""
+    (x0, x1), (y0, y1) = warp.domain_m
+    candidates = np.linspace(y0, y1, POINTS)[POINTS // 4 : -(POINTS // 4)]
+    rise = np.ptp(warp.ground_on_grid(np.linspace(x0, x1, POINTS), candidates)[2], axis=0)
+    near = np.abs(candidates - 0.5 * (y0 + y1)) / (y1 - y0)  # of equal ones the middle
+    middle = candidates[[int(np.argmax(rise - 0.02 * rise.max() * near))]]
+    upright = warp.on_grid(np.linspace(x0, x1, 2 * LINES - 1), middle, np.linspace(0.0, warp.height_m, POINTS))[0]
+    level = warp.on_grid(np.linspace(x0, x1, 4 * POINTS), middle, np.linspace(0.0, warp.height_m, 13))[0]
+    axes.plot(upright[0, :, 0].T, upright[2, :, 0].T, color=LINE, lw=0.6, alpha=0.6)
+    axes.plot(level[0, :, 0], level[2, :, 0], color=LINE, lw=0.6, alpha=0.6)
+    x, heights = level[0, :, 0, 0], level[2, :, 0, 0]
+    bottom = float(heights.min()) - 0.12 * warp.height_m
+    axes.fill_between(x, heights, bottom, color=tuple(EARTH), lw=0)
+    axes.plot(x, heights, color=INK, lw=1.6)
+    axes.set(
+        xlim=(x0, x1),
+        ylim=(bottom, float(level[2].max()) + 0.05),
+        aspect="equal",
+        anchor="SW",
+        xlabel="x [m]",
+        ylabel="z [m]",
+    )
+    axes.set_title(f"section at ȳ = {middle[0]:.2g} m: lines of constant x̄ and z̄", size=11, color=INK, loc="left")
+    _quiet(axes, grid=None)
+
+
+def _draw_error_map(figure: Figure, axes: Axes, warp: SplineMap, report: MapReport) -> None:
+    """1 − σ_min/σ_max at the ground, over x̄ and ȳ."""
+    (x0, x1), (y0, y1) = warp.domain_m
+    error = 100.0 * report.ground_error
+    most = max(1.0, float(np.quantile(error, 0.995)))
+    image = axes.imshow(error.T, origin="lower", extent=(x0, x1, y0, y1), cmap="viridis", vmin=0.0, vmax=most)
+    axes.set_title("conformal error at the ground [%]", size=11, color=INK, loc="left")
+    axes.set(xlabel="x̄ [m]", anchor="SW")
+    _quiet(axes, grid=None)
+    bar = figure.colorbar(image, ax=axes, fraction=0.046, pad=0.03)
+    bar.outline.set_visible(False)
+    bar.ax.tick_params(length=0, labelsize=10, labelcolor=QUIET)
+
+
+def _draw_error_shares(axes: Axes, report: MapReport) -> None:
+    """How much of the ground, and of the level of the torso, has an error below what."""
+    share = np.linspace(0.0, 100.0, report.ground_error.size)
+    for name, error, colour in (
+        ("ground", report.ground_error, MEASURE_COLOURS[0]), (".5 m above", report.torso_error, MEASURE_COLOURS[1])
+    ):  # fmt: skip
+        axes.plot(100.0 * np.sort(error, axis=None), share, color=colour, lw=2.0, label=name)
+    axes.set(xlim=(0.0, None), ylim=(0.0, 100.0), xlabel="error below [%]")
+    axes.set_title("share of the domain [%]", size=11, color=INK, loc="left")
+    axes.legend(frameon=False, fontsize=10, labelcolor=INK, loc="lower right")
+    _quiet(axes)
+
+
+def _quiet(axes: Axes, *, grid: Literal["both"] | None = "both") -> None:
+    quiet_axes(axes, grid=grid, sides=("bottom", "left"))
+    axes.tick_params(which="both", labelsize=10, pad=3)
+    for label in (axes.xaxis.label, axes.yaxis.label):
+        label.set(size=10.5, color=QUIET)

@@ -1,0 +1,298 @@
+"""Pictures and films of a plan: terrain, chosen patches, the robot with its forces, and its path to the goal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import to_rgb as rgb
+from matplotlib.figure import Figure
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.rotation import rotation_of
+from stancekit.planners.terrain import Patch
+
+from .camera import Camera, best_view
+from .film import film_frames
+from .legend import Entry, draw_legend, force_entry
+from .plan_motion import Moment, PlanMotion
+from .robots import RobotShape, cone, cone_body, hexapod, limb_of_three
+from .scene import ON_M, Body, Colour, Facet, Label, Layer, Motion, Path, Scene
+from .shapes import Mesh, Sphere, dashed, hull, polyline, ring, unit
+from .sheet import (
+    ACCENT,
+    DEFAULT_STYLE,
+    INK,
+    SIZE_PX,
+    Size,
+    friction_colours,
+    headline,
+    leg_colour,
+    plain_axes,
+    sheet,
+)  # fmt: skip
+from .still import Still
+from .terrain import ICE, ICE_EDGE, ICY, patches, tint
+from .video import Frame
+
+GOAL = "#e8a317"
+GHOST, GHOSTS = "#5c6b7a", 3
+"""Of key frames beside the one in full: their colour, and how many there are at most."""
+LONGEST = 0.6
+"""Length of the arrow of the largest force, in units of the mean reach."""
+MARGIN_M = 0.08
+"""Terrain is shown so far beyond everywhere that the robot goes."""
+FILM_PX = (960, 720)
+FPS, STEP_S, HOLD_S = 20.0, 1.2, 0.5
+"""Of films: pictures a second, seconds from key frame to key frame, and at the first and the last."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlanView:
+    """A plan as something to look at, with the viewpoint and the colours of its pictures."""
+
+    plan: Plan
+
+    @cached_property
+    def motion(self) -> PlanMotion:
+        """What happens between the key frames."""
+        return PlanMotion(self.plan)
+
+    @cached_property
+    def friction(self) -> ScalarMappable:
+        """Colours of the surfaces."""
+        course = self.plan.course
+        terrain = course.terrain or tuple(put.candidates[0] for put in course.placements)
+        return friction_colours([patch.friction for patch in terrain])
+
+    @cached_property
+    def shape(self) -> RobotShape:
+        """What the robot looks like."""
+        limbs = self.plan.course.robot.limbs
+        size_m = float(np.mean([limb.reach_m for limb in limbs]))
+        return hexapod([limb.name for limb in limbs], np.array([limb.shoulder_m for limb in limbs]), size_m)
+
+    @cached_property
+    def chosen(self) -> list[Patch]:
+        """The patch of every placement."""
+        course = self.plan.course
+        return [course.patch(p, self.plan.choice) for p in range(len(course.placements))]
+
+    @cached_property
+    def bounds_m(self) -> Array:
+        """Lowest and highest coordinates of what is shown, shape (2, 3): chosen patches, bodies, goal, and a margin."""
+        course = self.plan.course
+        mounts = np.array([limb.shoulder_m for limb in course.robot.limbs])
+        bodies = (self.plan.com_m[:, None] + mounts).reshape(-1, 3)
+        points = np.concatenate([*(patch.vertices_m for patch in self.chosen), bodies, course.goal_m[None]])
+        return np.array([points.min(axis=0) - MARGIN_M, points.max(axis=0) + MARGIN_M])
+
+    @cached_property
+    def camera(self) -> Camera:
+        """From where the chosen patches show their faces, and the path is seen from aside."""
+        box, com = self.bounds_m, self.plan.com_m
+        centres, normals = np.array([(patch.centre_m, patch.normal) for patch in self.chosen]).swapaxes(0, 1)
+        length = max(float(np.linalg.norm(com[-1] - com[0])), 1e-9)
+
+        def merit(camera: Camera) -> float:
+            (x, y), _ = camera.project(com[[0, -1]])
+            seen = (y - x) / length
+            faces = np.clip(camera.facing(centres, normals), -0.15, 0.15)
+            return float(faces.mean() + 0.10 * abs(seen[0]) + 0.05 * seen[0] + 0.10 * abs(seen[1]))
+
+        away_m = max(4.5 * self.shape.size_m, 1.25 * float(np.linalg.norm(box[1] - box[0])))
+        return best_view(box.mean(axis=0), away_m, merit, step_deg=7.5, elevations_deg=[18.0, 25.0])
+
+    @cached_property
+    def metres_a_newton(self) -> float:
+        """The largest force of the plan is an arrow of so much of the robot's size."""
+        return LONGEST * self.shape.size_m / max(float(np.linalg.norm(self.plan.forces_n, axis=2).max()), 1e-9)
+
+    @cached_property
+    def fixed(self) -> Scene:
+        """Terrain, and the path of the centre of mass with a dot at every key frame, and the goal."""
+        course, com, size = self.plan.course, self.plan.com_m, self.shape.size_m
+        path = Path(pieces_m=polyline(com), colour=INK, width=1.8, layer=Layer.TOP, lift_m=60.0, halo=True)
+        sizes = [(f"com {k}", at, 0.022, INK) for k, at in enumerate(com)] + [("goal", course.goal_m, 0.06, GOAL)]
+        marks = [
+            Body(name=name, shape=Sphere(share * size), position_m=at, colour=colour, edge="white", layer=Layer.TOP,
+                 lift_m=70.0)
+            for name, at, share, colour in sizes
+        ]  # fmt: skip
+        outlines = [
+            Path(pieces_m=ring(patch.vertices_m + ON_M * patch.normal), colour=colour, opacity=0.4, width=0.9,
+                 layer=Layer.TERRAIN, lift_m=8.0)
+            for patch, colour in zip(self.chosen, self.colours, strict=True)
+        ]  # fmt: skip
+        ground = patches(self.plan.course.terrain, self.bounds_m, self.friction)
+        return ground + Scene(paths=[*outlines, path], bodies=marks)
+
+    def chosen_at(self, frame: int) -> list[Body]:
+        """The chosen patches under the robot at a frame in full colour; of the others ``fixed`` has the outlines."""
+        return [self._windows[int(p)] for p in sorted(set(self.plan.course.holds[frame].tolist()))]
+
+    @cached_property
+    def colours(self) -> list[str]:
+        """Of the limb of every placement."""
+        names = self.plan.course.robot.limb_names
+        return [leg_colour(names.index(put.limb)) for put in self.plan.course.placements]
+
+    @cached_property
+    def _windows(self) -> list[Body]:
+        """Every chosen patch, framed in the colour of its limb."""
+        return [
+            Body(name=f"chosen {p}", shape=hull(np.vstack([patch.vertices_m, patch.vertices_m + ON_M * patch.normal])),
+                 position_m=np.zeros(3), colour=self.friction.to_rgba(np.array(patch.friction))[:3],
+                 edge=self.colours[p], opacity=0.55, layer=Layer.TERRAIN, lift_m=9.0)
+            for p, patch in enumerate(self.chosen)
+        ]  # fmt: skip
+
+    def chains(self, moment: Moment) -> Sequence[Array]:
+        """Joints of every limb at a moment, shape (J, 3) [m], the foot last."""
+        rotation = np.eye(3) + np.cross(np.eye(3), moment.rotation_rad)  # as the planner has it
+        return [
+            limb_of_three(moment.com_m + arm, toe, unit(arm), limb.reach_m)
+            for limb, toe in zip(self.plan.course.robot.limbs, moment.toes_m, strict=True)
+            for arm in [rotation @ limb.shoulder_m]
+        ]
+
+    def at(self, moment: Moment, *, chains: Sequence[Array] | None = None, cone_m: float | None = None) -> Scene:
+        """The robot at a moment, and the forces of limbs that carry, in cones as high as the normal force or so."""
+        joints = self.chains(moment) if chains is None else chains
+        bodies = [
+            *self.shape.bodies(moment.com_m, rotation_of(moment.rotation_rad), joints), *self.chosen_at(moment.frame),
+        ]  # fmt: skip
+        arrows = []
+        for i, (toe, force) in enumerate(zip(moment.toes_m, moment.forces_n, strict=True)):
+            placement = int(self.plan.course.holds[moment.frame, i])
+            height = float(force @ self.chosen[placement].normal) * self.metres_a_newton
+            if height > 1e-9:
+                shape = self._cone(placement, height) if cone_m is None else self._cones[placement]
+                bodies.append(cone_body(f"cone {placement}", shape, toe))
+                arrows.append(self.shape.force(self.shape.limbs[i], toe, self.metres_a_newton * force))
+        return Scene(bodies=bodies, arrows=arrows)
+
+    def _cone(self, placement: int, height_m: float) -> Mesh:
+        """The friction cone of a placement; a wide one is cut to what the picture has room for."""
+        patch = self.chosen[placement]
+        return cone(min(patch.friction, 1.2 * self.shape.size_m / height_m), patch.frame, height_m)
+
+    @cached_property
+    def _cones(self) -> list[Mesh]:
+        return [self._cone(p, 0.3 * self.shape.size_m) for p in range(len(self.chosen))]
+
+    def ghost(self, moment: Moment) -> Scene:
+        """Trunk and limbs as a drawing in thin lines."""
+        rotation = rotation_of(moment.rotation_rad)
+        trunk = Facet(
+            corners_m=moment.com_m + self.shape.outline_m @ rotation.T, normal=rotation[:, 2], colour=GHOST,
+            edge=(*rgb(GHOST), 0.75), width=1.0, opacity=0.16, layer=Layer.SPACE,
+        )  # fmt: skip
+        pieces = np.concatenate([polyline(joints) for joints in self.chains(moment)])
+        return Scene(facets=[trunk], paths=[Path(pieces_m=pieces, colour=GHOST, opacity=0.5, width=1.6)])
+
+    @cached_property
+    def tracks(self) -> Scene:
+        """The path of every toe from placement to placement, dashed."""
+        course, paths = self.plan.course, list[Path]()
+        for p, put in enumerate(course.placements):
+            if put.frame:
+                line = np.array([self.motion.swing(p, part) for part in np.linspace(0.0, 1.0, 26)])
+                paths.append(Path(pieces_m=dashed(line), colour=self.colours[p], opacity=0.55))
+        return Scene(paths=paths)
+
+    def names(self, moment: Moment) -> Scene:
+        """The goal, and every limb with its force."""
+        labels = [Label(name="goal", position_m=self.plan.course.goal_m, text="goal", colour=GOAL)]
+        for k, (limb, toe, force) in enumerate(zip(self.shape.limbs, moment.toes_m, moment.forces_n, strict=True)):
+            text = f"{limb} {np.linalg.norm(force):.0f} N"
+            labels.append(Label(name=limb, position_m=toe, text=text, colour=leg_colour(k)))
+        return Scene(labels=labels)
+
+    def scene(self, frame: int) -> Scene:
+        """The whole picture, the robot in full at one key frame and as ghosts at some others."""
+        moment = self.motion.key(frame)
+        found = self.fixed + self.tracks + self.at(moment) + self.names(moment)
+        for k in ghosts(self.plan, frame):
+            found += self.ghost(self.motion.key(k))
+        return found
+
+    def film(self, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = HOLD_S) -> Motion:
+        """The plan as a motion: it stays at the first and the last key frame, and takes its time between two."""
+        count = frame_count(self.plan, fps=fps, step_s=step_s, hold_s=hold_s)
+        times = [min(max(index / fps - hold_s, 0.0) / step_s, self.motion.end) for index in range(count)]
+        moments = [self.motion.at(time) for time in times]
+        last, height = self.plan.course.frames - 1, 0.3 * self.shape.size_m
+        return Motion(
+            fixed=self.fixed, moments=[self.at(each, cone_m=height) for each in moments], step_s=1.0 / fps,
+            camera=self.camera, title=self.plan.course.name, legend=self.legend,
+            notes=[f"key frame {each.frame} of {last}" for each in moments],
+        )  # fmt: skip
+
+    @property
+    def legend(self) -> list[tuple[Colour, str]]:
+        """What colours mean, for a page."""
+        rows = [(INK, "path of the centre of mass"), (ACCENT, "contact forces in friction cones"), (GOAL, "goal")]
+        for friction in sorted({patch.friction for patch in self.plan.course.terrain})[:6]:
+            words = f"ice, μ = {friction:g}" if friction < ICY else f"friction μ = {friction:g}"
+            rows.append((tint(friction, self.friction), words))
+        return rows
+
+
+@DEFAULT_STYLE
+def draw_plan(
+    plan: Plan, *, frame: int | None = None, caption: str = "", note: str = "", size_px: Size | None = None
+) -> Figure:
+    """Draw a plan over its course.
+
+    frame: the key frame at which the robot is drawn in full, with its contact forces in their friction cones; the last
+    one unless another is named. Some of the others are ghosts. Surfaces are in tints of their friction, icy ones in
+    pale blue with glints, and those between the viewer and the robot are glass; the patches that the plan chose are
+    framed in the colour of their limb. caption, note: title, and what the line below it says first. size_px: width and
+    height; as high as the scene asks for at the usual width where it is None.
+    Raises InvalidInput for a frame that there is not.
+    """
+    frames = plan.course.frames
+    shown = frames - 1 if frame is None else frame
+    if not 0 <= shown < frames:
+        raise InvalidInput(f"frame: expected 0 to {frames - 1}, got {shown}")
+    view = PlanView(plan)
+    still = Still(view.scene(shown), view.camera)
+    low, high = still.frame()
+    fitted = SIZE_PX[0], int(np.clip((SIZE_PX[0] - 48.0) * (high - low)[1] / (high - low)[0] + 162.0, 560.0, 1100.0))
+    figure = sheet(size_px or fitted, fitted)
+    scale = still.paint(plain_axes(figure, 24.0, 70.0, 92.0))
+    entries = [
+        force_entry(scale / view.metres_a_newton, 120.0), Entry(text="cone", sign="cone", colour=ACCENT),
+        Entry(text="centre of mass", sign="path"),
+        Entry(text="chosen", sign="box", colour=leg_colour(0), fill="#d6efd0"),
+    ]  # fmt: skip
+    if any(patch.friction < ICY for patch in plan.course.terrain):
+        entries.append(Entry(text="ice, μ = 0", sign="ice", colour=ICE_EDGE, fill=ICE))
+    draw_legend(figure, 12.0, entries, view.friction)
+    to_goal_mm = 1e3 * float(np.linalg.norm(plan.com_m[-1] - plan.course.goal_m))
+    words = [f"the robot at key frame {shown} of {frames - 1}", f"{to_goal_mm:.0f} mm from goal at the end"]
+    said = "   ·   ".join(filter(None, (note, *words)))
+    headline(figure, caption or f"{plan.course.name}: {frames} key frames", said)
+    return figure
+
+
+def plan_frames(plan: Plan, *, size_px: Size = FILM_PX) -> Iterator[Frame]:
+    """The frames of a film of the plan, uint8 of shape (H, W, 3), one by one, ``FPS`` a second."""
+    return film_frames(PlanView(plan).film(), size_px)
+
+
+def frame_count(plan: Plan, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = HOLD_S) -> int:
+    """Pictures of a film of the plan."""
+    return round(fps * (step_s * (plan.course.frames - 1) + 2.0 * hold_s)) + 1
+
+
+def ghosts(plan: Plan, shown: int) -> list[int]:
+    """Key frames to show beside one, evenly spread and the first among them."""
+    others = np.linspace(0, plan.course.frames - 1, GHOSTS + 1).round().astype(int).tolist()
+    return sorted(set(others) - {shown})[:GHOSTS]

@@ -1,0 +1,298 @@
+"""The picture of a posture: patches, the robot on them, its contact forces in their cones, and an envelope."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.figure import Figure
+
+from stancekit.planners.answer.outcome import Posture
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array, frozen
+from stancekit.planners.problem import PostureProblem
+from stancekit.planners.relaxation.envelope import Envelope
+from stancekit.planners.robot.rotation import rotation_of
+from stancekit.planners.terrain import Patch
+
+from .camera import Camera, best_view
+from .envelope_strip import draw_strip
+from .legend import Entry, draw_legend, force_entry, mark_com
+from .robots import RobotShape, ball, cone, cone_body, hexapod, limb_of_three
+from .scene import UP, Arrow, Body, Facet, Label, Layer, Path, Scene
+from .shapes import Box, dashed, unit
+from .sheet import (
+    ACCENT,
+    DEFAULT_STYLE,
+    INK,
+    LEG_COLOURS,
+    SIZE_PX,
+    Size,
+    friction_colours,
+    headline,
+    leg_colour,
+    plain_axes,
+    sheet,
+)  # fmt: skip
+from .still import Still
+from .terrain import plane, stone
+
+WEIGHT_ARROW = 0.8
+"""Length of an arrow as heavy as the robot, in units of the mean reach."""
+COUNT_WORDS = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PostureView:
+    """A posture problem, and a posture where there is one, as something to look at."""
+
+    problem: PostureProblem
+    posture: Posture | None
+
+    @property
+    def patches(self) -> list[Patch]:
+        """Where the limbs stand."""
+        return [contact.patch for contact in self.problem.contacts]
+
+    @property
+    def com_m(self) -> Array:
+        """Of the posture, else the nominal one, shape (3,)."""
+        return self.problem.com_nominal_m if self.posture is None else self.posture.com_m
+
+    @cached_property
+    def rotation_rad(self) -> Array:
+        """Θ, zero without a posture, shape (3,)."""
+        return np.zeros(3) if self.posture is None else self.posture.rotation_rad
+
+    @cached_property
+    def turn(self) -> Array:
+        """I + [Θ]×, shape (3, 3)."""
+        return np.asarray(np.eye(3) + np.cross(np.eye(3), self.rotation_rad))
+
+    @cached_property
+    def shape(self) -> RobotShape:
+        """What the robot looks like."""
+        return hexapod(self.problem.legs, self.mounts_m, self.size_m)
+
+    @property
+    def mounts_m(self) -> Array:
+        """Shoulders in the body frame, shape (N, 3)."""
+        return np.array([contact.shoulder_m for contact in self.problem.contacts])
+
+    @property
+    def shoulders_m(self) -> Array:
+        """Shoulders in the world, shape (N, 3)."""
+        return np.asarray(self.com_m + self.mounts_m @ self.turn.T)
+
+    @cached_property
+    def size_m(self) -> float:
+        """Mean reach: the size of the robot."""
+        return float(np.mean([contact.reach_m for contact in self.problem.contacts]))
+
+    @cached_property
+    def extent_m(self) -> Array:
+        """Lowest and highest coordinates of patches and shoulders before anything is solved, shape (2, 3)."""
+        vertices = [patch.vertices_m for patch in self.patches]
+        points = np.concatenate([*vertices, self.problem.com_nominal_m + self.mounts_m])
+        return np.array([points.min(axis=0), points.max(axis=0)])
+
+    @property
+    def grid_m(self) -> float:
+        """0.1 m, or in a large scene a larger power of ten."""
+        return float(0.1 * 10.0 ** max(0.0, np.ceil(np.log10(np.max(self.extent_m[1] - self.extent_m[0]) / 3.0))))
+
+    @property
+    def metres_a_newton(self) -> float:
+        """Length of the arrow of a force."""
+        return WEIGHT_ARROW * self.size_m / self.problem.weight_n
+
+    @cached_property
+    def friction(self) -> ScalarMappable:
+        """Colours of the patches."""
+        return friction_colours([patch.friction for patch in self.patches])
+
+    @cached_property
+    def camera(self) -> Camera:
+        """From where the patches show their faces, stand apart and are not behind the body."""
+        centres, normals = np.array([(patch.centre_m, patch.normal) for patch in self.patches]).swapaxes(0, 1)
+        home = self.problem.com_nominal_m
+        points = np.concatenate([centres, home + self.mounts_m])
+        radius = max(float(np.mean(np.linalg.norm(self.mounts_m[:, :2], axis=1))), 0.1 * self.size_m)
+
+        def merit(camera: Camera) -> float:
+            shown = float(camera.facing(centres, normals).min())
+            xy, _ = camera.project(points)
+            apart = np.linalg.norm(xy[:, None] - xy[None], axis=-1) + 9.0 * np.eye(len(xy))
+            clear = np.linalg.norm(xy[: len(centres)] - camera.project(home)[0], axis=1)
+            return 3.0 * min(shown, 0.3) + float(apart.min()) / self.size_m + min(float(clear.min()) / radius, 1.2)
+
+        away_m = max(4.5 * self.size_m, 1.5 * float(np.linalg.norm(self.extent_m[1] - self.extent_m[0])))
+        return best_view(self.extent_m.mean(axis=0), away_m, merit, step_deg=7.5, elevations_deg=[20.0, 27.0])
+
+    def chains(self) -> list[Array]:
+        """Shoulder, hip, knee and toe of every limb, shape (4, 3) each; none without a posture."""
+        if self.posture is None:
+            return []
+        parts = zip(self.shoulders_m, self.posture.toes_m, self.problem.contacts, strict=True)
+        return [limb_of_three(at, toe, unit(self.turn @ each.shoulder_m), each.reach_m) for at, toe, each in parts]
+
+    def scene(self, envelope: Envelope | None) -> Scene:
+        """All of it."""
+        shape, rotation = self.shape, rotation_of(self.rotation_rad)
+        found = self._terrain() + self._com()
+        if self.posture is None:
+            found += Scene(bodies=shape.trunk_at(self.com_m, rotation, opacity=0.55)) + self._missing()
+        else:
+            found += Scene(bodies=shape.bodies(self.com_m, rotation, self.chains())) + self._forces(self.posture)
+        if envelope is not None:
+            found += Scene(bodies=self._boxes(envelope))
+        return found
+
+    def _terrain(self) -> Scene:
+        """Patches as the faces of stones on a wall or on the ground: one plane for each direction they face."""
+        sides: dict[tuple[int, float], list[Patch]] = {}
+        for patch in self.patches:
+            axis = int(np.argmax(np.abs(patch.normal)))
+            sides.setdefault((axis, float(np.sign(patch.normal[axis]))), []).append(patch)
+        found = Scene()
+        for (axis, sign), patches in sides.items():
+            level = sign * (min(float(np.min(sign * patch.vertices_m[:, axis])) for patch in patches) - 0.02)
+            low, high = self.extent_m + 0.1 * self.size_m * np.array([[-1.0], [1.0]])
+            found += plane(axis, sign, np.where(np.arange(3) == axis, level, [low, high]), self.grid_m)
+            if (axis, sign) == (2, 1.0):
+                found += self._shadow(level)
+            for patch in patches:
+                behind = bool(self.camera.facing(patch.centre_m, patch.normal) < 0.0)
+                colour = self.friction.to_rgba(np.array(patch.friction))[:3]
+                found += stone(patch, axis, level, colour, behind=behind)
+        return found
+
+    def _shadow(self, level: float) -> Scene:
+        """What the robot would shade of level ground under a high sun."""
+        outlines = [self.com_m + self.shape.outline_m @ rotation_of(self.rotation_rad).T]
+        for a, b in (pair for joints in self.chains() for pair in pairwise(joints)):
+            aside, on = 0.035 * self.size_m * unit(np.cross(UP, b - a)), 0.02 * self.size_m * unit(b - a)
+            outlines.append(np.array([a - on + aside, b + on + aside, b + on - aside, a - on - aside]))
+        return Scene(
+            facets=[
+                Facet(corners_m=np.where([False, False, True], level, outline), normal=UP, colour="#e3e7ec",
+                      layer=Layer.BACKDROP, lift_m=-66.0)
+                for outline in outlines
+            ]
+        )  # fmt: skip
+
+    def _forces(self, posture: Posture) -> Scene:
+        """Contact forces from the toes in cones as high as the normal force, and the weight."""
+        scale, thickness = self.metres_a_newton, 0.016 * self.size_m
+        bodies, arrows, labels = list[Body](), list[Arrow](), list[Label]()
+        for k, contact in enumerate(self.problem.contacts):
+            patch, toe, force = contact.patch, posture.toes_m[k], posture.forces_n[k]
+            height = max(float(force @ patch.normal) * scale, 0.15 * self.size_m)
+            height = min(height, self.size_m / max(patch.friction, 1e-9))
+            bodies.append(cone_body(f"{contact.leg} cone", cone(patch.friction, patch.frame, height), toe))
+            arrows.append(
+                Arrow(name=contact.leg, start_m=toe, vector_m=scale * force, radius_m=thickness, colour=ACCENT)
+            )
+            text = f"{contact.leg} {np.linalg.norm(force):.0f} N"
+            labels.append(Label(name=contact.leg, position_m=toe, text=text, colour=leg_colour(k)))
+        weight = -scale * self.problem.weight_n * UP
+        arrows.append(Arrow(name="weight", start_m=self.com_m, vector_m=weight, radius_m=thickness, colour=INK))
+        words = f"{self.problem.weight_n:.1f} N"
+        return Scene(
+            bodies=bodies, arrows=arrows,
+            labels=[Label(name="weight", position_m=self.com_m + weight, text=words, colour=INK), *labels],
+        )  # fmt: skip
+
+    def _missing(self) -> Scene:
+        """Without a posture: a line from every shoulder to its patch, where the limb's name is."""
+        bodies, paths, labels = list[Body](), list[Path](), list[Label]()
+        for k, (contact, shoulder) in enumerate(zip(self.problem.contacts, self.shoulders_m, strict=True)):
+            centre, colour = contact.patch.centre_m, leg_colour(k)
+            paths.append(Path(pieces_m=dashed(np.linspace(shoulder, centre, 26)), colour=colour, width=1.6))
+            bodies.append(ball(f"{contact.leg} shoulder", shoulder, 0.05 * self.size_m, colour))
+            labels.append(Label(name=contact.leg, position_m=centre, text=contact.leg, colour=colour))
+        return Scene(bodies=bodies, paths=paths, labels=labels)
+
+    def _boxes(self, envelope: Envelope) -> list[Body]:
+        """The envelope's bounds on p about the centre of mass."""
+        low, high = (self.com_m + self.problem.length_scale_m * bounds for bounds in envelope.position)
+        return [
+            Body(name=f"{leg} bounds", shape=Box(0.5 * (high[k] - low[k])), position_m=0.5 * (low[k] + high[k]),
+                 colour=leg_colour(k), edge=leg_colour(k), opacity=0.05)
+            for k, leg in enumerate(self.problem.legs)
+        ]  # fmt: skip
+
+    def _com(self) -> Scene:
+        """The outline of the ball that the centre of mass may move in."""
+        turn = np.linspace(0.0, 2.0 * np.pi, 49)
+        circle = np.column_stack([np.cos(turn), np.sin(turn)]) @ self.camera.axes[:2]
+        outline = self.problem.com_nominal_m + self.problem.com_radius_m * circle
+        fill = Facet(
+            corners_m=outline, normal=self.camera.axes[2], colour=INK, opacity=0.04, layer=Layer.TOP, lift_m=-9.0
+        )
+        edge = Path(pieces_m=dashed(outline), colour=INK, opacity=0.5, layer=Layer.TOP, lift_m=-9.0)
+        return Scene(facets=[fill], paths=[edge])
+
+
+@DEFAULT_STYLE
+def draw_posture(
+    problem: PostureProblem,
+    posture: Posture | None = None,
+    *,
+    envelope: Envelope | None = None,
+    caption: str = "",
+    size_px: Size = SIZE_PX,
+) -> Figure:
+    """Draw a posture problem, and a posture and an envelope where given.
+
+    Patches are coloured by friction and stand out of the wall or ground behind them; the force at a toe is an arrow in
+    its friction cone, which is as high as the normal force. The envelope's bounds on p are boxes about the centre of
+    mass, and a strip below shows all of its bounds with the posture in them. Without a posture the body is shown at the
+    nominal centre of mass, and the caption says so. size_px: width and height. Raises InvalidInput.
+    """
+    count = len(problem.contacts)
+    if posture is not None:
+        for name, shape in (("com_m", (3,)), ("rotation_rad", (3,)), ("toes_m", (count, 3)), ("forces_n", (count, 3))):
+            frozen(getattr(posture, name), shape, f"posture: {name}")
+    if envelope is not None and envelope.contacts != count:
+        raise InvalidInput(f"envelope: expected {count} contacts, got {envelope.contacts}")
+    view = PostureView(problem=problem, posture=posture)
+    figure, foot = sheet(size_px), 0.0 if envelope is None else 252.0
+    axes = plain_axes(figure, 24.0, foot + 70.0, 92.0)
+    scale = Still(view.scene(envelope), view.camera).paint(axes)
+    mark_com(axes, view.camera.project(view.com_m)[0].tolist(), 8.0 * scale)
+    entries = [Entry(text="centre of mass, allowed ball", sign="ball")]
+    if posture is not None:
+        force = force_entry(scale / view.metres_a_newton, 160.0 if envelope is None else 95.0)
+        entries = [force, Entry(text="friction cone", sign="cone", colour=ACCENT), *entries]
+    if envelope is not None:
+        entries.append(Entry(text="envelope on $p$", sign="box", colour=LEG_COLOURS[0], fill="#e7f1f3"))
+        draw_strip(figure, problem.legs, envelope, None if posture is None else _point(problem, posture))
+    draw_legend(figure, foot + 12.0, entries, view.friction)
+    headline(figure, *_words(view, caption), alarm=posture is None)
+    return figure
+
+
+def _words(view: PostureView, caption: str) -> tuple[str, str]:
+    """Title and the line below it."""
+    problem, posture = view.problem, view.posture
+    weight = f"{problem.weight_n:.1f} N"
+    if posture is None:
+        title = caption or f"{len(problem.contacts)} contacts, {weight}: no posture"
+        return title, "no posture (infeasible or unsolved): patches, and the shoulders at the nominal centre of mass"
+    count = len(problem.contacts)
+    limbs = f"{COUNT_WORDS[count] if count < len(COUNT_WORDS) else count} limb{'s' if count > 1 else ''}"
+    away_mm = 1e3 * float(np.linalg.norm(posture.com_m - problem.com_nominal_m))
+    tilt_deg = np.rad2deg(np.linalg.norm(posture.rotation_rad))
+    moved = f"centre of mass {away_mm:.0f} mm from nominal   ·   body turned by {tilt_deg:.1f}°"
+    return caption or f"held by {limbs}, {weight}", f"{moved}   ·   grid {view.grid_m:g} m"
+
+
+def _point(problem: PostureProblem, posture: Posture) -> Array:
+    """[p, f] of E2–E4, shape (N, 6)."""
+    frames = np.array([contact.patch.frame for contact in problem.contacts])
+    forces = np.einsum("nji,nj->ni", frames, posture.forces_n) / float(problem.force_scale_n or 1.0)
+    return np.concatenate([(posture.toes_m - posture.com_m) / problem.length_scale_m, forces], axis=1)

@@ -1,0 +1,145 @@
+"""The one drawer of robots: a trunk of any shapes, limbs as bars between joints, and feet in the limbs' colours."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from matplotlib.colors import to_rgb as rgb
+
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.single_body import GaitRobot
+
+from .scene import UP, Arrow, Body, Colour, between
+from .shapes import Box, Mesh, Shape, Sphere, hull, prism, unit
+from .sheet import ACCENT, leg_colour
+
+STEEL, JOINT, RIM, SHELL = "#5b6b7b", "#8593a1", "#2b3642", "#dfe6ee"
+PAPER = np.array(rgb("#f4f1ea"))
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A shape that goes with the trunk, in the trunk's frame."""
+
+    shape: Shape
+    colour: Colour
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotShape:
+    """What a robot looks like.
+
+    outline_m: of its trunk from above, shape (K, 3) in its frame; size_m: its size, which forces and marks are drawn
+    to; bone_m: thickness of its limbs.
+    """
+
+    limbs: Sequence[str]
+    trunk: Sequence[Part]
+    outline_m: Array
+    size_m: float
+    bone_m: float
+
+    def bodies(self, position_m: Array, rotation: Array, chains: Sequence[Array], *, prefix: str = "") -> list[Body]:
+        """The robot with its trunk at p_WB, R_WB, and the joints of every limb, shape (J, 3) [m] each, foot last."""
+        found = self.trunk_at(position_m, rotation, prefix=prefix)
+        for k, (limb, joints) in enumerate(zip(self.limbs, chains, strict=True)):
+            name = f"{prefix}{limb}"
+            sizes = self.bone_m * np.linspace(1.4, 0.95, len(joints))
+            ends = [*0.85 * sizes[:-1], 0.5 * sizes[-1]]
+            found += [
+                between(f"{name} link {j}", joints[j], joints[j + 1], (ends[j], ends[j + 1]), STEEL, RIM)
+                for j in range(len(joints) - 1)
+            ]
+            colours = [JOINT] * (len(joints) - 1) + [leg_colour(k)]
+            found += [
+                ball(f"{name} joint {j}", at, float(size), colour)
+                for j, (at, size, colour) in enumerate(zip(joints, sizes, colours, strict=True))
+            ]
+        return found
+
+    def trunk_at(self, position_m: Array, rotation: Array, *, prefix: str = "", opacity: float = 1.0) -> list[Body]:
+        """The trunk alone."""
+        return [
+            Body(name=f"{prefix}trunk {k}", shape=part.shape, position_m=position_m, rotation=rotation,
+                 colour=part.colour, edge=STEEL, opacity=opacity)
+            for k, part in enumerate(self.trunk)
+        ]  # fmt: skip
+
+    def force(self, limb: str, foot_m: Array, vector_m: Array, *, prefix: str = "") -> Arrow:
+        """The arrow of a contact force at a foot, as long as drawn."""
+        return Arrow(
+            name=f"{prefix}{limb}", start_m=foot_m, vector_m=vector_m, radius_m=0.019 * self.size_m, colour=ACCENT
+        )
+
+
+def hexapod(limbs: Sequence[str], shoulders_m: Array, size_m: float) -> RobotShape:
+    """A deck with six corners, one at the first shoulder; shoulders in the body's frame, shape (N, 3) [m]."""
+    radius = max(float(np.mean(np.linalg.norm(shoulders_m[:, :2], axis=1))), 0.1 * size_m)
+    turn = np.arctan2(shoulders_m[0, 1], shoulders_m[0, 0]) + np.pi / 3.0 * np.arange(6)
+    ring, thick = radius * np.column_stack([np.cos(turn), np.sin(turn), 0.0 * turn]), 0.06 * size_m
+    deck = [share * ring + height * UP for share, height in ((0.97, -thick), (0.97, thick), (0.72, 2.0 * thick))]
+    nose = _nose(0.36 * radius, 0.55 * radius, 0.2 * radius, 2.0 * thick)
+    return RobotShape(
+        limbs=limbs, trunk=[Part(hull(np.concatenate(deck)), SHELL), Part(nose, STEEL)], outline_m=0.97 * ring,
+        size_m=size_m, bone_m=0.033 * size_m,
+    )  # fmt: skip
+
+
+def single_body(robot: GaitRobot) -> RobotShape:
+    """A box of the trunk's measures."""
+    half, size = robot.trunk_half_m, robot.stand_height_m
+    nose = _nose(0.55 * half[0], 0.9 * half[0], 0.45 * half[1], half[2])
+    outline = np.array([(1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (1.0, -1.0, 0.0)]) * half
+    return RobotShape(
+        limbs=robot.foot_names, trunk=[Part(Box(half), SHELL), Part(nose, STEEL)], outline_m=outline, size_m=size,
+        bone_m=0.045 * size,
+    )  # fmt: skip
+
+
+def bent(hip: Array, foot: Array, bend: Array, thigh_m: float, shank_m: float) -> Array:
+    """Hip, knee and foot of a leg whose knee bends this way, shape (3, 3) [m]: a guess, for the eye."""
+    line = foot - hip
+    length = max(float(np.linalg.norm(line)), 1e-6)
+    ahead = (length**2 + thigh_m**2 - shank_m**2) / (2.0 * length)
+    aside = unit(bend - (bend @ line) * line / length**2)
+    return np.array([hip, hip + ahead / length * line + np.sqrt(max(thigh_m**2 - ahead**2, 0.0)) * aside, foot])
+
+
+def limb_of_three(shoulder: Array, foot: Array, outward: Array, reach_m: float) -> Array:
+    """Shoulder, hip, knee and foot of a limb whose knee bends up and outward, shape (4, 3) [m]: a guess."""
+    hip = shoulder + 0.13 * reach_m * unit(outward + 0.5 * unit(foot - shoulder))
+    thigh, shank = np.array([0.44, 0.54]) * max(reach_m, 1.03 * float(np.linalg.norm(foot - hip)))
+    return np.vstack([shoulder, bent(hip, foot, UP + 0.5 * outward, thigh, shank)])
+
+
+def ball(name: str, position_m: Array, radius_m: float, colour: Colour) -> Body:
+    """A joint or a foot."""
+    return Body(name=name, shape=Sphere(radius_m), position_m=position_m, colour=colour, edge=RIM)
+
+
+def cone(friction: float, frame: Array, height_m: float) -> Mesh:
+    """The friction cone μ over a contact frame, shape (3, 3), normal first, with its tip at the origin."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
+    across = np.column_stack([np.cos(turn), np.sin(turn)]) @ frame[:, 1:].T
+    return hull(np.vstack([np.zeros(3), height_m * (frame[:, 0] + max(friction, 1e-3) * across)]))
+
+
+def cone_body(name: str, shape: Mesh, foot_m: Array) -> Body:
+    """A friction cone at a foot."""
+    return Body(name=name, shape=shape, position_m=foot_m, colour=ACCENT, edge=ACCENT, opacity=0.10)
+
+
+def faded(bodies: Sequence[Body], strength: float) -> list[Body]:
+    """The same bodies, paler the smaller the strength, 0 to 1."""
+
+    def tone(colour: Colour) -> Colour:
+        return None if colour is None else tuple(strength * np.array(rgb(colour)) + (1.0 - strength) * PAPER)
+
+    return [replace(body, colour=tone(body.colour), edge=tone(body.edge)) for body in bodies]
+
+
+def _nose(back: float, tip: float, half: float, height: float) -> Mesh:
+    """A thin triangle that points ahead."""
+    return prism(np.array([[tip, 0.0], [back, half], [back, -half]]), height, height + 0.1 * half)

@@ -1,0 +1,139 @@
+"""Shapes and their surfaces: capsule, sphere, box and mesh, and the solids and lines that pictures are made of."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import ConvexHull
+
+from stancekit.planners.files.arrays import Array
+
+Faces = NDArray[np.int64]
+"""Corners of faces by index, shape (F, 3) or (F, 4), to the left as seen from outside."""
+AROUND = 16
+"""Corners of what is round."""
+TURN = np.linspace(0.0, 2.0 * np.pi, AROUND, endpoint=False)
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """A round bar along z about the origin, with these radii below and above [m]."""
+
+    length_m: float
+    radii_m: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball about the origin."""
+
+    radius_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A box about the origin. half_m: half its sides, shape (3,) [m]."""
+
+    half_m: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """Corners, shape (V, 3) [m], and faces, shape (F, 3)."""
+
+    vertices_m: Array
+    faces: Faces
+
+
+Shape = Capsule | Sphere | Box | Mesh
+
+
+def triangles_of(faces: Faces) -> Faces:
+    """Faces of four corners in halves, shape (2 F, 3)."""
+    return faces if faces.shape[1] == 3 else np.concatenate([faces[:, :3], faces[:, [0, 2, 3]]])
+
+
+def mesh_of(shape: Shape) -> tuple[Array, Faces]:
+    """Corners, shape (V, 3) [m], and faces of a shape."""
+    match shape:
+        case Mesh(vertices, faces):
+            return vertices, faces
+        case Box(half):
+            corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * half
+            sides = ["0132", "4675", "0451", "2376", "0264", "1573"]
+            return corners, np.array([[int(k) for k in side] for side in sides])
+        case Sphere(radius):
+            turn = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 9)
+            return turned(radius * np.column_stack([np.cos(turn), np.sin(turn)]))
+        case Capsule(length, (low, high)):
+            turn = np.linspace(0.0, 0.5 * np.pi, 5)
+            cap = np.column_stack([np.cos(turn), np.sin(turn)])
+            bar = np.column_stack([np.linspace(low, high, 7), length * np.linspace(-0.5, 0.5, 7)])
+            below = low * cap[:0:-1] * [1.0, -1.0] - [0.0, 0.5 * length]
+            return turned(np.concatenate([below, bar, high * cap[1:] + [0.0, 0.5 * length]]))
+    raise TypeError(shape)
+
+
+def turned(profile: Array) -> tuple[Array, Faces]:
+    """The solid of a profile (distance from z, height), shape (K, 2) [m] and upward, turned around z."""
+    ring = np.column_stack([np.cos(TURN), np.sin(TURN)])
+    corners = np.concatenate([np.column_stack([radius * ring, np.full(AROUND, z)]) for radius, z in profile])
+    row, column = np.meshgrid(np.arange(len(profile) - 1), np.arange(AROUND), indexing="ij")
+    ahead = (column + 1) % AROUND
+    quads = [AROUND * row + column, AROUND * row + ahead, AROUND * (row + 1) + ahead, AROUND * (row + 1) + column]
+    return corners, np.stack(quads, axis=-1).reshape(-1, 4)
+
+
+def hull(points: Array) -> Mesh:
+    """The convex solid of these corners, shape (K, 3) [m]."""
+    found = ConvexHull(points)
+    outward = np.cross(points[found.simplices[:, 1]] - points[found.simplices[:, 0]],
+                       points[found.simplices[:, 2]] - points[found.simplices[:, 0]])  # fmt: skip
+    inward = np.einsum("ij,ij->i", outward, found.equations[:, :3]) < 0.0
+    return Mesh(points, np.where(inward[:, None], found.simplices[:, ::-1], found.simplices))
+
+
+def prism(outline: Array, low_m: float, high_m: float) -> Mesh:
+    """The convex prism over an outline in the plane, shape (K, 2) [m]."""
+    return hull(np.concatenate([np.column_stack([outline, np.full(len(outline), z)]) for z in (low_m, high_m)]))
+
+
+def disc(normal: Array, radius_m: float) -> Mesh:
+    """A thin round plate across a normal: a foothold."""
+    ends = prism(radius_m * np.column_stack([np.cos(TURN), np.sin(TURN)]), 0.0, 0.08 * radius_m)
+    return Mesh(ends.vertices_m @ along(normal).T, ends.faces)
+
+
+def arrow_profile(length: float, radius: float) -> Array:
+    """Profile of an arrow: the shaft from the origin, and its head."""
+    neck = length - min(5.5 * radius, 0.6 * length)
+    return np.array([[0.0, 0.0], [radius, 0.0], [radius, neck], [2.4 * radius, neck], [0.0, length]])
+
+
+def along(direction: Array) -> Array:
+    """A rotation that turns z into a direction, shape (3, 3)."""
+    z = unit(direction)
+    x = unit(np.cross(np.eye(3)[int(np.argmin(np.abs(z)))], z))
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+def unit(vector: Array) -> Array:
+    """The vector over its length; zero stays zero."""
+    return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-12))
+
+
+def polyline(points: Array) -> Array:
+    """A line through points, shape (K, 3), in straight pieces, shape (K − 1, 2, 3)."""
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def dashed(points: Array) -> Array:
+    """Every second piece of a line through points, shape (K, 3)."""
+    return polyline(points)[::2]
+
+
+def ring(points: Array) -> Array:
+    """A line through points and back to the first, in straight pieces."""
+    return np.stack([points, np.roll(points, -1, axis=0)], axis=1)
