@@ -18,7 +18,7 @@ frames: 6
 gait: wave
 start_m: [0.0, 0.0, {0}]
 goal_m: [0.2, 0.0, {0}]
-body: {{com_radius_m: {1}, first_radius_m: 0.01, tilt_limit_rad: 0.01}}
+body: {{com_radius_m: {1}, first_radius_m: 0.005, tilt_limit_rad: 0.01}}
 terrain: {{kind: flat, friction: {2}}}
 """
 
@@ -42,7 +42,7 @@ def planned(folder: Path, capsys: pytest.CaptureFixture[str], *values: float) ->
 
 
 def test_joint_angles_come_with_a_plan(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, record = planned(folder, capsys, 0.44, 0.05, 0.7)
+    code, record = planned(folder, capsys, 0.5, 0.005, 0.7)
     assert (code, record["status"]) == (0, "feasible")
     assert record["joints"]["reached"]
     assert [leg["joints"][0] for leg in record["joints"]["legs"]] == ["LF_HAA", "RF_HAA", "LH_HAA", "RH_HAA"]
@@ -52,12 +52,12 @@ def test_joint_angles_come_with_a_plan(folder: Path, capsys: pytest.CaptureFixtu
 def test_a_body_that_is_higher_than_the_legs_are_long_is_proved_infeasible(
     folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    code, record = planned(folder, capsys, 0.68, 0.01, 0.7)
+    code, record = planned(folder, capsys, 0.64, 0.005, 0.7)
     assert (code, record["status"]) == (1, "infeasible")
 
 
 def test_what_is_between_inner_and_outer_sets_is_undecided(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, record = planned(folder, capsys, 0.615, 0.001, 0.7)
+    code, record = planned(folder, capsys, 0.58, 0.005, 0.7)
     assert (code, record["status"]) == (1, "undecided")
     assert record["message"] == (
         "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
