@@ -106,7 +106,6 @@ class PlanCourse:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.planners.answer.proof_file import write_proof
         from stancekit.planners.problem.course_file import read_course, read_robot
-        from stancekit.planners.robot.plan_postures import plan_postures
         from stancekit.planners.search.friction_margin import plan_with_reserve
 
         self._check()
@@ -118,7 +117,7 @@ class PlanCourse:
                 course, outcome = self._refuted(planner, course, outcome)
             bar(1, 1)
         report = None if outcome.plan is None else self._write(outcome.plan)
-        joints = None if outcome.plan is None or model is None else plan_postures(model, outcome.plan)
+        joints = None if outcome.plan is None or model is None else _joints(model, outcome.plan)
         proved = outcome.certificate is not None
         message = _message(course, outcome)
         if self.proof is not None and outcome.certificate is not None:
