@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -17,6 +17,7 @@ from stancekit.planners.errors import InvalidInput
 from .console import as_options, complain, emit, out, progress
 from .names import named
 from .options import OptionalInt, OptionalPath, OptionalText
+from .robot_plan import joints_of, refuted
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
@@ -114,10 +115,11 @@ class PlanCourse:
         with progress(f"plan {course.name} by {self.planner}") as bar:
             outcome = plan_with_reserve(planner, course) if self._reserved() else planner.solve(course)
             if model is not None and outcome.certificate is not None:
-                course, outcome = self._refuted(planner, course, outcome)
+                around = read_course(self.course, self.frames, self.robot, "outer")
+                course, outcome = refuted(course, outcome, around, planner.solve(around))
             bar(1, 1)
         report = None if outcome.plan is None else self._write(outcome.plan)
-        joints = None if outcome.plan is None or model is None else _joints(model, outcome.plan)
+        joints = None if outcome.plan is None or model is None else joints_of(model, outcome.plan)
         proved = outcome.certificate is not None
         message = _message(course, outcome)
         if self.proof is not None and outcome.certificate is not None:
@@ -136,21 +138,6 @@ class PlanCourse:
             if self.proof is not None:
                 complain(f"wrote {self.proof}" if proved else f"{self.proof}: not written, since nothing is proved")
         return int(report is None or not report.accepted or (joints is not None and not joints.reached))
-
-    def _refuted(self, planner: CoursePlanner, course: Course, outcome: PlanOutcome) -> tuple[Course, PlanOutcome]:
-        """A course and what is proved of it: that there is no plan within what the legs surely reach says nothing of
-        the robot, that there is none within what they might reach does."""
-        from stancekit.planners.answer.outcome import Status
-        from stancekit.planners.problem.course_file import read_course
-
-        around = read_course(self.course, self.frames, self.robot, "outer")
-        second = planner.solve(around)
-        if second.certificate is not None:
-            return around, second
-        message = "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
-        return course, replace(
-            outcome, status=Status.UNDECIDED, certificate=None, bound=math.nan, message=message, claim=""
-        )
 
     def _reserved(self) -> bool:
         return self.reserve and self.planner == "two-stage"
