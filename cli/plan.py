@@ -16,7 +16,8 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
 from .names import named
-from .options import OptionalInt, OptionalPath
+from .options import OptionalInt, OptionalPath, OptionalText
+from .robot_plan import joints_of, refuted
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
@@ -67,6 +68,9 @@ class PlanCourse:
     relaxation: Literal["lift", "envelope", None] = None
     """First stage of two-stage: lift needs nothing learned, envelope is the paper's and needs --envelope; the one that
     fits unless named."""
+    robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME")] = None
+    """Another robot than the course's: a built-in name, a .urdf file, or a .yaml file that names one (extra kin). Plans
+    use what its legs reach, and joint angles are found for every key frame."""
     envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for two-stage and micp, as `stancekit fit` writes it; for two-stage also a file of modes."""
     projection: Literal["scp", "fix-p", "fix-toes"] = "scp"
@@ -102,31 +106,38 @@ class PlanCourse:
     def run(self) -> int:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.planners.answer.proof_file import write_proof
-        from stancekit.planners.problem.course_file import read_course
+        from stancekit.planners.problem.course_file import read_course, read_robot
         from stancekit.planners.search.friction_margin import plan_with_reserve
 
         self._check()
         planner = self._planner()
-        course = read_course(self.course, self.frames)
+        course, model = read_course(self.course, self.frames, self.robot), read_robot(self.course, self.robot)
         with progress(f"plan {course.name} by {self.planner}") as bar:
             outcome = plan_with_reserve(planner, course) if self._reserved() else planner.solve(course)
+            if model is not None and outcome.certificate is not None:
+                around = read_course(self.course, self.frames, self.robot, "outer")
+                course, outcome = refuted(course, outcome, around, planner.solve(around))
             bar(1, 1)
         report = None if outcome.plan is None else self._write(outcome.plan)
+        joints = None if outcome.plan is None or model is None else joints_of(model, outcome.plan)
         proved = outcome.certificate is not None
         message = _message(course, outcome)
         if self.proof is not None and outcome.certificate is not None:
             write_proof(self.proof, course, outcome.certificate)
         if self.json:
-            emit(self._record(course, outcome, report, message))
+            record = self._record(course, outcome, report, message)
+            emit(record if joints is None else record | {"joints": joints.to_json()})
         else:
             out.print(_table(course, outcome))
             for line in [] if outcome.plan is None or report is None else self._said(outcome.plan, report):
                 out.print(line, highlight=False)
+            if joints is not None:
+                out.print(joints.message, highlight=False)
         if report is None:
             complain(f"stancekit: no plan: {course.name}: {message or outcome.claim or outcome.status.value}")
             if self.proof is not None:
                 complain(f"wrote {self.proof}" if proved else f"{self.proof}: not written, since nothing is proved")
-        return int(report is None or not report.accepted)
+        return int(report is None or not report.accepted or (joints is not None and not joints.reached))
 
     def _reserved(self) -> bool:
         return self.reserve and self.planner == "two-stage"

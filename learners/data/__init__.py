@@ -1,1 +1,1 @@
-"""Data sets of labelled postures (paper E, Algorithm 1): drawing, files, processes, episodes for others."""
+"""Data sets of labelled postures (Algorithm E1): drawing, files, processes, episodes for others."""

@@ -86,7 +86,7 @@ class Dataset:
     Raises:
         InvalidInput: from ``open``, for a folder that is missing, foreign, damaged or of another version.
     Source:
-        Paper E Algorithm 1.
+        Algorithm E1.
     Example:
         >>> import stancekit
         >>> rows = stancekit.label("wall-3", "train", feasible=6, infeasible=6)

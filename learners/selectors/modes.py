@@ -47,7 +47,7 @@ def learn_modes(
 
 
 def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
-    """A mode a data set, in their order: the quantile box around S of Algorithm 1, the forces in world axes.
+    """A mode a data set, in their order: the quantile box around S of Algorithm E1, the forces in world axes.
 
     share: as for ``learn_modes``. The modes are named after the terrains of the distributions, or after these where
     they do not say theirs. Raises InvalidInput for fewer than two data sets, for different limbs, and for one without

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
@@ -19,16 +19,26 @@ from .course_layout import lay_out
 from .posture import FORMAT as POSTURE
 from .posture import PostureProblem
 
+if TYPE_CHECKING:
+    from ..robot.contact_robot import Sets
+    from ..robot.robot_model import RobotModel
 
-def read_course(course: str | Path, frames: int | None = None) -> Course:
+
+def read_course(
+    course: str | Path, frames: int | None = None, robot: str | None = None, sets: Sets = "inner"
+) -> Course:
     """The course of a built-in name, of a YAML file, or of a JSON file that holds it, or one posture, explicitly.
 
-    frames: M, where another one is wanted than the file says; not for JSON files, whose placements are fixed.
+    frames: M, where another one is wanted than the file says; not for JSON files, whose placements are fixed. robot: in
+    place of the file's, a built-in name, a .urdf file or a .yaml file that names one; not for JSON files either.
+    sets: of the legs of a robot's file, what they surely reach, for plans, or what they might, for proofs.
     Raises InvalidInput with every key that is wrong, or with the frame and the limb that have no place to stand.
     """
     if Path(course).suffix == ".json":
         if frames is not None:
             raise InvalidInput(f"{course}: expected no other number of frames for a course whose placements are fixed")
+        if robot is not None:
+            raise InvalidInput(f"{course}: expected no other robot for a course whose placements are fixed")
         data = read_json(course)
         try:
             if isinstance(data, Mapping) and data.get("format") == POSTURE:
@@ -36,15 +46,31 @@ def read_course(course: str | Path, frames: int | None = None) -> Course:
             return course_from_json(data)
         except InvalidInput as error:
             raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
-    spec = read_spec(course)
+    spec = read_spec(course, robot)
     try:
-        return lay_out(spec if frames is None else spec.with_frames(frames), Path(course).parent)
+        return lay_out(spec if frames is None else spec.with_frames(frames), Path(course).parent, sets)
     except InvalidInput as error:
         raise InvalidInput(f"{course}: {error}") from None
 
 
-def read_spec(course: str | Path) -> CourseSpec:
-    """The description of a built-in course or in a YAML file. Raises InvalidInput with every key that is wrong."""
+def read_robot(course: str | Path, robot: str | None = None) -> RobotModel | None:
+    """The model of a course's robot, or of another one; None where all that is known of it are its limbs.
+
+    Raises InvalidInput as ``read_course`` does.
+    """
+    if Path(course).suffix == ".json":
+        return None
+    try:
+        return read_spec(course, robot).robot_model(Path(course).parent)
+    except InvalidInput as error:
+        raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
+
+
+def read_spec(course: str | Path, robot: str | None = None) -> CourseSpec:
+    """The description of a built-in course or in a YAML file, with another robot where one is named.
+
+    Raises InvalidInput with every key that is wrong.
+    """
     name = str(course)
     if name in builtin_courses():
         text = resources.files("stancekit.configs.courses").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
@@ -53,6 +79,8 @@ def read_spec(course: str | Path) -> CourseSpec:
         raise InvalidInput(f"course: expected one of {', '.join(builtin_courses())} or a YAML file, got {name!r}")
     else:
         data = read_yaml(course)
+    if robot is not None:
+        data = {**data, "robot": str(Path(robot).resolve()) if Path(robot).suffix else robot}
     try:
         return spec_from(data)
     except InvalidInput as error:

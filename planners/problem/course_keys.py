@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
@@ -16,6 +17,10 @@ from ..terrain.sole import checked_sole
 from .course import MOST_FRAMES, StepLimits
 from .course_terrain import AnyTerrain, Length, Point, Positive
 from .posture import TILT_LIMIT_RAD
+
+if TYPE_CHECKING:
+    from ..robot.contact_robot import Sets
+    from ..robot.robot_model import RobotModel
 
 Least = Annotated[float, Field(ge=0.0, le=LARGEST)]
 
@@ -107,9 +112,7 @@ def _point_or_more(value: Any) -> str:
     return MADE_UP if isinstance(value, Mapping | BaseModel) else PLAIN
 
 
-RobotKey = Annotated[
-    Annotated[Literal["hexapod"], Tag(PLAIN)] | Annotated[RobotSpec, Tag(MADE_UP)], Discriminator(_shape)
-]
+RobotKey = Annotated[Annotated[str, Tag(PLAIN)] | Annotated[RobotSpec, Tag(MADE_UP)], Discriminator(_shape)]
 GaitKey = Annotated[
     Annotated[Literal["all", "tripod", "wave"], Tag(PLAIN)]
     | Annotated[list[list[str]], Field(min_length=1), Tag(MADE_UP)],
@@ -192,8 +195,37 @@ class CourseSpec(_Keys):
     candidates: CandidateSpec = CandidateSpec()
     terrain: AnyTerrain
 
-    def make_robot(self) -> Robot:
-        """The robot of the course."""
+    def robot_model(self, folder: Path = Path()) -> RobotModel | None:
+        """The model of a robot that the file names, by a path from its folder; None for one that is but its limbs.
+
+        Raises InvalidInput.
+        """
+        if not isinstance(self.robot, str) or self.robot == "hexapod":
+            return None
+        from ..robot.robot_file import named_robot
+
+        try:
+            return named_robot(folder / self.robot if Path(self.robot).suffix else self.robot)
+        except InvalidInput as error:
+            raise InvalidInput(f"robot: {str(error).removeprefix('robot: ')}") from None
+
+    def standing(self, model: RobotModel, robot: Robot) -> CourseSpec:
+        """The same with toes where the model has them as it stands, if the file does not say where they should be."""
+        from ..robot.contact_robot import standing_toes
+
+        if "stance" in self.model_fields_set:
+            return self
+        offsets = standing_toes(model) - np.array([limb.shoulder_m for limb in robot.limbs])
+        limbs = {limb.name: tuple(offset.tolist()) for limb, offset in zip(robot.limbs, offsets, strict=True)}
+        return self.model_copy(update={"stance": StanceSpec(limbs=limbs)})
+
+    def make_robot(self, model: RobotModel | None = None, sets: Sets = "inner") -> Robot:
+        """The robot of the course; model: what ``robot_model`` gives; sets: of its legs, see ``contact_robot``."""
+        if model is not None:
+            from ..robot.contact_robot import contact_robot
+            from ..robot.workspace_cache import workspaces_of
+
+            return contact_robot(model, workspaces_of(model), sets)
         if isinstance(self.robot, str):
             return hexapod()
         limbs = tuple(limb.make(name) for name, limb in self.robot.limbs.items())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,13 +19,21 @@ from .candidates import Footing
 from .course import Course, Placement, Weights
 from .course_keys import CourseSpec, StanceSpec
 
+if TYPE_CHECKING:
+    from ..robot.contact_robot import Sets
+
 TOE_M = 0.02
 """Two toes do not fit on a patch that is nowhere wider than this [m]."""
 
 
-def lay_out(spec: CourseSpec, folder: Path = Path()) -> Course:
-    """The course that a description means. folder: where relative paths of files begin. Raises InvalidInput."""
-    robot = spec.make_robot()
+def lay_out(spec: CourseSpec, folder: Path = Path(), reach: Sets = "inner") -> Course:
+    """The course that a description means.
+
+    folder: where relative paths of files begin. reach: what legs do, see ``contact_robot``. Raises InvalidInput.
+    """
+    model = spec.robot_model(folder)
+    robot = spec.make_robot(model, reach)
+    spec = spec if model is None else spec.standing(model, robot)
     corners, way = _corners(spec)
     com_m, passed = _walk(corners, way, spec.frames)
     radius = np.full(spec.frames, spec.body.com_radius_m)

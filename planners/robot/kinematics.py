@@ -8,13 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..answer.plan import Plan
-from ..errors import InvalidInput
 from ..files.arrays import Array, frozen
 from ..problem.course import Course
 from ..problem.posture import GRAVITY_M_S2
@@ -23,6 +21,7 @@ from .leg_ik import limb_postures
 from .model import Robot
 from .rotation import rotation_of
 from .urdf import FOOT_RADIUS_M, JOINTS, Servo, foot_names, hexapod_urdf, joint_names
+from .urdf_reader import pinocchio
 
 __all__ = ["JointAnswer", "JointReport", "Kinematics", "joint_report", "pinocchio", "plan_angles", "rotation_of"]
 
@@ -181,17 +180,6 @@ class Kinematics:
             whole = pin.getFrameJacobian(self._model, self._data, foot, frame)
             found[i] = whole[:3, joints * i : joints * (i + 1)]
         return np.array([self._data.oMf[foot].translation for foot in self._feet]), found
-
-
-def pinocchio() -> Any:
-    """The pinocchio module. Raises InvalidInput where it is not installed."""
-    try:
-        import pinocchio as module
-    except ImportError:
-        raise InvalidInput(
-            "joints: expected pinocchio for inverse kinematics, it is not installed: pip install 'stancekit[kin]'"
-        ) from None
-    return module
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

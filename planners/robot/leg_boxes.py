@@ -7,14 +7,11 @@ is searched for exhaustively.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 from typing import Any
-from xml.parsers.expat import ExpatError, ParserCreate
 
 import numpy as np
 from scipy.ndimage import binary_closing
@@ -23,9 +20,9 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked_name, frozen
 from ..files.documents import read_text
 from ..files.refusals import shown
+from .urdf_reader import built, parsed, pinocchio
 
 FULL_TURN = np.pi
-DEEPEST_XML = 30
 MOST_SAMPLES, MOST_VOXELS = 2_000_000, 20_000_000
 """Of a leg's workspace."""
 
@@ -83,16 +80,14 @@ class MeasuredLegs:
     feet: tuple[Foot, ...]
 
 
-def measure_legs(
-    path: str | Path, feet: Sequence[str], posture: Sequence[float], workspace: Workspace
-) -> MeasuredLegs:
+def measure_legs(path: str | Path, feet: Sequence[str], posture: Sequence[float], workspace: Workspace) -> MeasuredLegs:
     """Measure a robot whose legs are chains of three joints or more, on a free-flying base (W4).
 
     feet: frame names. posture: angles of all joints in pinocchio's order in which the robot stands [rad].
     Raises InvalidInput for a file that is no URDF, has no inertia, or lacks a frame.
     """
-    pin = _pinocchio()
-    model, data = _model(pin, Path(path), feet)
+    pin = pinocchio()
+    model, data = _model(Path(path), feet)
     if len(posture) != model.nq - 7:
         raise InvalidInput(f"posture: expected {model.nq - 7} joint angles, got {len(posture)}")
     for foot in feet:
@@ -113,19 +108,15 @@ def measure_legs(
     )
 
 
-def _model(pin: Any, path: Path, feet: Sequence[str]) -> tuple[Any, Any]:
+def _model(path: Path, feet: Sequence[str]) -> tuple[Any, Any]:
     """The model of a URDF on a free-flying base, and its data."""
     if not path.exists():
         raise InvalidInput(f"{path}: expected a URDF file, found nothing there")
     text = read_text(path)
-    _check_xml(text, path)
+    parsed(text, str(path))
     if len(set(feet)) < len(feet):
         raise InvalidInput(f"feet: expected different frames, got {shown(list(feet))}")
-    try:
-        with _quiet():
-            model = pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
-    except Exception as error:  # what pinocchio meets
-        raise InvalidInput(f"{path}: expected a URDF: {' '.join(str(error).split())[:120]}") from None
+    model = built(text, str(path))
     return model, model.createData()
 
 
@@ -226,50 +217,3 @@ def largest_box(full: Any, home: Array) -> tuple[Array, Array]:
                         best = volume
                         found = np.array([low_x, low_y, low_z]), np.array([high_x, high_y, high_z])
     return found
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Nothing on standard error, where urdfdom writes several lines by itself before it refuses."""
-    with open(os.devnull, "wb") as nowhere:
-        kept = os.dup(2)
-        os.dup2(nowhere.fileno(), 2)
-        try:
-            yield
-        finally:
-            os.dup2(kept, 2)
-            os.close(kept)
-
-
-def _check_xml(text: str, path: Path) -> None:
-    """Raise InvalidInput unless a text is XML of a robot, without entities of its own and of a depth that is usual."""
-    parser, depth = ParserCreate(), [0, 0]
-
-    def begun(name: str, _: dict[str, str]) -> None:
-        if depth[1] == 0 and name != "robot":
-            raise InvalidInput(f"expected a robot, got {shown(name)}")
-        depth[:] = depth[0] + 1, depth[1] + 1
-        if depth[0] > DEEPEST_XML:
-            raise InvalidInput(f"expected {DEEPEST_XML} levels of elements or fewer, got more")
-
-    def ended(_: str) -> None:
-        depth[0] -= 1
-
-    def declared(*_: Any) -> None:
-        raise InvalidInput("expected XML without a document type and entities")
-
-    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = begun, ended, declared
-    try:
-        parser.Parse(text.encode(), True)
-    except (ExpatError, InvalidInput) as error:
-        raise InvalidInput(f"{path}: expected a URDF: {error}") from None
-
-
-def _pinocchio() -> Any:
-    try:
-        import pinocchio
-    except ImportError:
-        raise InvalidInput(
-            "a URDF is read by pinocchio: expected the extra kin, pip install 'stancekit[kin]'"
-        ) from None
-    return pinocchio

@@ -142,7 +142,7 @@ def test_rows_hold_the_canonical_posture_of_each_problem_alone(natural: Path) ->
     drawn = distribution("wall-3")
     batches = [drawn.batch(ledger_stream(shard), 20) for shard in range(2)]
     looked_at = 0
-    for row in Dataset.open(natural):
+    for row in Dataset.open(natural).rows():
         alone = canonical(batches[row.shard].select(np.array([row.sample]))).get(0)
         if row.posture is None:
             assert alone is None

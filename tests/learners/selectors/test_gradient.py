@@ -98,7 +98,7 @@ def test_descent_makes_fewer_mistakes_than_where_it_started(
     dataset: Dataset, problems: tuple[list[Scaled], list[Scaled]], programs: Programs
 ) -> None:
     starts = list(clustered_boxes(dataset.points, 2, share=0.2, seed=0))
-    found = fit_gradient(dataset, boxes=2, steps=15, batch=30, share=0.2, seed=0)
+    found = fit_gradient(dataset, boxes=2, steps=20, batch=30, share=0.2, seed=0)
     before, after = mistakes(starts, problems, programs), mistakes(list(found.envelopes), problems, programs)
     assert after <= 0.7 * before
     losses = found.provenance["notes"]["losses"]

@@ -1,0 +1,154 @@
+"""``stancekit robot``: what a robot's file says, and what was made of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+from rich.table import Table
+
+from .console import emit, out
+from .options import OptionalPath
+
+if TYPE_CHECKING:
+    from stancekit.planners.robot.robot_model import RobotModel
+    from stancekit.planners.robot.workspace import Workspace
+
+
+@dataclass
+class Robot:
+    """Read a robot: legs, feet, joints, limits, torques, mass, and what each foot reaches. Guesses are marked.
+
+    ROBOT is hexapod, a .urdf file, or a .yaml file that names one and corrects it: the same wherever a robot is asked
+    for. Legs and feet are found by their shape and names; a .yaml file may say them (docs/formats.md).
+
+    reach: how far from its hip a foot gets. cover: share of what a foot reaches, usefully below its hip, that plans may
+    use, a convex polytope; unreachable: share of that polytope that the leg does not reach. Proofs use an outer set
+    that nothing reachable is outside of.
+    """
+
+    robot: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="ROBOT")]
+    """A built-in name, a .urdf file, or a .yaml file that names one."""
+    srdf: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """SRDF file: pairs of links that may touch, and a posture to stand in."""
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Picture of the robot and of what its feet reach: .png, .pdf or .svg."""
+    json: bool = False
+    """One JSON object on standard output."""
+
+    def run(self) -> int:
+        """Read, measure, draw, say."""
+        from stancekit.planners.errors import InvalidInput
+        from stancekit.planners.files.writing import check_writable
+        from stancekit.planners.robot.robot_file import named_robot
+        from stancekit.planners.robot.workspace_cache import workspaces_of
+
+        if self.picture is not None:
+            check_writable(self.picture)
+        model = named_robot(self.robot, srdf=self.srdf)
+        workspaces: list[Workspace | None]
+        try:
+            workspaces, trouble = list(workspaces_of(model)), ""
+        except InvalidInput as error:  # a robot whose feet stay on a surface is a robot still
+            workspaces, trouble = [None] * len(model.legs), str(error)
+        if self.picture is not None:
+            from stancekit.views.robot_picture import draw_robot
+            from stancekit.views.sheet import save
+
+            save(draw_robot(model, [each for each in workspaces if each is not None]), self.picture)
+        if self.json:
+            emit(_record(model, workspaces, trouble))
+            return 0
+        out.print(_head(model))
+        for table in (_legs(model, workspaces), _joints(model)):
+            out.print()
+            out.print(table)
+        out.print()
+        for remark in model.remarks:
+            out.print(f"{remark.kind}: {remark.text}")
+        if trouble:
+            out.print(f"no workspace: {trouble}")
+        return 0
+
+
+def _head(model: RobotModel) -> Table:
+    com = ", ".join(f"{round(float(value), 3) + 0.0:.3f}" for value in model.body.com_m)
+    import numpy as np
+
+    moments = ", ".join(f"{value:.3g}" for value in np.linalg.eigvalsh(model.body.inertia_kgm2))
+    joints = sum(len(leg.joints) for leg in model.legs)
+    table = Table(box=None, show_header=False)
+    table.add_column(style="bold")
+    table.add_column()
+    for name, text in (
+        ("robot", model.name),
+        ("mass", f"{model.body.mass_kg:.3f} kg, centre at ({com}) m, moments {moments} kg m²"),
+        ("legs", f"{len(model.legs)}, {joints} joints: {', '.join(model.leg_names)}"),
+        ("stands", f"{model.stand_height_m:.3f} m above its feet"),
+        ("may touch", f"{len(model.disabled_pairs)} pairs of links, by the SRDF" if model.disabled_pairs else ""),
+    ):
+        if text:
+            table.add_row(name, text)
+    return table
+
+
+def _legs(model: RobotModel, workspaces: list[Workspace | None]) -> Table:
+    table = _columns("leg", "foot", "reach [m]", "cover", "unreachable")
+    for leg, workspace in zip(model.legs, workspaces, strict=True):
+        measured = ("–", "–", "–")
+        if workspace is not None:
+            measured = (f"{workspace.reach_m:.3f}", f"{workspace.cover:.0%}", f"{workspace.unreachable:.2%}")
+        table.add_row(leg.name, leg.foot, *measured)
+    return table
+
+
+def _joints(model: RobotModel) -> Table:
+    table = _columns("leg", "joint", "from", "to [rad]", "stands at", "torque [Nm]")
+    for leg in model.legs:
+        for joint, angle in zip(leg.joints, leg.stance_rad, strict=True):
+            torque = f"{joint.torque_nm:g}" if joint.torque_nm > 0.0 else "–"
+            unit = " m" if joint.slides else ""
+            limits = f"{joint.lower_rad:.2f}", f"{joint.upper_rad:.2f}{unit}"
+            table.add_row(leg.name, joint.name, *limits, f"{angle:.2f}", torque)
+    return table
+
+
+def _columns(*names: str) -> Table:
+    table = Table(box=None)
+    for i, name in enumerate(names):
+        table.add_column(name, justify="left" if i < 2 else "right", no_wrap=True)
+    return table
+
+
+def _record(model: RobotModel, workspaces: list[Workspace | None], trouble: str) -> dict[str, Any]:
+    legs = []
+    for leg, workspace in zip(model.legs, workspaces, strict=True):
+        joints = [
+            {
+                "name": joint.name, "lower_rad": joint.lower_rad, "upper_rad": joint.upper_rad,
+                "torque_nm": joint.torque_nm or None, "velocity_rad_s": joint.velocity_rad_s or None,
+                "slides": joint.slides,
+            }
+            for joint in leg.joints
+        ]  # fmt: skip
+        record: dict[str, Any] = {
+            "name": leg.name, "foot": leg.foot, "radius_m": leg.radius_m, "hip_m": leg.hip_m.tolist(),
+            "stance_rad": leg.stance_rad.tolist(), "foot_m": leg.nominal_m.tolist(), "joints": joints,
+        }  # fmt: skip
+        if workspace is not None:
+            record |= {
+                "reach_m": workspace.reach_m, "cover": workspace.cover,
+                "unreachable": workspace.unreachable, "faces": len(workspace.inner.normals),
+                "ball_m": workspace.ball_m.tolist(), "box_m": workspace.box_m.tolist(),
+                "outer_slack_m": workspace.outer.slack_m,
+            }  # fmt: skip
+        legs.append(record)
+    return {
+        "name": model.name, "mass_kg": model.body.mass_kg, "com_m": model.body.com_m.tolist(),
+        "inertia_kgm2": model.body.inertia_kgm2.tolist(), "stand_height_m": model.stand_height_m, "legs": legs,
+        "disabled_pairs": sorted(sorted(pair) for pair in model.disabled_pairs),
+        "guesses": [remark.text for remark in model.remarks if remark.kind == "guess"],
+        "doubts": [remark.text for remark in model.remarks if remark.kind == "doubt"],
+        "no_workspace": trouble or None, "digest": model.digest,
+    }  # fmt: skip

@@ -1,0 +1,136 @@
+"""Joint angles for feet: damped least squares on many legs at once, from seeds that are near.
+
+J δ = p* − p(q) is solved as δ = Jᵀ(J Jᵀ + λ I)⁻¹ e, with λ falling with the error; a joint at a limit that would be
+pushed beyond it is left out of J (limits are kept at every step, not only at the end). The seeds are the postures of
+the leg's workspace whose feet are nearest, by a k-d tree. Any number of joints; where a leg has more than three, the
+posture is one of many: the one near the seed, or near ``near`` where given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial import cKDTree
+
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from .leg import Leg
+
+EXACT_M = 1e-7
+"""A foot this close to its target is there."""
+REACHED_M = 1e-5
+"""A foot farther from its target than this is out of reach."""
+STEPS = 30
+TRIES = 4
+"""Seeds that are tried for a foot which the seeds before did not bring to its target."""
+DAMPING = 1e-3
+"""λ as a share of the error [m]."""
+LONGEST_STEP = 0.5
+"""Of a joint in one step [rad, or m]."""
+
+
+def descend(leg: Leg, feet: ArrayLike, start: ArrayLike, *, steps: int = STEPS) -> tuple[Array, Array]:
+    """Bring feet to where they should be, from given postures, joint limits kept.
+
+    feet: p_BF, shape (K, 3) [m]. start: shape (K, n). Returns the best postures that were met, shape (K, n), and how
+    far their feet are from the targets, shape (K,) [m].
+    """
+    target = np.asarray(feet, dtype=np.float64)
+    lower, upper = np.where(leg.turns, -np.inf, leg.lower_rad), np.where(leg.turns, np.inf, leg.upper_rad)
+    best = np.clip(np.asarray(start, dtype=np.float64), lower, upper)
+    error = np.full(len(best), np.inf)
+    open_, q = np.arange(len(best)), best.copy()
+    for _ in range(steps):
+        now, jacobian = leg.chain.feet_and_jacobian(q)
+        gap = target[open_] - now
+        far = np.sqrt(np.einsum("ki,ki->k", gap, gap))
+        better = far < error[open_]
+        best[open_[better]], error[open_[better]] = q[better], far[better]
+        going = far > EXACT_M
+        open_, q, jacobian, gap, far = open_[going], q[going], jacobian[going], gap[going], far[going]
+        if not len(open_):
+            break
+        step = _damped(jacobian, gap, far)
+        held = ((q <= lower) & (step < 0.0)) | ((q >= upper) & (step > 0.0))
+        hit = held.any(axis=1)
+        if hit.any():
+            step[hit] = _damped(jacobian[hit] * ~held[hit, None], gap[hit], far[hit])
+        q = np.clip(q + np.clip(step, -LONGEST_STEP, LONGEST_STEP), lower, upper)
+    return leg.wrapped(best), error
+
+
+def _damped(jacobian: Array, gap: Array, far: Array) -> Array:
+    """Jᵀ(J Jᵀ + λ I)⁻¹ e, shape (K, n)."""
+    square = jacobian @ jacobian.transpose(0, 2, 1)
+    diagonal = np.arange(3)
+    square[:, diagonal, diagonal] += (DAMPING * far)[:, None]
+    return np.asarray((jacobian.transpose(0, 2, 1) @ np.linalg.solve(square, gap[:, :, None]))[:, :, 0])
+
+
+class Seeds:
+    """Postures of one leg to start from: those whose feet are nearest to a target."""
+
+    def __init__(self, leg: Leg, angles: Array, *, tries: int = TRIES) -> None:
+        """angles: postures all over the workspace, shape (K, n)."""
+        self.leg, self.angles, self.tries = leg, angles, min(tries, len(angles))
+        self._tree = cKDTree(leg.chain.feet(angles), balanced_tree=False, compact_nodes=False)
+
+    def solve(self, feet: ArrayLike, near: ArrayLike | None = None) -> tuple[Array, Array]:
+        """Angles, shape (K, n), and errors, shape (K,) [m], of feet p_BF of shape (K, 3) [m].
+
+        near: postures to stay close to, shape (K, n); tried first, and seeds only where they do not get there.
+        """
+        target = np.asarray(feet, dtype=np.float64)
+        nearest = np.asarray(self._tree.query(target, k=np.arange(1, self.tries + 1))[1])
+        starts = [self.angles[nearest[:, k]] for k in range(self.tries)]
+        if near is not None:
+            starts.insert(0, np.asarray(near, dtype=np.float64))
+        best, error = descend(self.leg, target, starts[0])
+        for start in starts[1:]:
+            missed = np.flatnonzero(error > REACHED_M)
+            if not len(missed):
+                break
+            again, far = descend(self.leg, target[missed], start[missed])
+            closer = far < error[missed]
+            best[missed[closer]], error[missed[closer]] = again[closer], far[closer]
+        return best, error
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LegPostures:
+    """Joint angles of K stances of N legs.
+
+    angles: a leg each, shape (K, n) [rad]; error_m: of every foot, shape (K, N) [m].
+    """
+
+    angles: tuple[Array, ...]
+    error_m: Array
+
+    @property
+    def reached(self) -> np.ndarray:
+        """Which feet are where they should be, shape (K, N)."""
+        return np.asarray(self.error_m <= REACHED_M)
+
+
+class InverseKinematics:
+    """All legs of a robot. Not for use by several threads at once."""
+
+    def __init__(self, seeds: Sequence[Seeds]) -> None:
+        """seeds: of every leg, in the robot's order."""
+        self.legs = tuple(seeds)
+
+    def solve(self, feet: ArrayLike, *, near: Sequence[ArrayLike] | None = None) -> LegPostures:
+        """Angles for feet in the base's frame, shape (K, N, 3) [m]; near: as of ``Seeds.solve``, a leg each.
+
+        Raises InvalidInput for feet of another shape.
+        """
+        target = np.asarray(feet, dtype=np.float64)
+        if target.ndim != 3 or target.shape[1:] != (len(self.legs), 3):
+            raise InvalidInput(f"feet: expected shape (any, {len(self.legs)}, 3), got {target.shape}")
+        found = [
+            leg.solve(target[:, i], None if near is None else near[i]) for i, leg in enumerate(self.legs)
+        ]  # fmt: skip
+        return LegPostures(angles=tuple(q for q, _ in found), error_m=np.stack([e for _, e in found], axis=1))

@@ -1,0 +1,271 @@
+"""A robot from its URDF, as everything that needs more than shoulders and reach sees it: legs, joints, masses, shapes.
+
+Joints are always meant by name. The order is the file's: legs as their first joints come in it, joints from the base
+outward; pinocchio has an order of its own, by name, which stays in ``leg_search``.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked_name
+from ..files.refusals import shown
+from .leg import Leg
+from .leg_search import legs_of
+from .shapes import Shape, disabled_pairs, shapes_of
+from .stance import standing
+from .urdf_reader import JointCorrection, built, corrected, matching, parsed, pinocchio, turned
+
+STANCES = ("standing", "stand", "half_sitting", "home", "default")
+"""Postures of an SRDF that are taken for the one in which the robot stands, the first that is there."""
+STRONGEST = 10.0
+"""A joint that holds this many times the robot's weight at its leg's length is not believed."""
+GRAVITY_M_S2 = 9.81
+
+
+@dataclass(frozen=True, kw_only=True)
+class Remark:
+    """What a person should know of how a file was read: a guess to confirm, or a number that is hard to believe."""
+
+    kind: Literal["guess", "doubt"]
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Body:
+    """The whole robot in its standing posture: mass [kg], centre of mass p_BC in the base's frame, shape (3,) [m], and
+    inertia about it, shape (3, 3) [kg m²]."""
+
+    mass_kg: float
+    com_m: Array
+    inertia_kgm2: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Mount:
+    """What carries a link: a leg and its joint by number, or neither (the base, arms at rest); and where the link is in
+    that joint's frame or the base's, R and p, shapes (3, 3), (3,) [m]."""
+
+    leg: int | None
+    joint: int
+    rotation: Array
+    origin_m: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RobotModel:
+    """A legged robot.
+
+    urdf: its text, corrections written into it; what parses that sees this robot. mounts: of every link by name.
+    disabled_pairs: links that may touch, from the SRDF. remarks: what was guessed or is hard to believe.
+    """
+
+    name: str
+    urdf: str
+    legs: tuple[Leg, ...]
+    body: Body
+    shapes: tuple[Shape, ...]
+    mounts: Mapping[str, Mount]
+    disabled_pairs: frozenset[frozenset[str]] = frozenset()
+    remarks: tuple[Remark, ...] = ()
+
+    @property
+    def leg_names(self) -> tuple[str, ...]:
+        """Names of the legs, in the robot's order."""
+        return tuple(leg.name for leg in self.legs)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what a workspace depends on: the corrected URDF, the legs and their feet."""
+        said = "\0".join([self.urdf, *(f"{leg.name}\0{leg.foot}\0{leg.stance_rad.tolist()}" for leg in self.legs)])
+        return hashlib.sha256(said.encode()).hexdigest()
+
+    @property
+    def stand_height_m(self) -> float:
+        """Of the centre of mass over the ground under its feet, as it stands [m]."""
+        grounds = [float(leg.nominal_m[2]) - leg.radius_m for leg in self.legs]
+        return float(self.body.com_m[2]) - float(np.mean(grounds))
+
+    def leg(self, name: str) -> Leg:
+        """The leg of a name. Raises InvalidInput for one that is not there."""
+        for leg in self.legs:
+            if leg.name == name:
+                return leg
+        raise InvalidInput(f"leg: expected one of {', '.join(self.leg_names)}, got {shown(name)}")
+
+    def check_torques(self) -> None:
+        """Raise InvalidInput unless every joint of a leg has a torque limit: 0 is what files say that have none."""
+        for joint in (joint for leg in self.legs for joint in leg.joints):
+            if joint.torque_nm <= 0.0:
+                raise InvalidInput(f"joint {joint.name}: expected a torque limit above 0 Nm, got {joint.torque_nm:g}")
+
+    def link_frames(self, angles: Sequence[Array]) -> dict[str, tuple[Array, Array]]:
+        """R_BL and p_BL of every link for one posture of every leg, shapes (3, 3) and (3,) [m].
+
+        angles: of each leg, shape (n,) [rad].
+        """
+        placed = [leg.chain.frames(np.asarray(q)[None]) for leg, q in zip(self.legs, angles, strict=True)]
+        frames = dict[str, tuple[Array, Array]]()
+        for name, mount in self.mounts.items():
+            if mount.leg is None:
+                frames[name] = mount.rotation, mount.origin_m
+            else:
+                turn, place = (part[0, mount.joint] for part in placed[mount.leg])
+                frames[name] = turn @ mount.rotation, place + turn @ mount.origin_m
+        return frames
+
+
+def model_of(
+    text: str,
+    *,
+    where: str = "urdf",
+    folder: Path = Path(),
+    packages: Sequence[Path] = (),
+    srdf: str = "",
+    feet: Mapping[str, str] | Sequence[str] = (),
+    joints: Mapping[str, JointCorrection] | None = None,
+    posture_rad: Mapping[str, float] | None = None,
+    name: str = "",
+    root_rpy_rad: Sequence[float] = (),
+) -> RobotModel:
+    """The robot of a URDF's text.
+
+    where: what messages call the file. folder, packages: where meshes are. srdf: text of an SRDF, for pairs of links
+    that may touch and a posture to stand in. feet: links, by the names of their legs or alone; searched for where none
+    is given. joints: corrections, by name or pattern. posture_rad: of the standing robot, by joint or pattern.
+    name: in place of the URDF's. root_rpy_rad: of a root whose z does not point up, in a frame whose z does.
+    Raises InvalidInput, in one line, for a file that is no URDF of a robot with legs and masses.
+    """
+    text = corrected(text.strip("\0 \t\r\n"), joints or {}, where)
+    if len(root_rpy_rad):
+        text = turned(text, root_rpy_rad, where)
+    root = parsed(text, where)
+    model = built(text, where)
+    try:
+        shapes, missing = shapes_of(root, folder, packages)
+        order = [joint.get("name", "") for joint in root.findall("joint")]
+        named = feet if isinstance(feet, Mapping) else {foot: foot for foot in feet}
+        found = legs_of(model, shapes, order, named)
+        _check_mimics(root, found.legs)
+        semantics = parsed(srdf, "srdf") if srdf else None
+        legs, guesses = _stand(found.legs, posture_rad, semantics)
+        body, rest = _weighed(model, legs)
+        called = checked_name(name or model.name, "name")
+    except InvalidInput as error:
+        raise InvalidInput(f"{where}: {error}") from None
+    doubts = [*found.doubts, *_torque_doubts(legs, body)]
+    doubts += [(f"mesh {each}", "no such file, not drawn") for each in missing]
+    return RobotModel(
+        name=called, urdf=text, legs=legs, body=body, shapes=shapes, mounts=_mounts(model, legs, rest),
+        disabled_pairs=frozenset() if semantics is None else disabled_pairs(semantics),
+        remarks=(*(Remark(kind="guess", text=each) for each in (*found.guesses, *guesses)),
+                 *(Remark(kind="doubt", text=each) for each in _joined(doubts))),
+    )  # fmt: skip
+
+
+def _check_mimics(root: Element, legs: Sequence[Leg]) -> None:
+    mimics = {joint.get("name", ""): joint.find("mimic") for joint in root.findall("joint")}
+    for leg in legs:
+        for name in leg.joint_names:
+            if (mimic := mimics.get(name)) is not None:
+                raise InvalidInput(f"joint {shown(name)}: expected a joint of its own, it mimics {mimic.get('joint')}")
+
+
+def _stand(
+    legs: tuple[Leg, ...], posture_rad: Mapping[str, float] | None, srdf: Element | None
+) -> tuple[tuple[Leg, ...], list[str]]:
+    """The legs with the posture that a person or the SRDF says, or a guessed one; and what was guessed."""
+    guesses = list[str]()
+    said = dict[str, float]()
+    states = {} if srdf is None else {state.get("name", ""): state for state in srdf.findall("group_state")}
+    state = next((states[name] for name in STANCES if name in states), None)
+    if state is not None:
+        for joint in state.findall("joint"):
+            if len(joint.get("value", "").split()) == 1:
+                said[joint.get("name", "")] = float(joint.get("value", ""))
+    names = {name: None for leg in legs for name in leg.joint_names}
+    for pattern, angle in (posture_rad or {}).items():
+        said.update(dict.fromkeys(matching(pattern, names, "posture_rad"), float(angle)))
+    stood, unsaid = [], []
+    for leg in legs:
+        if all(name in said for name in leg.joint_names):
+            stance = np.clip([said[name] for name in leg.joint_names], leg.lower_rad, leg.upper_rad)
+        else:
+            stance = standing(leg)
+            unsaid.append(leg.name)
+        stood.append(replace(leg, stance_rad=stance))
+    if unsaid:
+        guesses.append(f"posture to stand in, of {', '.join(unsaid)}")
+    elif state is not None and not posture_rad:
+        guesses.append(f"posture to stand in, from the SRDF: {state.get('name')}")
+    return tuple(stood), guesses
+
+
+def _weighed(model: Any, legs: Sequence[Leg]) -> tuple[Body, Array]:
+    """Mass, centre and inertia in the standing posture; and that posture as pinocchio has it, base at the origin."""
+    pin = pinocchio()
+    data, rest = model.createData(), pin.neutral(model)
+    for leg in legs:
+        for name, angle in zip(leg.joint_names, leg.stance_rad, strict=True):
+            joint = model.joints[model.getJointId(name)]
+            rest[joint.idx_q : joint.idx_q + joint.nq] = angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+    pin.ccrba(model, data, rest, np.zeros(model.nv))
+    mass, inertia, com = float(data.Ig.mass), np.array(data.Ig.inertia), np.array(data.com[0])
+    sound = bool(np.isfinite([mass, *com, *inertia.ravel()]).all())
+    if not sound or not mass > 0.0 or not np.linalg.eigvalsh(inertia)[0] > 0.0:
+        raise InvalidInput(f"expected links with mass and inertia, got {mass:g} kg in all")
+    return Body(mass_kg=mass, com_m=com, inertia_kgm2=0.5 * (inertia + inertia.T)), rest
+
+
+def _mounts(model: Any, legs: Sequence[Leg], rest: Array) -> dict[str, Mount]:
+    """What carries each link."""
+    pin = pinocchio()
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, rest)
+    carriers = {name: (i, k) for i, leg in enumerate(legs) for k, name in enumerate(leg.joint_names)}
+    found = dict[str, Mount]()
+    for number, frame in enumerate(model.frames):
+        if frame.type != pin.FrameType.BODY:
+            continue
+        leg, joint = carriers.get(model.names[frame.parentJoint], (None, -1))
+        place = frame.placement if leg is not None else data.oMf[number]
+        found[frame.name] = Mount(
+            leg=leg, joint=joint, rotation=np.array(place.rotation), origin_m=np.array(place.translation)
+        )
+    return found
+
+
+def _joined(doubts: Sequence[tuple[str, str]]) -> list[str]:
+    """One line a doubt, whatever number of joints, links or meshes it is of."""
+    subjects = dict[str, list[str]]()
+    for subject, text in doubts:
+        subjects.setdefault(f"{subject.partition(' ')[0]}\0{text}", []).append(subject.partition(" ")[2])
+    lines = []
+    for key, names in subjects.items():
+        kind, _, text = key.partition("\0")
+        plural = "es" if kind == "mesh" else "s"
+        lines.append(f"{kind}{plural if len(names) > 1 else ''} {', '.join(names)}: {text}")
+    return lines
+
+
+def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[tuple[str, str]]:
+    """Torque limits that are not said, or that no joint of such a robot has."""
+    doubts = []
+    for leg in legs:
+        most = STRONGEST * body.mass_kg * GRAVITY_M_S2 * leg.chain.length_m
+        for joint in leg.joints:
+            if joint.slides:
+                continue
+            if joint.torque_nm <= 0.0:
+                doubts.append((f"joint {joint.name}", "no torque limit"))
+            elif joint.torque_nm > most:
+                doubts.append((f"joint {joint.name}", f"a torque limit of {joint.torque_nm:g} Nm"))
+    return doubts

@@ -1,0 +1,153 @@
+"""What a robot looks like and where it may touch itself: shapes of its links, their meshes, pairs that may touch."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, frozen
+from ..files.refusals import shown
+
+Kind = Literal["sphere", "box", "cylinder", "capsule", "mesh"]
+PACKAGE_PATHS = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
+SIZES: dict[str, tuple[str, ...]] = {
+    "sphere": ("radius",), "box": ("size",), "cylinder": ("radius", "length"), "capsule": ("radius", "length"),
+}  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shape:
+    """One shape of a link, in the link's frame.
+
+    size_m: radius; or sides; or radius and length along z, shape (1,), (3,), (2,) [m]; of a mesh its scale, shape (3,).
+    rotation, origin_m: of the shape in the link, shapes (3, 3), (3,) [m]. mesh: its file, or None where none was found.
+    collides: is it the link's body, or only what it looks like?
+    """
+
+    link: str
+    kind: Kind
+    size_m: Array
+    rotation: Array
+    origin_m: Array
+    collides: bool
+    mesh: Path | None = None
+
+    @property
+    def far_m(self) -> Array:
+        """The point of a round or boxed shape that is farthest from the link's origin, about, shape (3,) [m]."""
+        half = {"sphere": [0, 0, 0], "box": 0.5 * self.size_m, "mesh": [0, 0, 0]}.get(self.kind)
+        corner = np.array([0.0, 0.0, 0.5 * self.size_m[-1]]) if half is None else np.asarray(half, dtype=np.float64)
+        ends = self.rotation @ np.diag(corner)
+        out = np.sign(ends.T @ self.origin_m)
+        longest = int(np.argmax(corner))
+        return np.asarray(self.origin_m + ends[:, longest] * (out[longest] or 1.0))
+
+
+def shapes_of(root: Element, folder: Path, packages: Sequence[Path]) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+    """All shapes of a URDF, and the names of the meshes that are not there.
+
+    folder: of the URDF; packages: folders in which ``package://NAME`` is a folder, or which are that package.
+    Raises InvalidInput for sizes that no shape has.
+    """
+    names = dict.fromkeys(mesh.get("filename", "") for mesh in root.findall("link/*/geometry/mesh"))
+    files = {name: mesh_file(name, folder, packages) for name in names}
+    elements = (
+        (link.get("name", ""), element, what == "collision")
+        for link in root.findall("link")
+        for what in ("collision", "visual")
+        for element in link.findall(what)
+    )
+    shapes = (_shape(*each, files) for each in elements)
+    return tuple(shape for shape in shapes if shape is not None), tuple(name for name in files if files[name] is None)
+
+
+def mesh_file(name: str, folder: Path, packages: Sequence[Path] = ()) -> Path | None:
+    """The file of a mesh, or None where there is none.
+
+    ``package://NAME/rest`` is looked for in ``packages``, in the URDF's folder and those above it, and where ROS has
+    its packages; other names from the URDF's folder.
+    """
+    try:
+        return next((path for path in _places(name, folder, packages) if path.is_file()), None)
+    except (OSError, ValueError):  # a name that no file can have
+        return None
+
+
+def _places(name: str, folder: Path, packages: Sequence[Path]) -> Iterator[Path]:
+    scheme, colon, rest = name.partition("://")
+    if not colon:
+        yield folder / name
+        yield from (each / name for each in packages)
+        return
+    if scheme == "file":
+        yield Path(rest)
+        return
+    package, _, inside = rest.partition("/")
+    here = folder.resolve()
+    for place in (*packages, here, *here.parents, *_ros_places()):
+        if place.name == package:
+            yield place / inside
+        yield place / package / inside
+
+
+def _ros_places() -> Iterator[Path]:
+    for variable in PACKAGE_PATHS:
+        for text in filter(None, os.environ.get(variable, "").split(os.pathsep)):
+            yield Path(text) / "share" if variable.startswith("AMENT") else Path(text)
+
+
+def disabled_pairs(root: Element) -> frozenset[frozenset[str]]:
+    """Pairs of links that an SRDF lets touch, or that never do."""
+    pairs = (frozenset((pair.get("link1", ""), pair.get("link2", ""))) for pair in root.findall("disable_collisions"))
+    return frozenset(pairs)
+
+
+def _shape(link: str, element: Element, collides: bool, meshes: Mapping[str, Path | None]) -> Shape | None:
+    geometry = element.find("geometry")
+    body = None if geometry is None or not len(geometry) else geometry[0]
+    if body is None or body.tag not in (*SIZES, "mesh"):
+        return None
+    where = f"link {shown(link)}: {body.tag}"
+    mesh = None
+    if body.tag == "mesh":
+        size, mesh = _numbers(body.get("scale", "1 1 1"), 3, where), meshes[body.get("filename", "")]
+    else:
+        size = [x for key in SIZES[body.tag] for x in _numbers(body.get(key, ""), 3 if key == "size" else 1, where)]
+    rotation, origin = placement(element.find("origin"), where)
+    kind: Kind = body.tag  # type: ignore[assignment]
+    return Shape(
+        link=link, kind=kind, size_m=frozen(size, (None,), where), rotation=rotation, origin_m=origin,
+        collides=collides, mesh=mesh,
+    )  # fmt: skip
+
+
+def placement(origin: Element | None, where: str) -> tuple[Array, Array]:
+    """R and p of a URDF's <origin>, shapes (3, 3), (3,) [m]: roll, pitch, yaw about fixed axes."""
+    place = _numbers("0 0 0" if origin is None else origin.get("xyz", "0 0 0"), 3, where)
+    angles = _numbers("0 0 0" if origin is None else origin.get("rpy", "0 0 0"), 3, where)
+    (sr, sp, sy), (cr, cp, cy) = np.sin(angles), np.cos(angles)
+    turn = np.array(
+        [
+            [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],
+            [sy * cp, sy * sp * sr + cy * cr, sy * sp * cr - cy * sr],
+            [-sp, cp * sr, cp * cr],
+        ]
+    )
+    return frozen(turn, (3, 3), where), frozen(place, (3,), where)
+
+
+def _numbers(text: str, count: int, where: str) -> list[float]:
+    try:
+        found = [float(part) for part in text.split()]
+    except ValueError:
+        found = []
+    if len(found) != count:
+        raise InvalidInput(f"{where}: expected {count} numbers, got {shown(text)}")
+    return found

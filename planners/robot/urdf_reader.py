@@ -1,0 +1,157 @@
+"""URDF and SRDF as they come: XML in bounds, the corrections that a person makes to it, and pinocchio as the parser."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from fnmatch import fnmatchcase
+from tempfile import TemporaryFile
+from typing import Annotated, Any
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+from xml.parsers.expat import ExpatError, ParserCreate
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from ..errors import InvalidInput
+from ..files.arrays import LARGEST
+from ..files.refusals import shown
+
+DEEPEST_XML = 30
+UPRIGHT = "upright"
+"""The root that is put above one that lies on its side."""
+Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(gt=0.0, le=LARGEST)]
+
+
+class JointCorrection(BaseModel):
+    """What a person says of a joint, in place of the URDF: limits [rad, or m where it slides], torque, velocity."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    limits_rad: tuple[Number, Number] | None = None
+    torque_nm: Positive | None = None
+    velocity_rad_s: Positive | None = None
+
+
+def parsed(text: str, where: str) -> Element:
+    """The root of a robot's XML, URDF or SRDF.
+
+    Raises InvalidInput unless the text is XML of a robot, without entities of its own and of a depth that is usual.
+    """
+    parser, depth = ParserCreate(), [0, 0]
+
+    def begun(name: str, _: dict[str, str]) -> None:
+        if depth[1] == 0 and name != "robot":
+            raise InvalidInput(f"expected a robot, got {shown(name)}")
+        depth[:] = depth[0] + 1, depth[1] + 1
+        if depth[0] > DEEPEST_XML:
+            raise InvalidInput(f"expected {DEEPEST_XML} levels of elements or fewer, got more")
+
+    def ended(_: str) -> None:
+        depth[0] -= 1
+
+    def declared(*_: Any) -> None:
+        raise InvalidInput("expected XML without a document type and entities")
+
+    parser.StartElementHandler, parser.EndElementHandler, parser.StartDoctypeDeclHandler = begun, ended, declared
+    try:
+        parser.Parse(text.encode(), True)
+    except (ExpatError, InvalidInput) as error:
+        raise InvalidInput(f"{where}: expected a URDF: {error}") from None
+    return ElementTree.fromstring(text)
+
+
+def corrected(text: str, corrections: Mapping[str, JointCorrection], where: str) -> str:
+    """The URDF with what a person says of its joints written into it, so that whoever reads it reads the same robot.
+
+    corrections: by a joint's name, or a pattern of names (``*_KFE``); later ones win. Raises InvalidInput for a name
+    or pattern that fits no joint that moves.
+    """
+    if not corrections:
+        return text
+    root = parsed(text, where)
+    joints = {joint.get("name", ""): joint for joint in root.findall("joint") if joint.get("type") != "fixed"}
+    for pattern, correction in corrections.items():
+        meant = matching(pattern, joints, f"{where}: joints")
+        for joint in (joints[name] for name in meant):
+            if correction.limits_rad is not None and joint.get("type") == "continuous":
+                joint.set("type", "revolute")
+            limit = joint.find("limit")
+            if limit is None:
+                limit = ElementTree.SubElement(joint, "limit")
+            low, high = correction.limits_rad or (None, None)
+            said = {"lower": low, "upper": high, "effort": correction.torque_nm, "velocity": correction.velocity_rad_s}
+            for key, value in said.items():
+                if value is not None:
+                    limit.set(key, repr(value))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def turned(text: str, root_rpy_rad: Sequence[float], where: str) -> str:
+    """The URDF of a robot whose z does not point up, below a new root whose z does.
+
+    root_rpy_rad: roll, pitch and yaw of the old root in the new one.
+    """
+    root = parsed(text, where)
+    children = {child.get("link") for child in root.findall("joint/child")}
+    names = [link.get("name", "") for link in root.findall("link")]
+    old = next((name for name in names if name not in children), None)
+    if old is None or UPRIGHT in names:
+        raise InvalidInput(f"{where}: expected one root to turn, and no link that is called {UPRIGHT}")
+    ElementTree.SubElement(root, "link", name=UPRIGHT)
+    joint = ElementTree.SubElement(root, "joint", name=f"{UPRIGHT}_joint", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=UPRIGHT)
+    ElementTree.SubElement(joint, "child", link=old)
+    ElementTree.SubElement(joint, "origin", xyz="0 0 0", rpy=" ".join(map(repr, root_rpy_rad)))
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def matching(pattern: str, names: Mapping[str, object], where: str) -> list[str]:
+    """The names that a name or pattern means. Raises InvalidInput for one that means none."""
+    found = [pattern] if pattern in names else [name for name in names if fnmatchcase(name, pattern)]
+    if not found:
+        raise InvalidInput(f"{where}: expected one of {_few(names)}, got {shown(pattern)}")
+    return found
+
+
+def pinocchio() -> Any:
+    """The pinocchio module. Raises InvalidInput where it is not installed."""
+    try:
+        import pinocchio as module
+    except ImportError:
+        raise InvalidInput(
+            "joints: expected pinocchio for URDFs and joint angles, it is not installed: pip install 'stancekit[kin]'"
+        ) from None
+    return module
+
+
+def built(text: str, where: str) -> Any:
+    """pinocchio's model of a URDF on a free-flying base. Raises InvalidInput for what pinocchio refuses."""
+    pin = pinocchio()
+    with TemporaryFile() as said:
+        try:
+            with _standard_error(said.fileno()):
+                return pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+        except Exception as error:  # what pinocchio meets
+            said.seek(0)
+            lines = said.read(10_000).decode(errors="replace").splitlines()
+            reason = next((line.partition("Error:")[2] for line in lines if line.startswith("Error:")), str(error))
+            raise InvalidInput(f"{where}: expected a URDF: {' '.join(reason.split())[:120]}") from None
+
+
+@contextmanager
+def _standard_error(descriptor: int) -> Iterator[None]:
+    """Standard error goes elsewhere: urdfdom writes several lines to it by itself before it refuses."""
+    kept = os.dup(2)
+    os.dup2(descriptor, 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+
+
+def _few(names: Mapping[str, object]) -> str:
+    listed = list(names)
+    return ", ".join(listed[:12]) + (f" and {len(listed) - 12} more" if len(listed) > 12 else "")

@@ -1,0 +1,199 @@
+"""What a leg's foot can reach: sets to plan with, inside of it, and sets to prove with, around it.
+
+The inner polytope is grown as IRIS does (Deits and Tedrake, 2015): half-spaces against the voxels that no sampled
+posture reaches, each tangent to an ellipsoid at the nearest of them, the ellipsoid then fitted to what is left. It is
+checked by inverse kinematics on points of its own, and cut where those are out of reach. A plan over it is one that
+the leg can follow; that nothing is possible within it proves nothing. For that there is the outer set of ``outer``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import binary_closing, binary_dilation, distance_transform_edt
+
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from .inverse_kinematics import REACHED_M, Seeds
+from .leg import Leg
+from .outer import OuterSet, outer_set
+from .polytope import Polytope
+
+SAMPLES = 60_000
+"""Postures a joint, by which voxels are reached."""
+VOXELS = 36
+"""Along the leg's length."""
+MOST_FACES, ROUNDS = 200, 4
+"""Of a polytope while it grows; ellipsoids that are tried."""
+MOST_INSIDE = 12_000
+"""Voxels by which an ellipsoid is fitted."""
+SEEDS, TRIES = 8_000, 2
+"""Postures to start inverse kinematics from, and how many of them for each point."""
+CHECKED, CUTS = 4_000, 16
+"""Points by which a polytope is checked, and by which shares are measured; how often it is cut."""
+MISSED = 0.0008
+"""Share of a polytope that may be out of reach, as far as its points tell."""
+DEAR = 25.0
+"""Points within reach that may be lost with one that is not."""
+MOST_TANGENTS = 20
+USEFUL = 0.15
+"""Of the leg's length: feet that are so far below the hip are of use, and count in ``cover``."""
+CUBE = np.ones((3, 3, 3), dtype=np.bool_)
+CUBE.setflags(write=False)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Workspace:
+    """Sets of one leg's foot, in the base's frame.
+
+    inner: a polytope that is reached throughout, as far as ``unreachable`` says. ball_m: the largest ball in it, centre
+    and radius, shape (4,). box_m: the largest upright box in it, low and high corner, shape (2, 3). outer: holds all
+    that is reachable, proved. reach_m: how far from its first joint the foot gets [m]. cover: share of what is
+    reachable, usefully below the hip, that is in ``inner``; unreachable: share of ``inner`` that is not; both by
+    inverse kinematics on sampled points.
+    """
+
+    inner: Polytope
+    ball_m: Array
+    box_m: Array
+    outer: OuterSet
+    reach_m: float
+    cover: float
+    unreachable: float
+
+
+def workspace_of(leg: Leg, *, seed: int = 0) -> Workspace:
+    """Measure a leg. Raises InvalidInput for one whose foot stays on a surface: it has no inside."""
+    if len(leg.joints) < 3:
+        raise InvalidInput(
+            f"leg {leg.name}: expected three joints or more for a workspace with an inside, got {len(leg.joints)}"
+        )
+    rng = np.random.default_rng(seed)
+    voxels, seeds = _Voxels(leg, rng), Seeds(leg, leg.random_angles(SEEDS, rng), tries=TRIES)
+    inner = _cut(voxels.polytope(leg.nominal_m), seeds, rng)
+    useful = voxels.useful(CHECKED, rng)
+    held = inner.contains(useful[_reached(seeds, useful)])
+    return Workspace(
+        inner=inner,
+        ball_m=inner.largest_ball,
+        box_m=inner.largest_box(),
+        outer=outer_set(leg),
+        reach_m=voxels.reach_m,
+        cover=float(held.mean()) if len(held) else 0.0,
+        unreachable=float(1.0 - _reached(seeds, inner.sample(CHECKED, rng)).mean()),
+    )
+
+
+class _Voxels:
+    """Which voxels of space a leg's foot reaches, by random postures."""
+
+    def __init__(self, leg: Leg, rng: np.random.Generator) -> None:
+        self.size = leg.chain.length_m / VOXELS
+        feet = leg.chain.feet(leg.random_angles(SAMPLES * len(leg.joints), rng))
+        self.reach_m = float(np.linalg.norm(feet - leg.hip_m, axis=1).max())
+        self.corner = feet.min(axis=0) - 2.0 * self.size
+        cells = ((feet - self.corner) / self.size).astype(np.intp)
+        shape = tuple(cells.max(axis=0) + 3)
+        reached = np.zeros(shape, dtype=np.bool_)
+        reached.ravel()[np.ravel_multi_index(tuple(cells.T), shape)] = True
+        self.reached = binary_closing(reached, CUBE)
+        swings = leg.chain.frames(leg.stance_rad[None])[1][0, min(1, len(leg.joints) - 1)]
+        self.useful_m = float(swings[2] - USEFUL * leg.chain.length_m)
+
+    def polytope(self, home: Array) -> Polytope:
+        """Half-spaces around the home of a foot that no unreached voxel is in."""
+        walls = self._centres(binary_dilation(self.reached) & ~self.reached)
+        inside = self._centres(self.reached)
+        deep = distance_transform_edt(self.reached)[self.reached] * (inside[:, 2] < self.useful_m)
+        deepest, inside = inside[int(np.argmax(deep))], inside[:: 1 + len(inside) // MOST_INSIDE]
+        best = -1, np.zeros((0, 3)), np.zeros(0)
+        for start in (home, deepest):
+            metric, centre = np.eye(3), start
+            for _ in range(ROUNDS):
+                normals, offsets = self._tangents(walls, metric, centre, home)
+                within = inside[np.all(inside @ normals.T <= offsets, axis=1)]
+                worth = int(np.count_nonzero(within[:, 2] < self.useful_m))
+                if worth > best[0]:
+                    best = worth, normals, offsets
+                if len(within) < 10:
+                    break
+                metric, centre = np.cov(within.T) + 1e-6 * self.size**2 * np.eye(3), within.mean(axis=0)
+        return self._fewer(best[1], best[2], walls)
+
+    def useful(self, count: int, rng: np.random.Generator) -> Array:
+        """Points spread evenly over the voxels that are reached, usefully below the hip, shape (count, 3)."""
+        corners = self._centres(self.reached) - 0.5 * self.size
+        points = corners[rng.integers(len(corners), size=8 * count)] + self.size * rng.random((8 * count, 3))
+        return np.asarray(points[points[:, 2] < self.useful_m][:count])
+
+    def _centres(self, cells: np.ndarray) -> Array:
+        return np.asarray(self.corner + self.size * (np.argwhere(cells) + 0.5))
+
+    def _tangents(self, walls: Array, metric: Array, centre: Array, home: Array) -> tuple[Array, Array]:
+        """Planes against the walls, the nearest first in the ellipsoid's metric, half a voxel before each."""
+        inverse = np.linalg.inv(metric)
+        away = walls - centre
+        left = walls[np.argsort(np.einsum("ki,ki->k", away @ inverse, away))]
+        normals, offsets = list[Array](), list[float]()
+        while len(left) and len(normals) < MOST_FACES:
+            wall = left[0]
+            for normal in (inverse @ (wall - centre), wall - home):  # the second one keeps home inside
+                normal = normal / np.linalg.norm(normal)
+                offset = float(normal @ wall) - 0.5 * self.size
+                if normal @ home < offset:
+                    break
+            normals.append(normal)
+            offsets.append(offset)
+            left = left[left @ normal < offset + 1e-9]
+        return np.array(normals), np.array(offsets)
+
+    def _fewer(self, normals: Array, offsets: Array, walls: Array) -> Polytope:
+        """Without the faces that keep no wall out, the last found first."""
+        out = walls @ normals.T > offsets - 0.25 * self.size
+        keeping, keep = out.sum(axis=1), np.ones(len(normals), dtype=np.bool_)
+        for i in reversed(range(len(normals))):
+            if not np.any(out[:, i] & (keeping == 1)):
+                keep[i] = False
+                keeping = keeping - out[:, i]
+        return Polytope(normals=normals[keep], offsets_m=offsets[keep])
+
+
+def _cut(inner: Polytope, seeds: Seeds, rng: np.random.Generator) -> Polytope:
+    """The polytope without the parts that inverse kinematics does not reach, tried on fresh points in every round."""
+    for _ in range(CUTS):
+        points = inner.sample(CHECKED, rng)
+        missed = ~_reached(seeds, points)
+        if np.count_nonzero(missed) <= MISSED * CHECKED:
+            break
+        tangents = (points[missed] - points.mean(axis=0)) @ np.linalg.inv(np.cov(points.T))
+        tangents = tangents / np.linalg.norm(tangents, axis=1, keepdims=True)
+        candidates = np.vstack([inner.normals, tangents[:MOST_TANGENTS]])
+        normals, offsets = _best_faces(candidates, points, missed)
+        if not len(normals):
+            break
+        inner = inner.cut(normals, offsets)
+    return inner.lean()
+
+
+def _best_faces(candidates: Array, points: Array, missed: np.ndarray) -> tuple[Array, Array]:
+    """Half-spaces that leave out missed points, one after the other, each worth the most: DEAR for each of those, less
+    one for each other point that it leaves out."""
+    normals, offsets = list[Array](), list[float]()
+    while missed.any():
+        along = points @ candidates.T
+        order = np.argsort(-along, axis=0)
+        worth = np.cumsum(np.where(missed, DEAR, -1.0)[order], axis=0)
+        last, best = np.unravel_index(int(np.argmax(worth)), worth.shape)
+        if worth[last, best] <= 0.0:
+            break
+        offset = float(along[order[last, best], best]) - 1e-9
+        normals.append(candidates[best])
+        offsets.append(offset)
+        left = along[:, best] <= offset
+        points, missed = points[left], missed[left]
+    return np.array(normals).reshape(-1, 3), np.array(offsets)
+
+
+def _reached(seeds: Seeds, points: Array) -> np.ndarray:
+    return np.asarray(seeds.solve(points)[1] <= REACHED_M)

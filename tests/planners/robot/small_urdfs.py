@@ -1,0 +1,58 @@
+"""URDFs written in place: a quadruped whose limbs may come in any order, and what can be wrong with one."""
+
+from collections.abc import Sequence
+
+MASS = '<inertial><mass value="{0}"/><inertia ixx=".01" ixy="0" ixz="0" iyy=".01" iyz="0" izz=".01"/></inertial>'
+LIMITS = {"HAA": (-0.7, 0.7), "HFE": (-1.2, 1.4), "KFE": (-2.4, -0.3)}
+HIPS = {"LF": (0.3, 0.15), "RF": (0.28, -0.14), "LH": (-0.31, 0.16), "RH": (-0.29, -0.13)}
+
+
+def link(name: str, mass: float = 1.0, geometry: str = "") -> str:
+    shape = f"<collision><geometry>{geometry}</geometry></collision>" if geometry else ""
+    return f'<link name="{name}">{MASS.format(mass) if mass else ""}{shape}</link>'
+
+
+def joint(name: str, parent: str, child: str, xyz: str = "0 0 0", axis: str = "0 1 0", extra: str = "") -> str:
+    """A joint that turns; extra: in place of its limits."""
+    extra = extra or '<limit lower="-1" upper="1" effort="40" velocity="10"/>'
+    return (
+        f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>{extra}</joint>'
+    )
+
+
+def fixed(name: str, parent: str, child: str, xyz: str = "0 0 0") -> str:
+    return (
+        f'<joint name="{name}" type="fixed"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}"/></joint>'
+    )
+
+
+def limit(name: str, effort: float = 40.0) -> str:
+    low, high = LIMITS[name]
+    return f'<limit lower="{low}" upper="{high}" effort="{effort}" velocity="10"/>'
+
+
+def leg(name: str, effort: float = 40.0, mass: float = 1.0) -> str:
+    """Three joints, thigh and shank of .3 m, a ball for a foot; every leg a little different."""
+    x, y = HIPS[name]
+    side = 0.05 if y > 0 else -0.05
+    return "".join(
+        [
+            *(link(f"{name}_{part}", mass) for part in ("HIP", "THIGH", "SHANK")),
+            link(f"{name}_FOOT", 0.1 * mass, '<sphere radius="0.02"/>'),
+            joint(f"{name}_HAA", "base", f"{name}_HIP", f"{x} {y} 0", "1 0 0", limit("HAA", effort)),
+            joint(f"{name}_HFE", f"{name}_HIP", f"{name}_THIGH", f"0 {side} 0", "0 1 0", limit("HFE", effort)),
+            joint(f"{name}_KFE", f"{name}_THIGH", f"{name}_SHANK", "0 0 -.3", "0 1 0", limit("KFE", effort)),
+            fixed(f"{name}_ANKLE", f"{name}_SHANK", f"{name}_FOOT", f"0 0 {-0.3 - 0.01 * len(name) * abs(x)}"),
+        ]
+    )
+
+
+def robot(parts: Sequence[str], name: str = "quadruped", trunk: float = 10.0) -> str:
+    body = link("base", trunk, '<box size="0.6 0.25 0.1"/>')
+    return f'<?xml version="1.0"?>\n<robot name="{name}">{body}{"".join(parts)}</robot>'
+
+
+def quadruped(order: Sequence[str] = ("LF", "RF", "LH", "RH"), *, effort: float = 40.0, mass: float = 1.0) -> str:
+    return robot([leg(name, effort, mass) for name in order], trunk=10.0 * mass)

@@ -1,0 +1,146 @@
+"""Contact planning for a robot's file: inner and outer sets, a climb that its own legs reach, and what is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course, read_robot
+from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
+from stancekit.planners.robot.plan_postures import plan_postures
+from stancekit.planners.robot.robot_file import named_robot
+from stancekit.planners.robot.robot_model import model_of
+from stancekit.planners.robot.workspace_cache import workspaces_of
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_plan
+from tests.planners.robot.small_urdfs import quadruped
+
+pin = pytest.importorskip("pinocchio")
+
+COURSE = """
+name: step
+robot: dog.urdf
+frames: 10
+gait: wave
+start_m: [0.0, 0.0, 0.44]
+goal_m: [0.3, 0.0, 0.45]
+body: {com_radius_m: 0.05, first_radius_m: 0.03}
+steps: {com_m: 0.12, toe_m: 0.4}
+candidates: {window_m: 0.2}
+terrain: {kind: stairs, friction: 0.7, first_m: 0.42, run_m: 3.0, rises_m: [0.05]}
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("course")
+    (folder / "dog.urdf").write_text(quadruped())
+    (folder / "step.yaml").write_text(COURSE)
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STANCEKIT_CACHE", str(folder / "cache"))
+
+
+@pytest.fixture
+def plan(folder: Path) -> Plan:
+    outcome = TwoStageCoursePlanner().solve(read_course(folder / "step.yaml"))
+    assert outcome.plan is not None, outcome.message
+    return outcome.plan
+
+
+def test_inner_sets_are_reached_and_outer_ones_hold_all_toes(folder: Path) -> None:
+    model = named_robot(folder / "dog.urdf")
+    inner, outer = (contact_robot(model, workspaces_of(model), sets) for sets in ("inner", "outer"))
+    assert inner.limb_names == outer.limb_names == model.leg_names
+    assert inner.mass_kg == model.body.mass_kg
+    rng = np.random.default_rng(0)
+    for leg, within, around in zip(model.legs, inner.limbs, outer.limbs, strict=True):
+        away = rng.normal(size=(20_000, 3))
+        away /= np.linalg.norm(away, axis=1, keepdims=True)
+        toes = leg.chain.feet(leg.random_angles(20_000, rng)) + leg.radius_m * away - model.body.com_m
+        assert np.all(np.linalg.norm(toes - around.shoulder_m, axis=1) <= around.reach_m)
+        assert around.reach_rows is not None
+        assert np.all(toes @ around.reach_rows.normals.T <= around.reach_rows.bounds_m)
+        workspace = workspaces_of(model)[model.leg_names.index(leg.name)]
+        points = workspace.inner.sample(20_000, rng) - model.body.com_m
+        assert within.reach_rows is not None
+        held = np.all(points @ within.reach_rows.normals.T <= within.reach_rows.bounds_m, axis=1)
+        assert 0.5 < held.mean() < 1.0
+        assert np.all(np.linalg.norm(points - within.shoulder_m, axis=1) <= within.reach_m)
+        feet = points[held] + leg.radius_m * away[: held.sum()] + model.body.com_m  # whatever way the surface looks
+        assert np.all(workspace.inner.contains(feet))
+
+
+def test_a_plan_over_a_step_is_reached_by_the_urdf_itself(folder: Path, plan: Plan) -> None:
+    assert check_plan(plan).accepted
+    model = read_robot(folder / "step.yaml")
+    assert model is not None
+    postures = plan_postures(model, plan)
+    assert postures.reached
+    assert postures.message.startswith("joints: every foot of 40 is reached, within ")
+    known = pin.buildModelFromXML(model.urdf)
+    data = known.createData()
+    for k in range(plan.course.frames):
+        q = pin.neutral(known)
+        for leg, angles in zip(model.legs, postures.angles, strict=True):
+            assert np.all((angles[k] >= leg.lower_rad) & (angles[k] <= leg.upper_rad))
+            for name, angle in zip(leg.joint_names, angles[k], strict=True):
+                q[known.joints[known.getJointId(name)].idx_q] = angle
+        pin.framesForwardKinematics(known, data, q)
+        turn = pin.exp3(plan.rotation_rad[k])
+        for i, leg in enumerate(model.legs):
+            foot = data.oMf[known.getFrameId(leg.foot)].translation
+            centre = plan.com_m[k] + turn @ (foot - model.body.com_m)
+            normal = plan.course.patch(int(plan.course.holds[k][i]), plan.choice).normal
+            np.testing.assert_allclose(centre - leg.radius_m * normal, plan.toes_at(k)[i], atol=1e-4)
+
+
+def test_toes_stand_where_the_model_stands_unless_the_course_says_otherwise(folder: Path) -> None:
+    model = named_robot(folder / "dog.urdf")
+    course = read_course(folder / "step.yaml")
+    first = [placement for placement in course.placements if placement.frame == 0]
+    toes = standing_toes(model)
+    for placement in first:
+        middle = placement.candidates[0].vertices_m.mean(axis=0)
+        expected = toes[model.leg_names.index(placement.limb)][:2]
+        np.testing.assert_allclose(middle[:2], expected, atol=0.05)
+
+
+def test_another_robot_may_take_the_courses_place(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "cat.yaml").write_text(f"urdf: {folder}/dog.urdf\nname: cat\n")
+    assert read_course(folder / "step.yaml", robot=str(tmp_path / "cat.yaml")).robot.name == "cat"
+    assert read_robot(folder / "step.yaml", str(tmp_path / "cat.yaml")).name == "cat"  # type: ignore[union-attr]
+    assert read_robot("walls") is None
+
+
+def test_what_is_out_of_reach_is_said_with_frame_and_leg(folder: Path, plan: Plan) -> None:
+    short = model_of(quadruped().replace('xyz="0 0 -.3"', 'xyz="0 0 -.02"'))
+    postures = plan_postures(short, plan)
+    assert not postures.reached
+    far = postures.error_m > 1e-5
+    frame, leg = np.unravel_index(int(postures.error_m.argmax()), far.shape)
+    assert postures.message == (
+        f"joints: {far.sum()} of 40 feet are out of reach, {short.leg_names[leg]} at frame {frame} by "
+        f"{1e3 * postures.error_m.max():.3g} mm"
+    )
+    with pytest.raises(InvalidInput, match=r"^plan: expected limbs LF, RF, got LF, RF, LH, RH$"):
+        plan_postures(model_of(quadruped(("LF", "RF"))), plan)
+
+
+@pytest.mark.parametrize(
+    ("robot", "message"),
+    [
+        ("centipede", "robot: expected hexapod, a .urdf file, or a .yaml file that names one, got 'centipede'"),
+        ("none.urdf", "robot: {0}/none.urdf: expected a file, found nothing there"),
+    ],
+)
+def test_a_course_whose_robot_cannot_be_had_is_refused(folder: Path, robot: str, message: str) -> None:
+    (folder / "bad.yaml").write_text(COURSE.replace("dog.urdf", robot))
+    with pytest.raises(InvalidInput) as caught:
+        read_course(folder / "bad.yaml")
+    assert str(caught.value) == f"{folder}/bad.yaml: {message.format(folder)}"

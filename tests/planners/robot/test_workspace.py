@@ -1,0 +1,218 @@
+"""Sets of a leg's foot: nothing reachable outside the outer one, nothing out of reach in the inner one."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial import ConvexHull
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.chain import Chain
+from stancekit.planners.robot.inverse_kinematics import REACHED_M, InverseKinematics, Seeds, descend
+from stancekit.planners.robot.leg import Joint, Leg
+from stancekit.planners.robot.outer import enclosing_ball, hull_points, outer_set
+from stancekit.planners.robot.polytope import Polytope
+from stancekit.planners.robot.robot_file import hexapod_model
+from stancekit.planners.robot.robot_model import RobotModel, model_of
+from stancekit.planners.robot.urdf import hexapod_urdf
+from stancekit.planners.robot.workspace import Workspace
+from stancekit.planners.robot.workspace_cache import workspaces_of
+from tests.planners.robot.small_urdfs import HIPS, joint, leg, link, quadruped, robot
+
+pytest.importorskip("pinocchio")
+
+Measured = tuple[RobotModel, tuple[Workspace, ...]]
+
+
+@pytest.fixture(scope="module", params=["hexapod", "quadruped"])
+def measured(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Measured:
+    limbs = hexapod().limbs[:2]
+    two = hexapod_urdf(replace(hexapod(), limbs=limbs))
+    model = model_of(two) if request.param == "hexapod" else model_of(quadruped(("RF", "LH")))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("STANCEKIT_CACHE", str(tmp_path_factory.mktemp("cache")))
+        return model, workspaces_of(model)
+
+
+def pendulum(*, length: float, low: float, high: float) -> Leg:
+    """A rod that swings about y, and about x before that, from the origin."""
+    joints = tuple(
+        Joint(name=name, lower_rad=low, upper_rad=high, torque_nm=1.0, velocity_rad_s=1.0) for name in ("x", "y")
+    )
+    chain = Chain(
+        rotations=np.stack([np.eye(3)] * 2), origins=np.zeros((2, 3)), axes=np.eye(3)[:2], slides=np.zeros(2, bool),
+        tip_m=[0.0, 0.0, -length],
+    )  # fmt: skip
+    return Leg(name="rod", joints=joints, chain=chain, foot="end", radius_m=0.0, stance_rad=np.zeros(2))
+
+
+def test_nothing_reachable_is_outside_the_outer_set(measured: Measured) -> None:
+    model, workspaces = measured
+    for each, workspace in zip(model.legs, workspaces, strict=True):
+        feet = each.chain.feet(each.random_angles(100_000, np.random.default_rng(7)))
+        assert np.all(workspace.outer.contains(feet))
+
+
+def test_the_outer_set_is_hardly_larger_than_the_hull_of_what_is_reached(measured: Measured) -> None:
+    model, workspaces = measured
+    outer = workspaces[0].outer
+    feet = model.legs[0].chain.feet(model.legs[0].random_angles(100_000, np.random.default_rng(8)))
+    assert outer.slack_m < 0.025 * model.legs[0].chain.length_m
+    around = Polytope(normals=outer.normals, offsets_m=outer.offsets_m)
+    assert ConvexHull(feet).volume < ConvexHull(around.vertices).volume < 1.25 * ConvexHull(feet).volume
+
+
+@pytest.mark.parametrize("steps", [4, 16])
+def test_the_slack_of_the_hull_is_what_the_proof_says_and_no_less_is_needed(steps: int) -> None:
+    rod = pendulum(length=2.0, low=-1.0, high=1.0)
+    points, slack = hull_points(rod, steps)
+    step = 2.0 / steps
+    widest = np.linalg.norm(points, axis=1).max()
+    assert widest == pytest.approx(2.0)
+    radius = 2.0  # about both axes: the rod's end is never farther from either
+    assert slack == pytest.approx(2 * step**2 * radius / 8.0, abs=2e-9)
+    between = rod.chain.feet(np.array([[0.5 * step, 0.5 * step]]) if steps == 4 else np.array([[0.5 * step, 0.0]]))[0]
+    hull = ConvexHull(points)
+    outside = float((hull.equations[:, :3] @ between + hull.equations[:, 3]).max())
+    assert 0.2 * slack < outside < slack
+
+
+def test_a_joint_that_slides_adds_no_slack_and_its_ends_are_in_the_set() -> None:
+    parts = [link(f"{n}{i}") for n in "ab" for i in range(3)]
+    limits = '<limit lower="0" upper=".4" effort="9" velocity="1"/>'
+    for n, x in (("a", 0.2), ("b", -0.2)):
+        parts += [joint(f"{n}_0", "base", f"{n}0", f"{x} 0 0", "1 0 0"), joint(f"{n}_1", f"{n}0", f"{n}1", "0 0 -.1")]
+        parts.append(joint(f"{n}_2", f"{n}1", f"{n}2", "0 0 -.2", "0 0 -1", limits).replace("revolute", "prismatic"))
+    each = model_of(robot(parts), feet=["a2", "b2"]).legs[0]
+    assert each.joints[2].slides
+    feet = each.chain.feet(np.array([[0.9, -0.8, 0.4], [-1.0, 1.0, 0.4], [0.0, 0.0, 0.0]]))
+    assert np.all(outer_set(each).contains(feet))
+    assert np.linalg.norm(feet[0] - each.hip_m) > 0.6
+
+
+def test_the_ball_around_points_holds_them_and_is_nearly_the_smallest() -> None:
+    points = np.random.default_rng(0).normal(size=(500, 3))
+    points = 3.0 * points / np.linalg.norm(points, axis=1, keepdims=True) + [1.0, 2.0, 3.0]
+    centre, radius = enclosing_ball(points)
+    assert np.all(np.linalg.norm(points - centre, axis=1) <= radius)
+    assert 2.9 < radius < 3.1
+
+
+def test_inner_sets_are_reached_and_cover_most_of_what_is_of_use(measured: Measured) -> None:
+    model, workspaces = measured
+    rng = np.random.default_rng(11)
+    for each, workspace in zip(model.legs, workspaces, strict=True):
+        assert workspace.cover >= 0.6
+        assert workspace.unreachable <= 0.006
+        points = workspace.inner.sample(1000, rng)
+        _, error = Seeds(each, each.random_angles(8000, rng)).solve(points)
+        assert np.mean(error <= REACHED_M) >= 0.99
+        assert np.all(workspace.outer.contains(points))
+
+
+def test_balls_and_boxes_are_inside_and_touch(measured: Measured) -> None:
+    _, workspaces = measured
+    for workspace in workspaces:
+        inner, (*centre, radius) = workspace.inner, workspace.ball_m
+        room = inner.offsets_m - inner.normals @ np.array(centre)
+        assert room.min() == pytest.approx(radius, abs=1e-9)
+        assert np.count_nonzero(room < radius + 1e-6) >= 4
+        corners = np.array([[workspace.box_m[b, k] for k, b in enumerate(bits)] for bits in np.ndindex(2, 2, 2)])
+        assert np.all(corners @ inner.normals.T <= inner.offsets_m + 1e-9)
+        assert np.prod(workspace.box_m[1] - workspace.box_m[0]) > (2.0 * radius / np.sqrt(3.0)) ** 3 * 0.999
+
+
+def test_the_largest_box_of_an_octahedron_is_known() -> None:
+    signs = np.array([[a, b, c] for a in (1, -1) for b in (1, -1) for c in (1, -1)]) / np.sqrt(3.0)
+    octahedron = Polytope(normals=signs, offsets_m=np.full(8, 1.0 / np.sqrt(3.0)))
+    np.testing.assert_allclose(octahedron.largest_box(), [[-1 / 3] * 3, [1 / 3] * 3], atol=1e-5)
+    np.testing.assert_allclose(octahedron.largest_ball, [0.0, 0.0, 0.0, 1.0 / np.sqrt(3.0)], atol=1e-9)
+    assert ConvexHull(octahedron.vertices).volume == pytest.approx(4.0 / 3.0)
+    more = octahedron.cut(np.eye(3), np.full(3, 2.0))
+    assert len(more.normals) == 11
+    assert len(more.lean().normals) == 8
+
+
+def test_flat_sets_and_legs_without_an_inside_are_refused() -> None:
+    flat = Polytope(normals=np.vstack([np.eye(3), -np.eye(3)]), offsets_m=[1.0, 1.0, 0.0, 1.0, 1.0, 0.0])
+    with pytest.raises(InvalidInput, match=r"^polytope: expected one that is bounded and has an inside$"):
+        _ = flat.vertices
+    parts = [link(f"{n}{i}") for n in "ab" for i in range(2)]
+    for n in "ab":
+        parts += [joint(f"{n}_{i}", ("base", f"{n}0")[i], f"{n}{i}", "0 0 -.3") for i in range(2)]
+    with pytest.raises(
+        InvalidInput, match=r"^leg a: expected three joints or more for a workspace with an inside, got 2$"
+    ):
+        workspaces_of(model_of(robot(parts), feet={"a": "a1", "b": "b1"}), cached=False)
+
+
+def test_workspaces_are_kept_by_digest_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path))
+    one = model_of(robot([leg(name) for name in list(HIPS)[:2]]))
+    first = workspaces_of(one)
+    (file,) = (tmp_path / "workspaces").iterdir()
+    again = workspaces_of(one)
+    for before, after in zip(first, again, strict=True):
+        np.testing.assert_array_equal(before.inner.normals, after.inner.normals)
+        np.testing.assert_array_equal(before.outer.offsets_m, after.outer.offsets_m)
+        np.testing.assert_array_equal(before.ball_m, after.ball_m)
+        assert (before.cover, before.unreachable, before.outer.radius_m) == (
+            after.cover,
+            after.unreachable,
+            after.outer.radius_m,
+        )
+    content = file.read_bytes()
+    monkeypatch.setattr("stancekit.planners.robot.workspace_cache.workspace_of", lambda leg: first[0])
+    assert workspaces_of(one)[1].cover == first[1].cover  # read, not measured
+    file.write_bytes(content[: len(content) // 2])
+    assert workspaces_of(one)[1].cover == first[0].cover  # damaged: measured
+    assert len(file.read_bytes()) > len(content) // 2
+    assert one.digest != model_of(quadruped()).digest
+
+
+def test_inverse_kinematics_finds_what_forward_kinematics_made_and_keeps_limits(measured: Measured) -> None:
+    model, _ = measured
+    rng = np.random.default_rng(4)
+    legs = InverseKinematics([Seeds(each, each.random_angles(8000, rng)) for each in model.legs])
+    feet = np.stack([each.chain.feet(each.random_angles(300, rng)) for each in model.legs], axis=1)
+    found = legs.solve(feet)
+    assert found.reached.mean() >= 0.99
+    for i, each in enumerate(model.legs):
+        angles = found.angles[i]
+        assert np.all((angles >= each.lower_rad) & (angles <= each.upper_rad))
+        np.testing.assert_allclose(
+            np.linalg.norm(each.chain.feet(angles) - feet[:, i], axis=1), found.error_m[:, i], atol=1e-12
+        )
+
+
+def test_a_posture_near_the_foot_is_kept_to() -> None:
+    each = hexapod_model().legs[0]
+    seeds = Seeds(each, each.random_angles(2000, np.random.default_rng(0)))
+    near = np.array([[0.2, -0.4, 0.3, 1.2]])
+    angles, error = seeds.solve(each.chain.feet(near) + np.array([0.002, 0.0, 0.0]), near=near)
+    assert error[0] <= REACHED_M
+    assert np.abs(angles - near).max() < 0.05
+
+
+def test_out_of_reach_is_the_distance_that_is_left() -> None:
+    rod = pendulum(length=0.5, low=-1.0, high=1.0)
+    angles, error = descend(rod, [[0.0, 0.0, -0.8]], [[0.3, 0.2]])
+    assert error[0] == pytest.approx(0.3, abs=1e-3)
+    np.testing.assert_allclose(rod.chain.feet(angles)[0], [0.0, 0.0, -0.5], atol=0.03)
+
+
+def test_joints_that_turn_freely_pass_the_end_of_their_range() -> None:
+    rod = pendulum(length=1.0, low=-np.pi, high=np.pi)
+    target = rod.chain.feet(np.array([[0.0, np.pi - 0.1]]))
+    angles, error = descend(rod, target, [[0.0, -np.pi + 0.1]])
+    assert error[0] <= REACHED_M
+    assert np.all(np.abs(angles) <= np.pi)
+
+
+def test_feet_of_another_shape_are_refused() -> None:
+    each = hexapod_model().legs[0]
+    legs = InverseKinematics([Seeds(each, each.random_angles(50, np.random.default_rng(0)))])
+    with pytest.raises(InvalidInput, match=r"^feet: expected shape \(any, 1, 3\), got \(2, 6, 3\)$"):
+        legs.solve(np.zeros((2, 6, 3)))
