@@ -42,7 +42,7 @@ class BenchGait:
     chart: Annotated[str, tyro.conf.arg(metavar="METHODS")] = ""
     """Some methods, with commas, e.g. ambient,warped,decoupled,portfolio,ambient-lbfgs; all where there is none."""
     tasks: int | None = None
-    """Each how manieth task of a terrain; 1 is all of them."""
+    """Every so-manieth task of a terrain: 1 is all of them, 4 every fourth."""
     seeds: int | None = None
     """Perturbed guesses a task, besides the guess itself; 3 where there is none."""
     cap: float | None = None
