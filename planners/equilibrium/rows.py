@@ -191,21 +191,24 @@ class Rows(Generic[D]):
             settings = solver_settings(equilibrate=not self._keep)
             self._solver = clarabel.DefaultSolver(hessian, q, matrix, b, self._cones, settings)
         else:
-            numbers = {"q": q, "A": matrix.data, "b": b} | ({"P": hessian.data} if self._squares else {})
+            numbers = {"A": matrix.data, "b": b} | ({"q": q} if self._q.constant is None else {})
+            numbers |= {"P": hessian.data} if self._squares else {}
             self._solver.update(**{name: values.tolist() for name, values in numbers.items()})  # lists are read faster
         answer = self._solver.solve()
-        if answer.status not in STATUS:  # rare: ask again, with refined steps
+        said = answer.status
+        if said not in STATUS:  # rare: ask again, with refined steps
             careful = solver_settings(equilibrate=True, careful=True)
             answer = clarabel.DefaultSolver(hessian, q, matrix, b, self._cones, careful).solve()
-        constant = float(sum(float(np.sum(fill(data))) for fill in self._constants))
+            said = answer.status
+        value, constant = float(answer.obj_val), sum(float(np.sum(fill(data))) for fill in self._constants)
         return ConicSolution(
-            status=STATUS.get(answer.status, ConicStatus.FAILED),
+            status=STATUS.get(said, ConicStatus.FAILED),
             answer=answer,
             columns=self.columns,
             groups=self.groups,
-            objective=float(answer.obj_val) + constant,
-            bound=min(float(answer.obj_val), float(answer.obj_val_dual)) + constant,
-            exact=answer.status in EXACT,
+            objective=value + constant,
+            bound=min(value, float(answer.obj_val_dual)) + constant,
+            exact=said in EXACT,
             iterations=int(answer.iterations),
             seconds=time.perf_counter() - begin,
         )
@@ -226,7 +229,8 @@ class Rows(Generic[D]):
         if not hasattr(self, "_matrix"):
             self._compile(data)
         numbers = self._numbers.of(data)
-        matrix = replace(self._matrix, data=self._a.load(numbers, data))
+        pattern = self._matrix
+        matrix = Columns(self._a.load(numbers, data), pattern.indices, pattern.indptr, pattern.shape)
         return self._hessian(data), self._q.load(numbers, data), matrix, self._b.load(numbers, data)
 
     @property

@@ -182,7 +182,7 @@ def branch(
     axis = int(spread[contact].argmax())
     foothold = int(scaled.layout.contacts[2][contact])
     candidate = _largest(scaled.layout, lift.shares, foothold)
-    piece, number = scaled.pieces[candidate], int(np.concatenate(scaled.which)[candidate])
+    piece, number = scaled.pieces[candidate], int(scaled.numbers[candidate])
     low, high = scaled.force_min.copy(), scaled.force_max.copy()
     width = float(high[contact, axis] - low[contact, axis])
     size = float(np.max(np.linalg.norm(piece[:, None] - piece[None], axis=-1))) * scaled.length_m
