@@ -118,8 +118,8 @@ def compare(kind: str, before: Path, after: Path) -> None:
             points += off < 1e-6
             apart = max(apart, off)
     of = sum(row.point is not None for row in new.rows())
-    print(f"{kind} rows  : {len(new)}, equal problems {same}, equal labels {labels}, equal trees {proofs}; points [p, f]: {points} of {of} "
-          f"within 1e-6, the farthest {apart:.2g} apart", flush=True)  # fmt: skip
+    print(f"{kind} rows  : {len(new)}, equal problems {same}, equal labels {labels}, equal trees {proofs}; "
+          f"points [p, f]: {points} of {of} within 1e-6, the farthest {apart:.2g} apart", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -16,12 +16,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Generic, Protocol
+from typing import Any, Generic, Protocol
 
 import clarabel
 import numpy as np
 
 from ..files.arrays import Array
+from .columns import Columns, pattern_of
 from .gather import D, Fill, Gather, Numbers, Values
 from .layout import Index
 
@@ -82,25 +83,6 @@ class Reference(Protocol):
     def solve_as(self, columns: Mapping[str, Index], groups: Mapping[str, Index]) -> ConicSolution:
         """Solve it; x and z in this order, by names."""
         ...
-
-
-@dataclass(frozen=True, eq=False)
-class Columns:
-    """A sparse matrix by columns, as Clarabel reads one; importing ``scipy.sparse`` takes longer than most solves.
-
-    data, indices: values and rows of the entries, in order; indptr: where each column begins and the last one ends.
-    """
-
-    data: Array
-    indices: Index
-    indptr: Index
-    shape: tuple[int, int]
-    has_canonical_format: ClassVar[bool] = True
-
-    def transposed_times(self, z: Array) -> Array:
-        """A'z."""
-        column = np.repeat(np.arange(self.shape[1]), np.diff(self.indptr))
-        return np.bincount(column, self.data * z[self.indices], minlength=self.shape[1]).astype(np.float64, copy=False)
 
 
 STATUS = {
@@ -252,11 +234,11 @@ class Rows(Generic[D]):
         rows = np.concatenate([block[0].ravel() for block in self._blocks])
         columns = np.concatenate([block[1].ravel() for block in self._blocks])
         order = np.lexsort((rows, columns))
-        self._matrix = _pattern(rows[order], columns[order], self.shape)
+        self._matrix = pattern_of(rows[order], columns[order], self.shape)
         first, second = (np.concatenate([np.zeros(0, dtype=np.int_), *(b[k] for b in self._squares)]) for k in (0, 1))
         squared, self._square_places = np.unique(second * self.shape[1] + first, return_inverse=True)
         second, first = np.divmod(squared, self.shape[1])
-        self._squared = _pattern(first, second, (self.shape[1], self.shape[1]))
+        self._squared = pattern_of(first, second, (self.shape[1], self.shape[1]))
         self._a: Gather[D] = Gather(len(rows), self._numbers)
         places = np.argsort(order)
         for block, _, values in self._blocks:
@@ -290,12 +272,6 @@ def solver_settings(*, equilibrate: bool, careful: bool = False) -> clarabel.Def
     settings.equilibrate_enable = equilibrate
     settings.equilibrate_max_iter = 10 if careful else 2
     return settings
-
-
-def _pattern(rows: Index, columns: Index, shape: tuple[int, int]) -> Columns:
-    """A matrix of zeros at these entries, which are sorted by columns."""
-    indptr = np.searchsorted(columns, np.arange(shape[1] + 1))
-    return Columns(np.zeros(len(rows)), rows.astype(np.int32), indptr.astype(np.int32), shape)
 
 
 def _scaled(factor: float, weight: Fill[D]) -> Fill[D]:
