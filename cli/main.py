@@ -15,6 +15,7 @@ from typing import Protocol
 import tyro
 
 from stancekit.planners.errors import InvalidInput, StancekitError
+from stancekit.planners.plugins import fault
 
 from .console import complain
 
@@ -159,9 +160,12 @@ def run(verb: Verb) -> int:
     except KeyboardInterrupt:
         complain("stancekit: interrupted")
         return 130
-    except Exception as error:  # our own mistake, and no verdict on anything
+    except Exception as error:  # our own mistake, and no verdict on anything, or that of a file of the user's own
         if os.environ.get(TRACE):
             raise
+        if theirs := fault(error):
+            complain(f"stancekit: failed: {theirs}; {TRACE}=1 shows more")
+            return 1
         complain(f"stancekit: internal error: {type(error).__name__}: {error}; {TRACE}=1 shows where")
         return INTERNAL
 

@@ -14,7 +14,9 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import inspect
 import sys
+import traceback
 from collections.abc import Callable, Iterable, Mapping
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import module_from_spec, spec_from_file_location
@@ -27,6 +29,7 @@ from .files.documents import read_text
 from .files.refusals import shown
 
 T = TypeVar("T")
+_PREFIX = "stancekit_file_"
 
 
 class Registry(Generic[T]):
@@ -100,6 +103,30 @@ class Registry(Generic[T]):
         return entry_points(group=self.group)
 
 
+def takes(thing: Any, count: int) -> bool:
+    """Whether a thing can be called with so many arguments; yes where it does not say."""
+    try:
+        inspect.signature(thing).bind(*[None] * count)
+    except TypeError:  # not to be called at all, or otherwise
+        return False
+    except ValueError:
+        pass
+    return True
+
+
+def made_or_class(thing: Any, method: str) -> bool:
+    """Whether a thing has a method, and, if it is a class, is made without arguments."""
+    return callable(getattr(thing, method, None)) and (not isinstance(thing, type) or takes(thing, 0))
+
+
+def fault(error: BaseException) -> str | None:
+    """Where a file of one's own that a registry ran raised an error, and which, in one line; None where none did."""
+    for frame, line in reversed(list(traceback.walk_tb(error.__traceback__))):
+        if str(frame.f_globals.get("__name__", "")).startswith(_PREFIX):
+            return f"{frame.f_code.co_filename} line {line}: {_told(error)}"
+    return None
+
+
 def _imported(module: str, where: str) -> ModuleType:
     """An installed module."""
     try:
@@ -113,7 +140,7 @@ def _imported(module: str, where: str) -> ModuleType:
 def _ran(path: Path) -> ModuleType:
     """A file as a module, run where it has not been yet."""
     read_text(path)  # whatever is wrong with the file itself
-    name = f"stancekit_file_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
+    name = f"{_PREFIX}{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
     spec = spec_from_file_location(name, path)
@@ -143,6 +170,6 @@ def _attribute(module: ModuleType, attribute: str, where: str) -> Any:
     return found
 
 
-def _told(error: Exception) -> str:
+def _told(error: BaseException) -> str:
     """An error in one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split()):.200}"

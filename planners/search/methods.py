@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
-from ..plugins import Registry
+from ..plugins import Registry, takes
 from ..projection.project import Projection
 from .answer import Acceptance, CoursePlanner, Planner
 
@@ -164,13 +164,13 @@ COURSE_METHODS = ("two-stage", "micp", "nlp", "decoupled", "exact")
 """And those of courses."""
 PLANNERS: Registry[Callable[[PlannerOptions], Planner]] = Registry(
     "method", "stancekit.planners", {name: f"{__name__}:_{name.replace('-', '_')}" for name in METHODS},
-    expected="something to call with PlannerOptions",
+    expected="something to call with PlannerOptions", accepts=lambda it: takes(it, 1),
 )  # fmt: skip
 """All planners of postures: called with ``PlannerOptions``, a class or function gives something with ``solve``."""
 COURSE_PLANNERS: Registry[Callable[[PlannerOptions], CoursePlanner]] = Registry(
     "planner", "stancekit.course_planners",
     {name: f"{__name__}:_course_{name.replace('-', '_')}" for name in COURSE_METHODS},
-    expected="something to call with PlannerOptions",
+    expected="something to call with PlannerOptions", accepts=lambda it: takes(it, 1),
 )  # fmt: skip
 """All planners of courses, likewise."""
 
