@@ -106,18 +106,20 @@ def compare(kind: str, before: Path, after: Path) -> None:
     from stancekit.learners.data.dataset import Dataset
 
     old, new = Dataset.open(before), Dataset.open(after)
-    same = labels = points = 0
+    same = labels = points = proofs = 0
     apart = 0.0
-    for mine, theirs in zip(new, old, strict=True):
+    for mine, theirs in zip(new.rows(), old.rows(), strict=True):
         same += mine.problem.to_json() == theirs.problem.to_json() and mine.sample == theirs.sample
         labels += mine.kind == theirs.kind
+        trees = [None if row.certificate is None else row.certificate.tree for row in (mine, theirs)]
+        proofs += all(tree is not None for tree in trees) and np.array_equal(*trees)
         if mine.point is not None and theirs.point is not None:
             off = float(np.abs(mine.point - theirs.point).max())
             points += off < 1e-6
             apart = max(apart, off)
-    of = sum(row.point is not None for row in new)
-    print(f"{kind} rows  : {len(new)}, equal problems {same}, equal labels {labels}; points [p, f]: {points} of {of} "
-          f"within 1e-6, the farthest {apart:.2g} apart", flush=True)  # fmt: skip
+    of = sum(row.point is not None for row in new.rows())
+    print(f"{kind} rows  : {len(new)}, equal problems {same}, equal labels {labels}, equal trees {proofs}; "
+          f"points [p, f]: {points} of {of} within 1e-6, the farthest {apart:.2g} apart", flush=True)  # fmt: skip
 
 
 if __name__ == "__main__":

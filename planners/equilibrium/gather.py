@@ -94,8 +94,16 @@ class Gather(Generic[D]):
         whole = np.array_equal(at[order], np.arange(self._size))
         return at[order], source[order], factor[order].astype(np.float64), whole
 
+    @cached_property
+    def constant(self) -> Array | None:
+        """The array, where it is the same for every problem."""
+        at, source, factor, _ = self._once
+        return None if self._fills or source.any() else np.bincount(at, factor, minlength=self._size).astype(np.float64)
+
     def load(self, numbers: Array, data: D) -> Array:
         """The array for this problem."""
+        if self.constant is not None:
+            return self.constant
         at, source, factor, whole = self._once
         values = numbers[source]
         values *= factor

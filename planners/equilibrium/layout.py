@@ -12,7 +12,7 @@ Rows, in the order in which arrays have them:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +128,12 @@ class Layout:
     def under(self, footholds: Index) -> tuple[Index, Index]:
         """(which of these footholds, vertex) for every vertex of their candidates; ``footholds`` may repeat."""
         return _expanded(footholds, np.array([sum(counts) for counts in self.corners], dtype=np.int_))
+
+
+@lru_cache(maxsize=256)
+def shared(layout: Layout) -> Layout:
+    """The layout, or an equal one met before, whose index arrays are there already."""
+    return layout
 
 
 def _expanded(groups: Index, sizes: Index) -> tuple[Index, Index]:

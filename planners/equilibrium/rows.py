@@ -16,12 +16,13 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Generic, Protocol
+from typing import Any, Generic, Protocol
 
 import clarabel
 import numpy as np
 
 from ..files.arrays import Array
+from .columns import Columns, pattern_of
 from .gather import D, Fill, Gather, Numbers, Values
 from .layout import Index
 
@@ -82,25 +83,6 @@ class Reference(Protocol):
     def solve_as(self, columns: Mapping[str, Index], groups: Mapping[str, Index]) -> ConicSolution:
         """Solve it; x and z in this order, by names."""
         ...
-
-
-@dataclass(frozen=True, eq=False)
-class Columns:
-    """A sparse matrix by columns, as Clarabel reads one; importing ``scipy.sparse`` takes longer than most solves.
-
-    data, indices: values and rows of the entries, in order; indptr: where each column begins and the last one ends.
-    """
-
-    data: Array
-    indices: Index
-    indptr: Index
-    shape: tuple[int, int]
-    has_canonical_format: ClassVar[bool] = True
-
-    def transposed_times(self, z: Array) -> Array:
-        """A'z."""
-        column = np.repeat(np.arange(self.shape[1]), np.diff(self.indptr))
-        return np.bincount(column, self.data * z[self.indices], minlength=self.shape[1]).astype(np.float64, copy=False)
 
 
 STATUS = {
@@ -191,21 +173,24 @@ class Rows(Generic[D]):
             settings = solver_settings(equilibrate=not self._keep)
             self._solver = clarabel.DefaultSolver(hessian, q, matrix, b, self._cones, settings)
         else:
-            numbers = {"q": q, "A": matrix.data, "b": b} | ({"P": hessian.data} if self._squares else {})
+            numbers = {"A": matrix.data, "b": b} | ({"q": q} if self._q.constant is None else {})
+            numbers |= {"P": hessian.data} if self._squares else {}
             self._solver.update(**{name: values.tolist() for name, values in numbers.items()})  # lists are read faster
         answer = self._solver.solve()
-        if answer.status not in STATUS:  # rare: ask again, with refined steps
+        said = answer.status
+        if said not in STATUS:  # rare: ask again, with refined steps
             careful = solver_settings(equilibrate=True, careful=True)
             answer = clarabel.DefaultSolver(hessian, q, matrix, b, self._cones, careful).solve()
-        constant = float(sum(float(np.sum(fill(data))) for fill in self._constants))
+            said = answer.status
+        value, constant = float(answer.obj_val), sum(float(np.sum(fill(data))) for fill in self._constants)
         return ConicSolution(
-            status=STATUS.get(answer.status, ConicStatus.FAILED),
+            status=STATUS.get(said, ConicStatus.FAILED),
             answer=answer,
             columns=self.columns,
             groups=self.groups,
-            objective=float(answer.obj_val) + constant,
-            bound=min(float(answer.obj_val), float(answer.obj_val_dual)) + constant,
-            exact=answer.status in EXACT,
+            objective=value + constant,
+            bound=min(value, float(answer.obj_val_dual)) + constant,
+            exact=said in EXACT,
             iterations=int(answer.iterations),
             seconds=time.perf_counter() - begin,
         )
@@ -226,7 +211,8 @@ class Rows(Generic[D]):
         if not hasattr(self, "_matrix"):
             self._compile(data)
         numbers = self._numbers.of(data)
-        matrix = replace(self._matrix, data=self._a.load(numbers, data))
+        pattern = self._matrix
+        matrix = Columns(self._a.load(numbers, data), pattern.indices, pattern.indptr, pattern.shape)
         return self._hessian(data), self._q.load(numbers, data), matrix, self._b.load(numbers, data)
 
     @property
@@ -248,11 +234,11 @@ class Rows(Generic[D]):
         rows = np.concatenate([block[0].ravel() for block in self._blocks])
         columns = np.concatenate([block[1].ravel() for block in self._blocks])
         order = np.lexsort((rows, columns))
-        self._matrix = _pattern(rows[order], columns[order], self.shape)
+        self._matrix = pattern_of(rows[order], columns[order], self.shape)
         first, second = (np.concatenate([np.zeros(0, dtype=np.int_), *(b[k] for b in self._squares)]) for k in (0, 1))
         squared, self._square_places = np.unique(second * self.shape[1] + first, return_inverse=True)
         second, first = np.divmod(squared, self.shape[1])
-        self._squared = _pattern(first, second, (self.shape[1], self.shape[1]))
+        self._squared = pattern_of(first, second, (self.shape[1], self.shape[1]))
         self._a: Gather[D] = Gather(len(rows), self._numbers)
         places = np.argsort(order)
         for block, _, values in self._blocks:
@@ -286,12 +272,6 @@ def solver_settings(*, equilibrate: bool, careful: bool = False) -> clarabel.Def
     settings.equilibrate_enable = equilibrate
     settings.equilibrate_max_iter = 10 if careful else 2
     return settings
-
-
-def _pattern(rows: Index, columns: Index, shape: tuple[int, int]) -> Columns:
-    """A matrix of zeros at these entries, which are sorted by columns."""
-    indptr = np.searchsorted(columns, np.arange(shape[1] + 1))
-    return Columns(np.zeros(len(rows)), rows.astype(np.int32), indptr.astype(np.int32), shape)
 
 
 def _scaled(factor: float, weight: Fill[D]) -> Fill[D]:

@@ -18,7 +18,7 @@ from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course, Weights
 from .half_spaces import HalfSpaces
-from .layout import Layout
+from .layout import Index, Layout, shared
 from .scaling import of_course, of_posture
 
 
@@ -80,6 +80,9 @@ class Scaled:
     half_spaces: HalfSpaces = field(default_factory=HalfSpaces.none)
     offsets: Array = field(default_factory=lambda: np.zeros((0, 1, 3)))
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "layout", shared(self.layout))
+
     @classmethod
     def of(cls, problem: PostureProblem | Course) -> Scaled:
         """Scale a problem: forces (E3) and positions (E4) as non-dimensional numbers."""
@@ -95,6 +98,11 @@ class Scaled:
     def size(self) -> tuple[int, int]:
         """(contacts, most vertices of a patch)."""
         return len(self.force_min), max(count for counts in self.layout.corners for count in counts)
+
+    @cached_property
+    def numbers(self) -> Index:
+        """The number, in the problem, of every open candidate, shape (K,)."""
+        return np.array([number for numbers in self.which for number in numbers], dtype=np.int_)
 
     @cached_property
     def patches(self) -> Array:
@@ -150,18 +158,18 @@ class Scaled:
     def opened(self) -> Array:
         """1 where a candidate of a foothold is open, shape (P, options)."""
         table = np.zeros((self.layout.footholds, self.options))
-        table[self.layout.candidate_footholds, np.concatenate(self.which)] = 1.0
+        table[self.layout.candidate_footholds, self.numbers] = 1.0
         return table
 
     def by_candidate(self, values: Array, missing: float) -> Array:
         """Values of all candidates, (K,), as a table by foothold and number, shape (P, options)."""
         table = np.full((self.layout.footholds, self.options), missing)
-        table[self.layout.candidate_footholds, np.concatenate(self.which)] = values
+        table[self.layout.candidate_footholds, self.numbers] = values
         return table
 
     def only(self, opened: Array) -> Scaled:
         """The problem with only these candidates, of those that there are; shape (P, options)."""
-        kept = opened[self.layout.candidate_footholds, np.concatenate(self.which)] > 0.0
+        kept = opened[self.layout.candidate_footholds, self.numbers] > 0.0
         if kept.all():
             return self
         rows = zip(self.which, self.layout.corners, opened.tolist(), strict=True)

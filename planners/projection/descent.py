@@ -51,7 +51,7 @@ def improved(
 
 
 def cost(scaled: Scaled, point: Point) -> float:
-    """The objective of ``terms.objective`` at a point, in units of the length scale squared."""
+    """The objective of ``objective`` at a point, in units of the length scale squared."""
     weights, moves = scaled.aim, scaled.layout.moves
     value = weights.goal * float(np.sum((point.com[-1] - scaled.goal) ** 2))
     value += weights.tilt / scaled.length_m**2 * float(np.sum(point.rotation**2))

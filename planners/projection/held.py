@@ -9,9 +9,10 @@ import numpy as np
 
 from ..equilibrium.gather import Fill, Of
 from ..equilibrium.layout import Layout
+from ..equilibrium.objective import objective
 from ..equilibrium.rows import ConicSolution, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
-from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Moments, objective
+from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Moments
 from ..files.arrays import Array
 
 MOMENT_PRICE = 30.0

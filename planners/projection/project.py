@@ -32,9 +32,7 @@ STEPS = 6
 """Most linearised steps of SCP."""
 
 
-def project(
-    programs: Programs, projection: Projection, scaled: Scaled, start: Point, *, steps: int = STEPS
-) -> Point:
+def project(programs: Programs, projection: Projection, scaled: Scaled, start: Point, *, steps: int = STEPS) -> Point:
     """Project ``start`` on the bilinear surface, one candidate a foothold; the residual is inf without an answer.
 
     steps: most linearised steps of "scp".

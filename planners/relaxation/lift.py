@@ -14,10 +14,11 @@ from functools import cached_property
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Layout
 from ..equilibrium.multipliers import multipliers
+from ..equilibrium.objective import objective
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
 from ..equilibrium.scaled import Scaled
-from ..equilibrium.terms import Body, Forces, FreeToes, Given, Moments, objective
+from ..equilibrium.terms import Body, Forces, FreeToes, Given, Moments
 from ..files.arrays import Array
 from .relaxed import Relaxed, unit_shares
 

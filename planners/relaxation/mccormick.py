@@ -21,9 +21,10 @@ import numpy as np
 
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout
+from ..equilibrium.objective import objective
 from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled, skew
-from ..equilibrium.terms import Body, Forces, FreeToes, Given, objective
+from ..equilibrium.terms import Body, Forces, FreeToes, Given
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Corners, Envelope

@@ -189,7 +189,7 @@ class MicpProgram:
             toes=np.asarray(plan.toes.value), residual=float("inf"),
             forces=np.matmul(frames.transpose(0, 2, 1), world[..., None])[..., 0],
         )  # fmt: skip
-        choice = np.concatenate(scaled.which)[largest]
+        choice = scaled.numbers[largest]
         return MicpAnswer(claim="feasible", seconds=seconds, point=point, choice=choice, moments=moments)
 
 

@@ -45,7 +45,7 @@ class Relaxed:
 
     def rounded(self) -> tuple[Index, Point]:
         """The candidate of the largest share of every foothold, by number, (P,), and a point whose toes are on them."""
-        number = np.concatenate(self.scaled.which)
+        number = self.scaled.numbers
         if len(number) == self.scaled.layout.footholds and len(self.forces) == len(self.scaled.force_min):
             return number, self._point(self.toes, self.forces)  # nothing to round
         ends = np.cumsum([len(counts) for counts in self.scaled.layout.corners])

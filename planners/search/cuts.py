@@ -22,7 +22,7 @@ import numpy as np
 from ..answer.outcome import Certificate
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import Programs
-from ..equilibrium.scaled import Point, Scaled
+from ..equilibrium.scaled import Point, Scaled, cones_met
 from ..files.arrays import Array
 from ..projection.project import SURFACE, scp
 from ..relaxation.lift import LiftAnswer, solve_lift
@@ -30,8 +30,10 @@ from ..relaxation.lift import LiftAnswer, solve_lift
 LEAF = (0.0, 0.0, 0.0, 0.0, 0.0)
 WHOLE = 1e-4
 """A share this close to 1 is a choice already made."""
-PATCH_UNIT_M = 0.1
+PATCH_UNIT_M = 0.2
 """A force interval of half this many patch sizes is as wide as the patch: the rule of when to cut the patch instead."""
+NEAR_ENDS = 0.1
+"""A force interval is split where the lift has the force, but no nearer to an end than this share of it."""
 FLAT = 0.1
 """Pieces of a patch may leave out so large a share of the gap; of a patch that is bent more, only forces are split."""
 WORTH, WORTH_LEAST = 3.0, 2e-3
@@ -167,7 +169,8 @@ def branch(
     """A row of a certificate's tree that splits a problem where its lift is loose, and the two parts, which cover it.
 
     First a foothold torn between candidates; then the force box of the stance contact and component whose f_u / λ_u
-    differ most, or, where that is narrower than its patch, the patch. contact: where another one is wanted. bent: of
+    differ most, at the force that the lift has there, or, where what the cones leave of the box is narrower than its
+    patch, the patch. contact: where another one is wanted. bent: of
     which patches only the forces may be split, (P, options).
     """
     torn = _torn(scaled, lift)
@@ -182,16 +185,21 @@ def branch(
     axis = int(spread[contact].argmax())
     foothold = int(scaled.layout.contacts[2][contact])
     candidate = _largest(scaled.layout, lift.shares, foothold)
-    piece, number = scaled.pieces[candidate], int(np.concatenate(scaled.which)[candidate])
+    piece, number = scaled.pieces[candidate], int(scaled.numbers[candidate])
     low, high = scaled.force_min.copy(), scaled.force_max.copy()
-    width = float(high[contact, axis] - low[contact, axis])
+    grip = scaled.by_candidate(scaled.friction, 0.0).max(axis=1)[scaled.layout.contacts[2]]
+    least, most = (float(end[contact, axis]) for end in cones_met(low, high, grip))
+    width = most - least
     size = float(np.max(np.linalg.norm(piece[:, None] - piece[None], axis=-1))) * scaled.length_m
     small = spread[contact, axis] < 1e-9 or width < 0.5 * size / PATCH_UNIT_M
     if small and len(piece) > 2 and not (bent is not None and bent[foothold, number]):
         first, second = halving_chord(piece)
         row = (2.0, float(foothold), float(number), first, second)
         return row, [scaled.with_piece(candidate, part) for part in cut(piece, first, second)]
-    value = 0.5 * float(low[contact, axis] + high[contact, axis])
+    force = float(lift.by_vertex[scaled.layout.contact_vertices[0] == contact, axis].sum())
+    room = NEAR_ENDS * width
+    value = min(max(force, least + room), most - room) if width > 0.0 else 0.5 * (least + most)
+    value = min(max(value, float(low[contact, axis])), float(high[contact, axis]))
     below, above = high.copy(), low.copy()
     below[contact, axis] = above[contact, axis] = value
     parts = [scaled.with_force_box(low, below), scaled.with_force_box(above, high)]

@@ -13,10 +13,11 @@ from ..answer.outcome import Certificate
 from ..answer.plan import PlanOutcome
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.multipliers import multipliers
+from ..equilibrium.objective import objective
 from ..equilibrium.programs import Programs
 from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
-from ..equilibrium.terms import Body, FreeToes, Given, objective
+from ..equilibrium.terms import Body, FreeToes, Given
 from ..problem.course import Course
 from ..projection.project import project
 from .answer import Acceptance, plan_of
