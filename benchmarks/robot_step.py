@@ -46,14 +46,14 @@ ASIDE, UP, SIDE, LEAN_RAD, MOVED_M = 0.25, 0.15, 0.05, 0.26, 0.05
 to LEAN_RAD; the centre of mass within MOVED_M of where it stands."""
 
 
-def step_row(name: str, file: str, natural: int) -> dict[str, Any] | None:
-    """A plan over a step and the decisions on natural postures; None for what has not four legs."""
+def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
+    """A plan over a step and the decisions on natural postures."""
     try:
         model = named_robot(file)
     except InvalidInput as error:
         return {"name": name, "refused": re.sub(r"^\S+: ", "", str(error))}
     if len(model.legs) != 4:
-        return None
+        return {"name": name, "refused": f"expected four legs, found {len(model.legs)}"}
     try:
         course = lay_out(spec_from(step_course(model, file)))
     except InvalidInput as error:

@@ -73,14 +73,13 @@ def main() -> None:
         if wanted and not any(part in name for part in wanted):
             continue
         found = step_row(name, file, arguments.natural) if arguments.step else row(name, file, arguments.legs)
-        if found is None:
-            continue
         rows.append(found)
         told = step_line(found) if arguments.step else line(found)
         print(json.dumps(found) if arguments.json else told, flush=True)
     if arguments.step:
-        climbed = sum(bool(each.get("accepted")) and each["worst_m"] <= REACHED_M for each in rows)
-        print(f"{climbed} of {len(rows)} quadrupeds: planned, verified, every foot within {1e3 * REACHED_M:g} mm")
+        asked = [each for each in rows if "refused" not in each]
+        climbed = sum(bool(each.get("accepted")) and each["worst_m"] <= REACHED_M for each in asked)
+        print(f"{climbed} of {len(asked)}: planned, verified, feet within {1e3 * REACHED_M:g} mm; others are refused")
         return
     loaded = [each for each in rows if "refused" not in each]
     quick = sum(each["load_s"] <= 1.5 for each in loaded)
