@@ -13,8 +13,12 @@ from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.verify import CertificateReport, Report, check_certificate, check_plan, check_posture
-from stancekit.planners.verify import explain as explain
+from stancekit.planners.verify import explain as _explain
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
+
+from .arguments import checked
+
+explain = checked(_explain)
 
 
 @overload
@@ -27,6 +31,7 @@ def verify(subject: Plan, answer: None = None, *, tolerance: float = 1e-6) -> Re
 def verify(subject: Trajectory, answer: None = None) -> GaitReport: ...
 @overload
 def verify(subject: Dataset, answer: None = None) -> RecheckReport: ...
+@checked
 def verify(
     subject: PostureProblem | Course | Plan | Trajectory | Dataset,
     answer: Posture | Certificate | None = None,

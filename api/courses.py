@@ -7,6 +7,8 @@ from typing import Literal
 
 from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.project import Projection
@@ -16,9 +18,12 @@ from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.methods import Relaxation, make_course_planner
 
+from .arguments import checked
 
+
+@checked
 def plan(
-    course: Course | str | Path,
+    course: Course | PostureProblem | str | Path,
     planner: str | CoursePlanner = "two-stage",
     *,
     frames: int | None = None,
@@ -33,10 +38,10 @@ def plan(
 
     Arguments:
         course: a ``Course``, a built-in one by name ("stairs", "walls", "icy-walls", "tube", "ground-to-wall"), or a
-            YAML or JSON file.
+            YAML or JSON file; one posture problem is a course of one frame.
         planner: "two-stage" (relaxation and projection), "exact" (to the best plan; short courses), "micp", "nlp",
             "decoupled" (a baseline that fails on ice). Or a planner that was made before, the name of one that a
-            package registered under ``stancekit.planners``, or "FILE.py:NAME".
+            package registered under ``stancekit.course_planners``, or "FILE.py:NAME".
         frames: number of key frames M, where not the course's own; of a name or a YAML file only.
         reserve: plan with 80 % of the friction where that has a plan, else 90 %, else all of it; two-stage only.
         relaxation, envelopes: first stage of two-stage: the lift, or learned boxes, or modes that it switches between.
@@ -56,8 +61,12 @@ def plan(
         >>> outcome.status.value, outcome.plan.com_m.shape
         ('feasible', (4, 3))
     """
+    if isinstance(course, PostureProblem):
+        course = Course.of_posture(course)
     if not isinstance(course, Course):
         course = read_course(course, frames)
+    elif frames not in (None, course.frames):
+        raise InvalidInput(f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}")
     chosen = planner
     if isinstance(chosen, str):
         chosen = make_course_planner(

@@ -30,6 +30,8 @@ from stancekit.planners.robot.single_body import GaitRobot
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
 
+from .arguments import checked
+
 Kind = TypeVar("Kind")
 Proof = tuple[PostureProblem | Course, Certificate]
 Saved = PostureProblem | Course | EnvelopeSet | Modes | Plan | Proof | Trajectory | Learned
@@ -50,6 +52,7 @@ _READERS: Mapping[str, Callable[[Path], Any]] = {
 def load(path: str | Path) -> Any: ...
 @overload
 def load(path: str | Path, kind: type[Kind]) -> Kind: ...
+@checked
 def load(path: str | Path, kind: type[Any] = object) -> Any:
     """Read any of Stancekit's files, by what the file says that it is.
 
@@ -77,6 +80,7 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
     return found
 
 
+@checked
 def save(
     thing: Saved | Sequence[PostureProblem],
     path: str | Path,

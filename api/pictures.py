@@ -18,7 +18,10 @@ from stancekit.views.plans import draw_plan
 from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import save
 
+from .arguments import checked
 
+
+@checked
 def draw(
     subject: PostureProblem | Plan | Trajectory,
     posture: Posture | None = None,
@@ -58,9 +61,6 @@ def draw(
             figure = draw_plan(subject, caption=caption)
         case Trajectory():
             figure = draw_motion(subject, check_trajectory(subject), caption=caption)
-        case _:
-            came = type(subject).__name__
-            raise InvalidInput(f"draw: expected a posture problem, a plan or a trajectory, got a {came}")
     if out is not None:
         save(figure, out)
     return figure

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -15,19 +15,19 @@ from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.methods import make_planner
 
-if TYPE_CHECKING:
-    from stancekit.envs.distributions.postures import Distribution
+from .arguments import Sampler, checked
 
 
+@checked
 def sample(
-    problems: str | Distribution, count: int = 1, *, rng: np.random.Generator | int = 0
+    problems: str | Sampler, count: int = 1, *, rng: np.random.Generator | int = 0
 ) -> list[PostureProblem]:
     """Draw posture problems from a distribution of terrains.
 
     Arguments:
-        problems: a distribution, or its name: "ground-3", "wall-3", "wall-5" (three or five limbs on the ground or on
-            two facing walls), one that a package registered under the entry point ``stancekit.distributions``, or
-            "FILE.py:NAME", or a YAML file.
+        problems: something with ``sample(rng)``, or the name of a distribution: "ground-3", "wall-3", "wall-5" (three
+            or five limbs on the ground or on two facing walls), one that a package registered under the entry point
+            ``stancekit.distributions``, "FILE.py:NAME", or a YAML file.
         count: how many, 1 or more.
         rng: a generator, or a seed; equal seeds give equal problems.
     Returns:
@@ -48,10 +48,13 @@ def sample(
         from stancekit.envs.distributions.postures import distribution  # loads Gymnasium
 
         problems = distribution(problems)
+    if not isinstance(rng, np.random.Generator) and rng < 0:
+        raise InvalidInput(f"rng: expected a generator or a seed of 0 or more, got {rng}")
     source, drawn = problems, np.random.default_rng(rng)
     return [source.sample(drawn) for _ in range(count)]
 
 
+@checked
 def solve(
     problem: PostureProblem,
     method: str | Planner = "exact",

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, overload
 
-from stancekit.envs.distributions.postures import Distribution
+from stancekit.envs.distributions.postures import Distribution, OwnDistribution, PostureDistribution
 from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.labelling import label as labelled
 from stancekit.learners.data.ledger import LabelPlan
@@ -23,9 +23,12 @@ from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 
+from .arguments import Sampler, checked
 
+
+@checked
 def label(
-    problems: str | Distribution,
+    problems: str | Sampler,
     folder: str | Path,
     *,
     feasible: int = 500,
@@ -37,7 +40,7 @@ def label(
     """Draw posture problems and label them exactly into a folder, or go on with one that was begun.
 
     Arguments:
-        problems: a distribution or its name, as for ``sample``.
+        problems: a distribution or its name, as for ``sample``. One that has no ``name`` goes by its class's.
         folder: of the data set; what is there already is not made again.
         feasible, infeasible: rows of each label; the infeasible ones need their moment balance to be so.
         natural: keep the first samples as they come, whatever their label.
@@ -56,10 +59,16 @@ def label(
         >>> len(train), train.labels[0] in ("feasible", "infeasible")
         (12, True)
     """
-    name, source = (problems, None) if isinstance(problems, str) else (problems.name, problems)
+    name, source = (problems, None) if isinstance(problems, str) else _named(problems)
     plan = LabelPlan(distribution=name, feasible=feasible, infeasible=infeasible, natural=natural, seed=seed)
     labelled(plan, folder, workers=workers, source=source)
     return Dataset.open(folder)
+
+
+def _named(thing: Sampler) -> tuple[str, Distribution]:
+    """Something that draws, as a distribution with a name."""
+    name = str(getattr(thing, "name", type(thing).__name__))
+    return name, thing if isinstance(thing, PostureDistribution) else OwnDistribution(thing, name)
 
 
 Rows = Dataset | str | Path
@@ -71,6 +80,7 @@ def fit(  # type: ignore[overload-overlap]
 ) -> Modes: ...
 @overload
 def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object) -> Learned: ...
+@checked
 def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object) -> Learned | Modes:
     """Learn a selector of envelopes from a labelled data set.
 
@@ -98,6 +108,7 @@ def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object)
     return learn(method, [_opened(rows) for rows in several], typed(FitSettings, settings, ""))
 
 
+@checked
 def evaluate(
     selector: Learned | EnvelopeSet | str | Path,
     dataset: Rows,

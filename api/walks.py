@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps, GaitPlan, plan_gait
@@ -15,7 +16,10 @@ from stancekit.planners.robot.single_body import GaitRobot, anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import named_terrain
 
+from .arguments import checked
 
+
+@checked
 def walk(
     terrain: HeightField | str,
     goal_xy_m: Array | Sequence[float],
@@ -33,12 +37,12 @@ def walk(
     """Find a walk over a terrain: the motion of the torso, footholds and contact forces.
 
     Arguments:
-        terrain: a ``HeightField``, a name ("ripple", "cone", "hill", "pit", ...), a draw as "rough:0.5:7" (family,
-            difficulty, seed), or a file of heights.
+        terrain: a ``HeightField``, a name ("ripple", "cone", "hill", "pit", ...), a random one as "rough:0.5:7"
+            (family, difficulty, seed), a file of heights, or a function of x and y as "FILE.py:NAME".
         goal_xy_m, start_xy_m: where the torso ends and begins, shape (2,) [m].
         heading_rad: which way the robot faces at the start, from x towards y [rad].
-        robot: a walker; ANYmal where there is none.
-        gait: order of the steps.
+        robot: a walker, e.g. ``stancekit.load("anymal.yaml")``; ANYmal where there is none.
+        gait: order of the steps; tripod is for six feet, the others are for four.
         duration_s: time to walk [s].
         friction: Coulomb coefficient ν of the ground.
         adhesive: names of feet that stick: they may pull, and have no friction cone.
@@ -49,8 +53,8 @@ def walk(
         A ``GaitPlan``: ``trajectory`` is the walk that the verifier accepted, None where there is none, and ``message``
         says in one line what came of it.
     Raises:
-        InvalidInput: for a place off the terrain, ground that the robot cannot stand on there, a walk longer than its
-            time.
+        InvalidInput: for a place off the terrain, ground that the robot cannot stand on there, feet that the
+            robot lacks, a walk longer than its time.
     Source:
         Paper W §III (W1-W7), §IV (charts), §V.
     Example:
@@ -61,6 +65,8 @@ def walk(
         (True, (4, 3))
     """
     body = robot or anymal()
+    if strange := [name for name in adhesive if name not in body.foot_names]:
+        raise InvalidInput(f"adhesive: expected some of {', '.join(body.foot_names)}, got {', '.join(strange)}")
     task = GaitTask(
         robot=body,
         terrain=named_terrain(terrain) if isinstance(terrain, str) else terrain,

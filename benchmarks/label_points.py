@@ -3,11 +3,12 @@
     python benchmarks/label_points.py same                                     # rows labelled in other ways
     python benchmarks/label_points.py seeds --benches ../a/bench ../b/bench    # one method, many seeds, both data sets
     python benchmarks/label_points.py table --benches ../a/bench ../b/bench    # Table I, cell by cell
+    python benchmarks/label_points.py fresh --benches ../a/bench ../b/bench    # what both learned, on rows of neither
 
 `same`: every problem is labelled in blocks of 512, with Clarabel's equilibration on and on its careful settings, alone,
 and in blocks of 7; the farthest apart of any [p, f], how many rows are more than 1e-5 apart, and whose toes the search
-had to find. Beside them, what the search alone would have kept, with and without equilibration. `seeds`, `table`:
-folders of `stancekit bench envelopes --quick`, the first of which is the old one.
+had to find. Beside them, what the search alone would have kept, with and without equilibration. `seeds`, `table`,
+`fresh`: folders of `stancekit bench envelopes --quick`, the first of which is the old one.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -26,9 +28,12 @@ from threadpoolctl import threadpool_limits
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data.labelling import label
+from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.data.scenes import scenes_of
 from stancekit.learners.evaluation.evaluate import evaluate
 from stancekit.learners.evaluation.experiment import Experiment
+from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.training.fitting import learn_selector
 from stancekit.planners.answer.outcome import Posture, Status
 from stancekit.planners.equilibrium import rows as conic_rows
@@ -40,6 +45,8 @@ from stancekit.planners.search.exact import ExactPlanner
 
 Points = dict[int, Array]
 APART = 1e-5
+FRESH = 90210
+"""Seed of rows that no bench has drawn."""
 CONFIG = Path(__file__).resolve().parents[1] / "configs" / "bench-envelopes.yaml"
 
 
@@ -47,17 +54,17 @@ CONFIG = Path(__file__).resolve().parents[1] / "configs" / "bench-envelopes.yaml
 class Options:
     """Which study, and how much of it."""
 
-    study: Annotated[Literal["same", "seeds", "table"], tyro.conf.Positional] = "same"
+    study: Annotated[Literal["same", "seeds", "table", "fresh"], tyro.conf.Positional] = "same"
     problems: tuple[str, ...] = tuple(DISTRIBUTIONS)
     count: int = 1000
-    """Natural samples a class (same)."""
+    """Natural samples a class (same), rows of each label (fresh)."""
     seed: int = 0
     seeds: int = 8
     """How many (seeds)."""
     method: Literal["ga", "neural"] = "ga"
     """Which (seeds)."""
     benches: tuple[Path, ...] = ()
-    """Folders of `bench envelopes --quick` (seeds, table)."""
+    """Folders of `bench envelopes --quick` (seeds, table, fresh)."""
 
 
 def same(options: Options) -> Iterator[str]:
@@ -179,7 +186,28 @@ def table(options: Options) -> Iterator[str]:
         yield f"{bench}: {cells - outside} of {cells} cells within the 95 % intervals of {options.benches[0]}"
 
 
-STUDIES: dict[str, Callable[[Options], Iterator[str]]] = {"same": same, "seeds": seeds, "table": table}
+def fresh(options: Options) -> Iterator[str]:
+    """The selectors that the benches learned, on rows that neither has seen: kept, refused, projected by fix-p."""
+    for name in options.problems:
+        with TemporaryDirectory() as folder:
+            label(LabelPlan(distribution=name, feasible=options.count, infeasible=options.count, seed=FRESH), folder)
+            scenes = scenes_of(Dataset.open(folder))
+        for file in sorted({path.name for bench in options.benches for path in (bench / name).glob("*.*")}):
+            found = []
+            for path in (bench / name / file for bench in options.benches):
+                if path.suffix not in (".json", ".safetensors") or ".row" in file or not path.exists():
+                    continue
+                learned = load_selector(path)
+                score = evaluate(
+                    file, learned.selector, scenes, problem_class=name, projections=("fix-p",), boxes=learned.boxes
+                )
+                shares = (score.p1_feasible, score.p1_infeasible, score.projected["fix-p"])
+                found.append("/".join(str(share.hits) for share in shares))
+            if found:
+                yield f"{name} {file.split('.')[0]}: {', '.join(found)} of {options.count} each"
+
+
+STUDIES: dict[str, Callable[[Options], Iterator[str]]] = {"same": same, "seeds": seeds, "table": table, "fresh": fresh}
 
 
 def main(options: Options) -> None:

@@ -16,7 +16,7 @@ from .console import emit, make_folder, out, stages
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from stancekit.learners.gait_bench import GaitBenchSettings
+    from stancekit.learners.evaluation.gait_bench import GaitBenchSettings
 
 OPTIONS = {"every": "tasks", "cap_s": "cap", "terrains": "terrain", "methods": "chart"}
 """Settings by the options that give them."""
@@ -42,7 +42,7 @@ class BenchGait:
     chart: Annotated[str, tyro.conf.arg(metavar="METHODS")] = ""
     """Some methods, with commas, e.g. ambient,warped,decoupled,portfolio,ambient-lbfgs; all where there is none."""
     tasks: int | None = None
-    """Each how manieth task of a terrain; 1 is all of them."""
+    """Every so-manieth task of a terrain: 1 is all of them, 4 every fourth."""
     seeds: int | None = None
     """Perturbed guesses a task, besides the guess itself; 3 where there is none."""
     cap: float | None = None
@@ -60,7 +60,7 @@ class BenchGait:
         """Measure what is missing, and print the tables."""
         from rich.console import Console
 
-        from stancekit.learners import gait_bench, gait_drawings, gait_figures
+        from stancekit.learners.evaluation import gait_bench, gait_drawings, gait_figures
         from stancekit.planners.files.writing import write_text
 
         settings = self._settings()
@@ -97,7 +97,7 @@ class BenchGait:
     def _settings(self) -> GaitBenchSettings:
         from dataclasses import replace
 
-        from stancekit.learners.gait_bench import GaitBenchSettings
+        from stancekit.learners.evaluation.gait_bench import GaitBenchSettings
 
         settings = GaitBenchSettings.quick() if self.quick else GaitBenchSettings()
         asked: dict[str, Any] = {"every": self.tasks, "seeds": self.seeds, "cap_s": self.cap}
@@ -193,8 +193,8 @@ def _quartiles(values: list[float] | float | None, digits: int) -> str:
 
 def comparisons(rows: list[dict[str, Any]]) -> list[str]:
     """Iterations and times against the baseline, on the cells in which both succeeded."""
-    from stancekit.learners.gait_bench import METHODS
-    from stancekit.learners.gait_figures import BASELINE, ratios
+    from stancekit.learners.evaluation.gait_bench import METHODS
+    from stancekit.learners.evaluation.gait_figures import BASELINE, ratios
 
     found = []
     for method in dict.fromkeys(row["method"] for row in rows):
@@ -212,7 +212,7 @@ def comparisons(rows: list[dict[str, Any]]) -> list[str]:
 
 def products(records: list[dict[str, Any]]) -> list[str]:
     """What a verified walk costs, how much it is smoothed, and how many points verified success is below success."""
-    from stancekit.learners.gait_bench import METHODS
+    from stancekit.learners.evaluation.gait_bench import METHODS
 
     found = []
     for method in dict.fromkeys(record["method"] for record in records):

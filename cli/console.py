@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
 import sys
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderableType, RenderHook, RenderResult
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
@@ -49,9 +50,33 @@ out = _console()
 err = _console(stderr=True, highlight=False)
 
 
+class _Aside(io.TextIOBase):
+    """Stands for standard output while only results may go there: what is written to it goes to standard error."""
+
+    def __init__(self, results: TextIO) -> None:
+        self.results = results
+
+    def write(self, text: str) -> int:
+        return len(text) if sys.stderr is None else sys.stderr.write(text)
+
+    def flush(self) -> None:
+        self.results.flush()
+
+
+@contextmanager
+def results_alone() -> Iterator[None]:
+    """Whatever code prints, also that of files of one's own, goes to standard error; what is emitted does not."""
+    if sys.stdout is None:
+        yield
+        return
+    with redirect_stdout(_Aside(sys.stdout)):
+        yield
+
+
 def emit(record: Mapping[str, Any]) -> None:
     """Print one JSON object on one line of standard output, at once."""
-    print(json.dumps(record, allow_nan=False), flush=True)
+    results = sys.stdout.results if isinstance(sys.stdout, _Aside) else sys.stdout
+    print(json.dumps(record, allow_nan=False), file=results, flush=True)
 
 
 def complain(message: str) -> None:

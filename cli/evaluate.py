@@ -34,12 +34,12 @@ class Evaluate:
 
     dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Data set folder of `stancekit label`."""
-    envelope: tuple[Path, ...] = ()
+    envelope: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
     """Envelope files to compare."""
     selector: Annotated[tuple[str, ...], named("stancekit.learners.selectors.own:SELECTORS", "FILE|FILE.py:NAME")] = ()
     """Files of any selectors to compare: envelopes, neural selectors, choosers, policies; or selectors of your own."""
     lift: bool = True
-    """Compare with the lift, which needs no envelope."""
+    """The lift, which needs no envelope, is compared, too; --no-lift leaves it out."""
     project: tuple[Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"], ...] = ("fix-p", "fix-f", "fix-toes", "scp")
     """Projections; nlp takes some 30 ms a problem."""
     workers: int = 1

@@ -19,10 +19,10 @@ class Export:
     set is read back before it counts as written. To use it: MINARI_DATASETS_PATH=OUT and minari.load_dataset(ID).
     """
 
-    dataset: Annotated[Path, tyro.conf.Positional]
+    dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Data set folder of `stancekit label`."""
-    out: Annotated[Path, tyro.conf.Positional]
-    """New folder; nothing is written anywhere else."""
+    out: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="OUT")]
+    """New folder, or an empty one; nothing is written anywhere else."""
     room: float = 0.02
     """How far every side of the expert's box is moved out (non-dimensional)."""
     json: bool = False

@@ -30,7 +30,7 @@ LIMITS = {True: 80, False: 200}
 class Gait:
     """Plan a walk over a terrain and verify it between the knots; write it only if the verifier accepts.
 
-    TERRAIN is a reference terrain (ripple, cone, hill, pit, pit-84, pit-87), a drawn one as rough:0.5:7
+    TERRAIN is a reference terrain (ripple, cone, hill, pit, pit-84, pit-87), a random one as rough:0.5:7
     (FAMILY:DIFFICULTY:SEED), a function of x and y as FILE.py:NAME, or a file of heights. A place is written x,y in
     metres; before a negative one the sign = is the safe way to write it, as in --start=-2.6,0.
 
@@ -40,7 +40,7 @@ class Gait:
     """
 
     terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
-    """Name, draw or file."""
+    """Name, FAMILY:DIFFICULTY:SEED, FILE.py:NAME, or file of heights."""
     goal: Annotated[str, tyro.conf.arg(metavar="X,Y")]
     """Where the torso has to end."""
     start: Annotated[str, tyro.conf.arg(metavar="X,Y")] = "0,0"
@@ -88,7 +88,7 @@ class Gait:
     convergence: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the violation at every iteration."""
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Film of the motion."""
+    """Film of the motion (extras mujoco and viz, and a GL library)."""
     html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html")] = None
     """Page with the motion in 3D, to be opened without a network."""
     json: bool = False

@@ -7,7 +7,7 @@ import os
 import sys
 import textwrap
 from collections.abc import Sequence
-from contextlib import redirect_stderr
+from contextlib import nullcontext, redirect_stderr
 from importlib import import_module
 from itertools import dropwhile, takewhile
 from typing import Protocol
@@ -16,7 +16,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput, StancekitError
 
-from .console import complain
+from .console import complain, results_alone
 
 DESCRIPTION = """Legged robots learn and plan on hard terrain.
 
@@ -142,28 +142,42 @@ def _is_rule(row: str) -> bool:
 def run(verb: Verb) -> int:
     """Run a verb; what goes wrong on purpose becomes one line and an exit code."""
     try:
-        return verb.run()
+        with results_alone() if getattr(verb, "json", False) else nullcontext():
+            return verb.run()
     except InvalidInput as error:
         complain(f"stancekit: error: {error}")
         return 2
     except StancekitError as error:
         complain(f"stancekit: failed: {error}")
         return 1
-    except BrokenPipeError:
-        _close_output()
-        return 0
-    except (OSError, MemoryError) as error:  # a full disk, a file that went away
-        complain(f"stancekit: failed: {type(error).__name__}: {error}")
-        _close_output()
-        return 1
     except KeyboardInterrupt:
         complain("stancekit: interrupted")
         return 130
-    except Exception as error:  # our own mistake, and no verdict on anything
-        if os.environ.get(TRACE):
-            raise
-        complain(f"stancekit: internal error: {type(error).__name__}: {error}; {TRACE}=1 shows where")
-        return INTERNAL
+    except BaseException as error:
+        return _ended_by(error)
+
+
+def _ended_by(error: BaseException) -> int:
+    """The exit code for what nobody raised on purpose, after one line. Raises what is no error, as SystemExit."""
+    from stancekit.planners.plugins import blamed
+
+    theirs = blamed(error)
+    if os.environ.get(TRACE) and (theirs or not isinstance(error, OSError | MemoryError)):
+        raise error
+    if theirs:
+        complain(f"stancekit: failed: {theirs}; {TRACE}=1 shows more")
+        return 1
+    if isinstance(error, BrokenPipeError):
+        _close_output()
+        return 0
+    if isinstance(error, OSError | MemoryError):  # a full disk, a file that went away
+        complain(f"stancekit: failed: {type(error).__name__}: {error}")
+        _close_output()
+        return 1
+    if not isinstance(error, Exception):
+        raise error
+    complain(f"stancekit: internal error: {type(error).__name__}: {error}; {TRACE}=1 shows where")
+    return INTERNAL  # our own mistake, and no verdict on anything
 
 
 def _close_output() -> None:

@@ -16,8 +16,10 @@ def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
 
     def hint(default: str) -> str:
         module, _, attribute = registry.partition(":")
-        names = [*getattr(import_module(module), attribute).names(), "FILE.py:NAME"]
-        return f"({f'default: {default}; ' if default else ''}one of {', '.join(names)})"
+        names = getattr(import_module(module), attribute).names()
+        known = [f"default: {default}"] if default else []
+        known += [f"one of {', '.join([*names, 'FILE.py:NAME'])}"] if names else []
+        return f"({'; '.join(known)})" if known else ""
 
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint)
 

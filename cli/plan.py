@@ -80,7 +80,8 @@ class PlanCourse:
     """Pieces of each axis in micp's grid, a power of two."""
     reserve: bool = True
     """Plan with 80 % of the friction where that has a plan, else with 90 %, else with all of it: what is executed then
-    has something in hand. Two-stage only; bound is told where all of it was needed, or with --no-reserve."""
+    has something in hand. --no-reserve: with all of it at once. Two-stage only; there is a bound only of plans with all
+    of it."""
     frames: OptionalInt = None
     """Number of key frames M, where not the course's own."""
     engine: Literal["rows", "cvxpy"] = "rows"
@@ -95,7 +96,7 @@ class PlanCourse:
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the plan: .png, .pdf or .svg."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Video of the plan's motion (extra viz)."""
+    """Film of the plan's motion (extras mujoco and viz, and a GL library)."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
     """Page in three dimensions that a browser opens from disk, without a network (extra viz)."""
     json: bool = False

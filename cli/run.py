@@ -89,7 +89,7 @@ class Run:
     stop_file: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Stop as soon as this file is there."""
     stop_topic: Annotated[str | None, tyro.conf.arg(metavar="HOST:PORT/TOPIC")] = None
-    """Stop as soon as this topic of std_msgs/Bool, heard through a rosbridge, is true, or is lost. (The `estop` of a
+    """Stop as soon as this topic of std_msgs/Bool, read through a rosbridge, is true, or is lost. (The `estop` of a
     set-up file does the same for world ros.)"""
     picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the tracking, .png, .pdf or .svg; with --log."""

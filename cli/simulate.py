@@ -43,7 +43,7 @@ class Simulate:
     picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the end, .png, .pdf or .svg."""
     video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """Video, .mp4, at twice the pace; takes a minute or more."""
+    """Film, .mp4, at twice the pace (extras mujoco and viz, and a GL library)."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File for what was recorded every 5 ms, .npz."""
     json: bool = False

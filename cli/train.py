@@ -26,7 +26,7 @@ class Train:
     with the policy that it would have ended with. See configs/train-selection.yaml for the keys.
     """
 
-    config: Annotated[Path, tyro.conf.Positional]
+    config: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     """YAML file; its keys are those of `TrainConfig` in learners/training/train_config.py."""
     out: Path = Path("out/train")
     """Folder of the run."""

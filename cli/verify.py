@@ -25,12 +25,16 @@ EVIDENCE = {"feasible": "posture", "infeasible": "certificate"}
 class Verify:
     """Check answers again: postures and proofs, a data set, a plan of key frames, a gait.
 
-    `stancekit verify plan.json` checks a plan of key frames, a proof that there is none, or a gait trajectory against
-    the course or terrain in the file, whatever the file says of itself.
-    `stancekit verify problems.jsonl answers.jsonl` takes the n-th answer for the n-th problem; answers are what
-    `stancekit solve --certificate --out answers.jsonl` writes.
-    `stancekit verify data/wall-3` checks every witness and every certificate of a data set. No solver takes part.
-    Exit code 1 if anything is refused, and that is also what happens to a claim that comes without its evidence.
+    With one file, `stancekit verify plan.json`, a plan of key frames, a proof that there is none, or a gait trajectory
+    is checked against the course or terrain in the file, whatever the file says of itself.
+
+    With two, `stancekit verify problems.jsonl answers.jsonl`, the n-th answer is taken for the n-th problem; answers
+    are what `stancekit solve --certificate --out answers.jsonl` writes.
+
+    With a folder, `stancekit verify data/wall-3`, every witness and every certificate of a data set is checked.
+
+    No solver takes part. Exit code 1 if anything is refused, and that is also what happens to a claim that comes
+    without its evidence.
     """
 
     problems: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PROBLEMS")]

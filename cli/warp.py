@@ -104,7 +104,7 @@ def _table(report: MapReport) -> Table:
         ("match", f"{1e3 * report.match_m[0]:.3f} mm at most, {1e3 * report.match_m[1]:.3f} mm rms"),
         ("before the snap", f"{1e3 * report.unsnapped_m[0]:.1f} mm at most, {1e3 * report.unsnapped_m[1]:.1f} mm rms"),
         ("conformal error", percent.format(**ground)),
-        ("  .5 m above", percent.format(**torso)),
+        ("  0.5 m above", percent.format(**torso)),
         ("note", report.message),
     ):
         if text:

@@ -14,19 +14,23 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import inspect
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, TypeVar, cast
 
-from .errors import InvalidInput
+from .errors import InvalidInput, StancekitError
 from .files.documents import read_text
 from .files.refusals import shown
 
 T = TypeVar("T")
+FILE = "stancekit_file_"
+"""What the names of modules that were run from a FILE.py begin with."""
 
 
 class Registry(Generic[T]):
@@ -100,20 +104,32 @@ class Registry(Generic[T]):
         return entry_points(group=self.group)
 
 
+def takes(thing: Any, count: int) -> bool:
+    """Whether a thing can be called with so many arguments; yes where it does not say."""
+    try:
+        inspect.signature(thing).bind(*[None] * count)
+    except TypeError:  # not to be called at all, or otherwise
+        return False
+    except ValueError:
+        pass
+    return True
+
+
+def made_or_class(thing: Any, method: str) -> bool:
+    """Whether a thing has a method, and, if it is a class, is made without arguments."""
+    return callable(getattr(thing, method, None)) and (not isinstance(thing, type) or takes(thing, 0))
+
+
 def _imported(module: str, where: str) -> ModuleType:
     """An installed module."""
-    try:
+    with foreign(f"{where}: cannot be imported"):
         return importlib.import_module(module)
-    except InvalidInput:
-        raise
-    except Exception as error:  # whatever another's code does when it is imported
-        raise InvalidInput(f"{where}: cannot be imported: {_told(error)}") from error
 
 
 def _ran(path: Path) -> ModuleType:
     """A file as a module, run where it has not been yet."""
     read_text(path)  # whatever is wrong with the file itself
-    name = f"stancekit_file_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
+    name = f"{FILE}{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
     spec = spec_from_file_location(name, path)
@@ -121,11 +137,10 @@ def _ran(path: Path) -> ModuleType:
     assert spec.loader is not None
     sys.modules[name] = module = module_from_spec(spec)  # before it runs: dataclasses look for their module there
     try:
-        spec.loader.exec_module(module)
-    except BaseException as error:
+        with foreign(f"{path}: cannot be run"):
+            spec.loader.exec_module(module)
+    except BaseException:
         del sys.modules[name]
-        if isinstance(error, Exception):
-            raise InvalidInput(f"{path}: cannot be run: {_told(error)}") from error
         raise
     return module
 
@@ -143,6 +158,35 @@ def _attribute(module: ModuleType, attribute: str, where: str) -> Any:
     return found
 
 
-def _told(error: Exception) -> str:
+def blamed(error: BaseException) -> str:
+    """An error that came through a FILE.py in one line, with the last place there; empty where it came through none."""
+    place, trace = "", error.__traceback__
+    while trace is not None:
+        frame = trace.tb_frame
+        if str(frame.f_globals.get("__name__", "")).startswith(FILE):
+            place = f"{frame.f_code.co_filename} line {trace.tb_lineno}: {_told(error)}"
+        trace = trace.tb_next
+    return place
+
+
+@contextmanager
+def foreign(where: str) -> Iterator[None]:
+    """Whatever another's code raises within, and be it SystemExit, is an InvalidInput: one line that begins so.
+
+    Errors of this package pass, as those of a user who interrupts do.
+    """
+    try:
+        yield
+    except (StancekitError, KeyboardInterrupt):
+        raise
+    except BaseException as error:
+        raise InvalidInput(f"{where}: {_told(error)}") from error
+
+
+def _told(error: BaseException) -> str:
     """An error in one line."""
-    return f"{type(error).__name__}: {' '.join(str(error).split()):.200}"
+    try:
+        text = str(error)
+    except Exception:  # another's code, again
+        text = shown(error)
+    return f"{type(error).__name__}: {' '.join(text.split()):.200}"

@@ -136,7 +136,7 @@ def check_settings(settings: RunSettings, world: SafeWorld) -> None:
     """Raise InvalidInput for a robot that hangs where none can, and for limits that only a simulation may break."""
     if settings.hung and not world.real:
         raise InvalidInput(f"hung: expected a robot that can hang in a stand, world {world.name} has none")
-    if not settings.check_limits and world.kind != "simulation":
+    if not settings.check_limits and (world.real or world.kind != "simulation"):
         raise InvalidInput(f"check_limits: expected True but in a simulation, got False in world {world.name}")
 
 

@@ -170,7 +170,7 @@ def _draw_error_shares(axes: Axes, report: MapReport) -> None:
     """How much of the ground, and of the level of the torso, has an error below what."""
     share = np.linspace(0.0, 100.0, report.ground_error.size)
     for name, error, colour in (
-        ("ground", report.ground_error, MEASURE_COLOURS[0]), (".5 m above", report.torso_error, MEASURE_COLOURS[1])
+        ("ground", report.ground_error, MEASURE_COLOURS[0]), ("0.5 m above", report.torso_error, MEASURE_COLOURS[1])
     ):  # fmt: skip
         axes.plot(100.0 * np.sort(error, axis=None), share, color=colour, lw=2.0, label=name)
     axes.set(xlim=(0.0, None), ylim=(0.0, 100.0), xlabel="error below [%]")

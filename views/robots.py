@@ -21,10 +21,11 @@ PAPER = np.array(rgb("#f4f1ea"))
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A shape that goes with the trunk, in the trunk's frame."""
+    """A shape that goes with the trunk, in the trunk's frame. lift_m: a body's."""
 
     shape: Shape
     colour: Colour
+    lift_m: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,7 +64,7 @@ class RobotShape:
         """The trunk alone."""
         return [
             Body(name=f"{prefix}trunk {k}", shape=part.shape, position_m=position_m, rotation=rotation,
-                 colour=part.colour, edge=STEEL, opacity=opacity)
+                 colour=part.colour, edge=STEEL, opacity=opacity, lift_m=part.lift_m)
             for k, part in enumerate(self.trunk)
         ]  # fmt: skip
 
@@ -82,8 +83,8 @@ def hexapod(limbs: Sequence[str], shoulders_m: Array, size_m: float) -> RobotSha
     deck = [share * ring + height * UP for share, height in ((0.97, -thick), (0.97, thick), (0.72, 2.0 * thick))]
     nose = _nose(0.36 * radius, 0.55 * radius, 0.2 * radius, 2.0 * thick)
     return RobotShape(
-        limbs=limbs, trunk=[Part(hull(np.concatenate(deck)), SHELL), Part(nose, STEEL)], outline_m=0.97 * ring,
-        size_m=size_m, bone_m=0.033 * size_m,
+        limbs=limbs, trunk=[Part(hull(np.concatenate(deck)), SHELL), Part(nose, STEEL, radius)],
+        outline_m=0.97 * ring, size_m=size_m, bone_m=0.033 * size_m,
     )  # fmt: skip
 
 
@@ -93,8 +94,8 @@ def single_body(robot: GaitRobot) -> RobotShape:
     nose = _nose(0.55 * half[0], 0.9 * half[0], 0.45 * half[1], half[2])
     outline = np.array([(1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (1.0, -1.0, 0.0)]) * half
     return RobotShape(
-        limbs=robot.foot_names, trunk=[Part(Box(half), SHELL), Part(nose, STEEL)], outline_m=outline, size_m=size,
-        bone_m=0.045 * size,
+        limbs=robot.foot_names, trunk=[Part(Box(half), SHELL), Part(nose, STEEL, half[0])],
+        outline_m=outline, size_m=size, bone_m=0.045 * size,
     )  # fmt: skip
 
 
@@ -141,5 +142,5 @@ def faded(bodies: Sequence[Body], strength: float) -> list[Body]:
 
 
 def _nose(back: float, tip: float, half: float, height: float) -> Mesh:
-    """A thin triangle that points ahead."""
+    """A thin triangle that points ahead. On paper it is lifted off the deck that it lies on, or that hides some."""
     return prism(np.array([[tip, 0.0], [back, half], [back, -half]]), height, height + 0.1 * half)

@@ -16,7 +16,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.refusals import refusals
-from stancekit.planners.plugins import Registry
+from stancekit.planners.plugins import Registry, made_or_class
 from stancekit.planners.problem import Contact, PostureBatch, PostureProblem
 from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS
 from stancekit.planners.robot import Limb, Robot, hexapod
@@ -162,7 +162,8 @@ DISTRIBUTIONS: Mapping[str, PostureDistribution] = MappingProxyType({d.name: d f
 REGISTRY: Registry[Any] = Registry(
     "distribution", "stancekit.distributions",
     {name: f"{__name__}:{name.upper().replace('-', '_')}" for name in DISTRIBUTIONS},
-    expected="something with sample(rng), or a class of it", accepts=lambda it: callable(getattr(it, "sample", None)),
+    expected="something with sample(rng), or a class of it that is made without arguments",
+    accepts=lambda it: made_or_class(it, "sample"),
 )  # fmt: skip
 """All distributions."""
 
@@ -170,7 +171,8 @@ REGISTRY: Registry[Any] = Registry(
 class OwnDistribution:
     """A distribution from elsewhere: something with ``sample(rng)``, or its class, which is made without arguments.
 
-    name: by which it was asked for. Its ``terrain`` counts where it has one. To other processes it goes by its name.
+    name: by which it was asked for. Its ``terrain`` counts where it has one. To other processes it goes
+    by its name, or as it is where no registry has it.
     """
 
     def __init__(self, thing: Any, name: str) -> None:
@@ -194,6 +196,8 @@ class OwnDistribution:
 
     def __reduce__(self) -> tuple[Any, ...]:
         path, colon, attribute = self.name.rpartition(":")
+        if self.name not in REGISTRY.names() and not path.endswith(".py"):
+            return OwnDistribution, (self._thing, self.name)
         return _again, (f"{Path(path).resolve()}:{attribute}" if colon else self.name, self.name)
 
 

@@ -72,8 +72,10 @@ def export(
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         found = "a file" if out.is_file() else "files in it"
         raise InvalidInput(f"{out}: expected a new or empty folder, found {found}")
-    if not out.parent.is_dir():
-        raise InvalidInput(f"{out}: expected an existing folder {out.parent}")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InvalidInput(f"{out}: expected a folder or room for one, got {error.strerror}") from None
     dataset_id = f"stancekit/{dataset.problem_class}/expert-v0"
     rows = dataset.select(np.sort(np.concatenate([dataset.feasible, dataset.infeasible])))
     if not len(rows):

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import inspect
 from pathlib import Path
 from typing import Any
 
-from stancekit.planners.plugins import Registry
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.plugins import Registry, made_or_class
 
 from .selector import Learned, Observation
 
 ANY = "any"
 """Class of problems of a selector that does not say for which it was made."""
 SELECTORS: Registry[Any] = Registry(
-    "selector", "stancekit.selectors", {}, expected="something with predict(observation), or a class of it",
-    accepts=lambda it: callable(getattr(it, "predict", None)),
+    "selector", "stancekit.selectors", {},
+    expected="something with predict(observation), or a class of it that is made without arguments",
+    accepts=lambda it: made_or_class(it, "predict"),
 )  # fmt: skip
 """Selectors by name. A class is made without arguments."""
 
@@ -29,7 +32,10 @@ def own_selector(name: str) -> Learned:
 
 
 class OwnSelector:
-    """A selector from elsewhere; to other processes it goes by its name."""
+    """A selector from elsewhere; to other processes it goes by its name.
+
+    Its ``predict`` is given as much of stable-baselines3's arguments as it takes: the observation is enough.
+    """
 
     def __init__(self, name: str) -> None:
         found = SELECTORS.get(name)
@@ -37,15 +43,20 @@ class OwnSelector:
         path, colon, attribute = name.rpartition(":")
         self._name = f"{Path(path).resolve()}:{attribute}" if colon else name
         self.problem_class = str(getattr(self._found, "problem_class", ANY))
+        parameters = inspect.signature(self._found.predict).parameters.values()
+        everything = any(one.kind is one.VAR_KEYWORD for one in parameters)
+        self._takes = None if everything else {one.name for one in parameters}
         self.boxes = int(getattr(self._found, "boxes", 1))
 
     def predict(
         self, observation: Observation, state: Any = None, episode_start: Any = None, deterministic: bool = True
     ) -> tuple[Any, Any]:
         """Return (action, state), as every selector."""
-        found: tuple[Any, Any] = self._found.predict(
-            observation, state=state, episode_start=episode_start, deterministic=deterministic
-        )
+        given = {"state": state, "episode_start": episode_start, "deterministic": deterministic}
+        asked = given if self._takes is None else {name: given[name] for name in given if name in self._takes}
+        found = self._found.predict(observation, **asked)
+        if not isinstance(found, tuple) or len(found) != 2:
+            raise InvalidInput(f"selector {self._name}: expected (action, state), got a {type(found).__name__}")
         return found
 
     def __reduce__(self) -> tuple[Any, ...]:

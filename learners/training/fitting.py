@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.plugins import Registry
+from stancekit.planners.plugins import Registry, takes
 from stancekit.planners.relaxation.modes import Modes
 
 from ..data.dataset import Dataset
@@ -29,6 +29,7 @@ METHODS: Registry[Callable[[FitRequest], Any]] = Registry(
         "rl": f"{_NETWORKS}:reinforcement",
     },
     expected="something to call with a FitRequest",
+    accepts=lambda it: takes(it, 1),
 )
 """A method is called with a ``FitRequest`` and returns what it learned: an ``EnvelopeSet``, ``Modes``, or a selector
 with ``predict`` and ``save(path)``."""

@@ -113,15 +113,15 @@ def answer_from_json(data: Any) -> Posture | Certificate | None:
         raise InvalidInput(f"expected a JSON object, got {type(data).__name__}")
     if data.get("certificate") is not None:
         return Certificate.from_json(data["certificate"])
-    names = ("com_m", "rotation_rad", "toes_m", "forces_n")
+    names: tuple[str, ...] = ("com_m", "rotation_rad", "toes_m", "forces_n")
     if not any(name in data for name in names):
         return None
     missing = [name for name in names if name not in data]
     if missing:
         raise InvalidInput(f"{missing[0]}: expected this key, got nothing")
+    names += tuple(name for name in ("points_m", "point_forces_n") if name in data)
     try:
-        soles = {name: data[name] for name in ("points_m", "point_forces_n") if name in data}
-        return Posture(**{name: data[name] for name in names}, **soles)
+        return Posture(**{name: data[name] for name in names})
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(f"{', '.join(names)}: expected lists of numbers") from None
 

@@ -80,8 +80,11 @@ class Plan:
         limbs = list(of.limbs)
         soles: dict[str, Array] = {}
         if self.points_m is not None and self.point_forces_n is not None:
-            soles["points_m"] = self.points_m[self.course.holds[of.frame, limbs]]
-            soles["point_forces_n"] = self.point_forces_n[stance][limbs]
+            feet = [self.course.robot.limbs[i].sole_m for i in limbs]
+            most = max(1 if sole is None else len(sole) for sole in feet)
+            if most > 1:  # else nobody who carries has a sole
+                soles["points_m"] = self.points_m[self.course.holds[of.frame, limbs], :most]
+                soles["point_forces_n"] = self.point_forces_n[stance][limbs, :most]
         return Posture(
             com_m=self.com_m[of.frame],
             rotation_rad=self.rotation_rad[of.frame],

@@ -19,6 +19,7 @@ from ..problem import PostureProblem
 from ..problem.course import Course, Weights
 from .half_spaces import HalfSpaces
 from .layout import Layout
+from .scaling import of_course, of_posture
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,9 +83,7 @@ class Scaled:
     @classmethod
     def of(cls, problem: PostureProblem | Course) -> Scaled:
         """Scale a problem: forces (E3) and positions (E4) as non-dimensional numbers."""
-        from .scaling import of_course, of_posture  # which make this class
-
-        return of_course(problem) if isinstance(problem, Course) else of_posture(problem)
+        return of_course(cls, problem) if isinstance(problem, Course) else of_posture(cls, problem)
 
     @property
     def aim(self) -> Weights:

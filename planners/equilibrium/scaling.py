@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -11,11 +12,12 @@ from ..problem import PostureProblem
 from ..problem.course import Course
 from .half_spaces import HalfSpaces
 from .layout import Layout
-from .scaled import Scaled
+
+Scaled = TypeVar("Scaled")
 
 
-def of_posture(problem: PostureProblem) -> Scaled:
-    """A posture: one frame, one stance, a foothold of one candidate a contact."""
+def of_posture(scaled: Callable[..., Scaled], problem: PostureProblem) -> Scaled:
+    """A posture as ``scaled`` holds it: one frame, one stance, a foothold of one candidate a contact."""
     length_m, force_n = problem.length_scale_m, float(problem.force_scale_n or 1.0)
     contacts, nothing = problem.contacts, np.zeros((0, 3))
     feet = tuple(range(len(contacts)))
@@ -23,7 +25,7 @@ def of_posture(problem: PostureProblem) -> Scaled:
     corners = tuple((len(region.vertices_m),) for region in regions)
     points, offsets = _offsets([contact.offsets_m for contact in contacts], length_m)
     bearing = np.repeat(np.arange(len(contacts)), points or 1)
-    return Scaled(
+    return scaled(
         layout=Layout(
             holds=(feet,), stances=((0, feet),), corners=corners, reach_rows=HalfSpaces.counts(contacts), points=points
         ),
@@ -49,8 +51,8 @@ def of_posture(problem: PostureProblem) -> Scaled:
     )  # fmt: skip
 
 
-def of_course(course: Course) -> Scaled:
-    """A course, with every candidate open."""
+def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
+    """A course as ``scaled`` holds it, with every candidate open."""
     scale, limbs, limits = course.length_scale_m, course.robot.limbs, course.steps
     patches = [patch for placement in course.placements for patch in placement.candidates]
     borders = [
@@ -69,7 +71,7 @@ def of_course(course: Course) -> Scaled:
     )
     direction = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
     carrying = len(layout.contact_points)
-    return Scaled(
+    return scaled(
         layout=layout,
         options=max(len(placement.candidates) for placement in course.placements),
         which=tuple(tuple(range(len(placement.candidates))) for placement in course.placements),

@@ -37,6 +37,8 @@ WEIGHTS = {
 }
 """Weights of a posture's discomfort."""
 STEEP = 0.9
+NEAR = 1.3
+"""Of a limb's reach: what is farther from its shoulder than this share takes no part."""
 
 
 def limb_posture(
@@ -68,16 +70,16 @@ def posture_cost(
     near: Array | None = None,
     clearance: Clearance | None = None,
 ) -> tuple[Array, Array]:
-    """The family of postures within the limits, shape (K, 4) [rad], and how uncomfortable each is, shape (K,).
+    """The family of postures within the limits, shape (…, K, 4) [rad], and how uncomfortable each is, shape (…, K).
 
-    Arguments as of ``limb_posture``.
+    Arguments as of ``limb_posture``, or any number of targets at once: target, approach, shape (…, 3); near, (…, 4).
     """
     family = swivels(lengths, target)
     cost = _discomfort(family, approach, servo, near)
     if clearance is not None:
         points = links(lengths, family)
-        short = np.maximum(CLEARANCE_M - clearance(points.reshape(-1, 3)).reshape(len(family), -1), 0.0)
-        cost = cost + WEIGHTS["clear"] * np.sum(short**2, axis=1)
+        far = clearance(points.reshape(*points.shape[:-3], -1, 3)).reshape(points.shape[:-1])
+        cost = cost + WEIGHTS["clear"] * np.sum(np.maximum(CLEARANCE_M - far, 0.0) ** 2, axis=-1)
     return np.clip(family, servo.lower_rad, servo.upper_rad), cost
 
 
@@ -100,49 +102,49 @@ def limb_postures(
     found = list[Array]()
     for i, limb in enumerate(robot.limbs):
         frame, shoulder = rotation_of([0.0, 0.0, outward_rad(limb)]), origin + turn @ limb.shoulder_m
-        close = [solid for solid in obstacles if solid.distance(shoulder[None])[0] < 1.3 * limb.reach_m]
         posture = limb_posture(
             link_lengths(limb), frame.T @ (feet[i] - limb.shoulder_m), frame.T @ approach[i], servo,
             near=None if near is None else near[i],
-            clearance=clearance_of(shoulder, turn @ frame, close) if close else None,
+            clearance=clearance_of(shoulder, turn @ frame, obstacles, NEAR * limb.reach_m),
         )  # fmt: skip
         found.append(posture)
     return np.concatenate(found)
 
 
 def swivels(lengths: Array, target: Array) -> Array:
-    """The postures that reach ``target``, or come closest to it, one for each of SWIVELS_RAD, shape (K, 4)."""
+    """The postures that reach ``target``, or come closest, one for each of SWIVELS_RAD; (…, 3) to (…, K, 4)."""
     thigh, shank = lengths
-    far = max(float(np.linalg.norm(target)), 1e-6)
-    distance = min(max(far, abs(thigh - shank) + 1e-6), thigh + shank - 1e-6)
+    far = np.maximum(np.linalg.norm(target, axis=-1, keepdims=True), 1e-6)
+    distance = np.clip(far, abs(thigh - shank) + 1e-6, thigh + shank - 1e-6)
     along = target / far
-    aside = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
-    aside = aside / np.linalg.norm(aside)
+    aside = np.cross(along, np.eye(3)[np.argmin(np.abs(along), axis=-1)])
+    aside = aside / np.linalg.norm(aside, axis=-1, keepdims=True)
     ahead = (thigh**2 + distance**2 - shank**2) / (2.0 * distance)
-    wide = np.sqrt(max(thigh**2 - ahead**2, 0.0))
-    ring = np.outer(np.cos(SWIVELS_RAD), aside) + np.outer(np.sin(SWIVELS_RAD), np.cross(along, aside))
-    knees = ahead * along + wide * ring
-    upper, lower = knees / thigh, (distance * along - knees) / shank
-    yaw, hip = np.arctan2(upper[:, 1], upper[:, 0]), -np.arcsin(np.clip(upper[:, 2], -1.0, 1.0))
-    across = lower[:, 1] * np.cos(yaw) - lower[:, 0] * np.sin(yaw)  # of the shank, in the thigh's frame
-    above = np.sin(hip) * (lower[:, 0] * np.cos(yaw) + lower[:, 1] * np.sin(yaw)) + np.cos(hip) * lower[:, 2]
+    wide = np.sqrt(np.maximum(thigh**2 - ahead**2, 0.0))
+    cos, sin = np.cos(SWIVELS_RAD)[:, None], np.sin(SWIVELS_RAD)[:, None]
+    ring = cos * aside[..., None, :] + sin * np.cross(along, aside)[..., None, :]
+    knees = (ahead * along)[..., None, :] + wide[..., None] * ring
+    upper, lower = knees / thigh, ((distance * along)[..., None, :] - knees) / shank
+    yaw, hip = np.arctan2(upper[..., 1], upper[..., 0]), -np.arcsin(np.clip(upper[..., 2], -1.0, 1.0))
+    across = lower[..., 1] * np.cos(yaw) - lower[..., 0] * np.sin(yaw)  # of the shank, in the thigh's frame
+    above = np.sin(hip) * (lower[..., 0] * np.cos(yaw) + lower[..., 1] * np.sin(yaw)) + np.cos(hip) * lower[..., 2]
     bend = np.arccos(np.clip((distance**2 - thigh**2 - shank**2) / (2.0 * thigh * shank), -1.0, 1.0))
-    return np.column_stack([yaw, hip, np.arctan2(across, -above), np.full_like(yaw, bend)])
+    return np.stack([yaw, hip, np.arctan2(across, -above), np.broadcast_to(bend, yaw.shape)], axis=-1)
 
 
 def links(lengths: Array, family: Array) -> Array:
-    """Points along the shank, but for its end, which is near the surface, shape (K, 5, 3) [m]."""
+    """Points along the shank, but for its end, which is near the surface, shape (…, K, 5, 3) [m]."""
     upper, lower = directions(family)
     knees = lengths[0] * upper
-    return np.asarray(knees[:, None] + SHANK[:, None] * lengths[1] * lower[:, None])
+    return np.asarray(knees[..., None, :] + SHANK[:, None] * lengths[1] * lower[..., None, :])
 
 
 def directions(family: Array) -> tuple[Array, Array]:
-    """Unit vectors along thigh and shank in the limb's frame, shape (K, 3) each, for angles of shape (K, 4)."""
-    (cy, ch, cr, ck), (sy, sh, sr, sk) = np.cos(family).T, np.sin(family).T
-    upper = np.column_stack([cy * ch, sy * ch, -sh])
+    """Unit vectors along thigh and shank in the limb's frame, shape (…, 3) each, for angles of shape (…, 4)."""
+    (cy, ch, cr, ck), (sy, sh, sr, sk) = np.moveaxis(np.cos(family), -1, 0), np.moveaxis(np.sin(family), -1, 0)
+    upper = np.stack([cy * ch, sy * ch, -sh], axis=-1)
     out, across, above = ck * ch - sk * cr * sh, sk * sr, -ck * sh - sk * cr * ch
-    return upper, np.column_stack([cy * out - sy * across, sy * out + cy * across, above])
+    return upper, np.stack([cy * out - sy * across, sy * out + cy * across, above], axis=-1)
 
 
 def _discomfort(family: Array, approach: Array, servo: Servo, near: Array | None) -> Array:
@@ -150,24 +152,32 @@ def _discomfort(family: Array, approach: Array, servo: Servo, near: Array | None
     over = np.maximum(family - np.array(servo.upper_rad) + MARGIN_RAD, 0.0)
     under = np.maximum(np.array(servo.lower_rad) + MARGIN_RAD - family, 0.0)
     cost = (
-        -WEIGHTS["approach"] * lower @ approach
-        - WEIGHTS["up"] * upper[:, 2]
-        + WEIGHTS["yaw"] * family[:, 0] ** 2
-        + WEIGHTS["roll"] * family[:, 2] ** 2
-        + WEIGHTS["limits"] * np.sum(over**2 + under**2, axis=1)
-        + WEIGHTS["beyond"] * np.any(np.maximum(over, under) > MARGIN_RAD, axis=1)
-        + WEIGHTS["steep"] * np.maximum(np.abs(upper[:, 2]) - STEEP, 0.0) ** 2
+        -WEIGHTS["approach"] * (lower @ approach[..., None])[..., 0]
+        - WEIGHTS["up"] * upper[..., 2]
+        + WEIGHTS["yaw"] * family[..., 0] ** 2
+        + WEIGHTS["roll"] * family[..., 2] ** 2
+        + WEIGHTS["limits"] * np.sum(over**2 + under**2, axis=-1)
+        + WEIGHTS["beyond"] * np.any(np.maximum(over, under) > MARGIN_RAD, axis=-1)
+        + WEIGHTS["steep"] * np.maximum(np.abs(upper[..., 2]) - STEEP, 0.0) ** 2
     )
     if near is not None:
-        cost = cost + WEIGHTS["near"] * np.sum((family - near) ** 2, axis=1)
+        cost = cost + WEIGHTS["near"] * np.sum((family - near[..., None, :]) ** 2, axis=-1)
     return np.asarray(cost)
 
 
-def clearance_of(origin: Array, frame: Array, solids: Sequence[Solid]) -> Clearance:
-    """Distance from the nearest solid of points in a frame."""
+def clearance_of(origin: Array, frame: Array, solids: Sequence[Solid], within_m: float) -> Clearance:
+    """Distance from the nearest solid of points in a frame, shape (…, K, 3) to (…, K) [m]; infinite where none is near.
+
+    origin, frame: of the points in the world, shape (…, 3) and (…, 3, 3). within_m: a solid farther from the origin
+    takes no part.
+    """
+    near = [solid.distance(origin) < within_m for solid in solids]
 
     def distance(points: Array) -> Array:
-        world = origin + points @ frame.T
-        return np.asarray(np.min([solid.distance(world) for solid in solids], axis=0))
+        world = origin[..., None, :] + points @ np.swapaxes(frame, -1, -2)
+        nearest = np.full(world.shape[:-1], np.inf)
+        for solid, close in zip(solids, near, strict=True):
+            nearest[close] = np.minimum(nearest[close], solid.distance(world[close]))
+        return nearest
 
     return distance

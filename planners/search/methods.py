@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal, get_args
 
 from ..equilibrium.programs import Programs
 from ..errors import InvalidInput
-from ..plugins import Registry
+from ..plugins import Registry, foreign, takes
 from ..projection.project import Projection
 from .answer import Acceptance, CoursePlanner, Planner
 
@@ -164,13 +164,13 @@ COURSE_METHODS = ("two-stage", "micp", "nlp", "decoupled", "exact")
 """And those of courses."""
 PLANNERS: Registry[Callable[[PlannerOptions], Planner]] = Registry(
     "method", "stancekit.planners", {name: f"{__name__}:_{name.replace('-', '_')}" for name in METHODS},
-    expected="something to call with PlannerOptions",
+    expected="something to call with PlannerOptions", accepts=lambda it: takes(it, 1),
 )  # fmt: skip
 """All planners of postures: called with ``PlannerOptions``, a class or function gives something with ``solve``."""
 COURSE_PLANNERS: Registry[Callable[[PlannerOptions], CoursePlanner]] = Registry(
     "planner", "stancekit.course_planners",
     {name: f"{__name__}:_course_{name.replace('-', '_')}" for name in COURSE_METHODS},
-    expected="something to call with PlannerOptions",
+    expected="something to call with PlannerOptions", accepts=lambda it: takes(it, 1),
 )  # fmt: skip
 """All planners of courses, likewise."""
 
@@ -198,11 +198,13 @@ def make_planner(
         envelopes=envelopes, projection=projection, solver=solver, intervals=intervals, time_limit_s=time_limit_s,
         acceptance=acceptance, programs=programs,
     )  # fmt: skip
-    planner = PLANNERS.get(method)(options)
-    if method in METHODS:
-        return planner
+    make = PLANNERS.get(method)
+    if _is_own(make):
+        return make(options)
     from .verified import VerifiedPlanner
 
+    with foreign(f"method {method}"):
+        planner = make(replace(options, acceptance=replace(acceptance)))
     return VerifiedPlanner(planner, method, acceptance)
 
 
@@ -242,9 +244,15 @@ def make_course_planner(
         envelopes=envelopes, relaxation=relaxation, projection=projection, solver=solver, intervals=intervals,
         envelope_use=envelope_use, gap=gap, time_limit_s=time_limit_s, acceptance=acceptance, programs=programs,
     )  # fmt: skip
-    planner = make(options)
-    if name in COURSE_METHODS:
-        return planner
+    if _is_own(make):
+        return make(options)
     from .verified import VerifiedCoursePlanner
 
+    with foreign(f"planner {name}"):
+        planner = make(replace(options, acceptance=replace(acceptance)))
     return VerifiedCoursePlanner(planner, name, acceptance)
+
+
+def _is_own(make: Callable[[PlannerOptions], object]) -> bool:
+    """Whether a planner is the package's, whose answers are verified already; a name may have been taken over."""
+    return any(make is thing for thing in globals().values())

@@ -40,8 +40,8 @@ class Solid:
         return cls(corners=corners, normals=faces[:, :3], offsets_m=-faces[:, 3], triangles=triangles)
 
     def distance(self, points: Array) -> Array:
-        """How far points are outside: never more than their distance, negative inside; shape (K, 3) to (K,) [m]."""
-        return np.asarray((points @ self.normals.T - self.offsets_m).max(axis=1))
+        """How far points are outside: never more than their distance, negative inside; shape (…, 3) to (…) [m]."""
+        return np.asarray((points @ self.normals.T - self.offsets_m).max(axis=-1))
 
 
 def _prism(patch: Patch, thickness_m: float) -> Array:

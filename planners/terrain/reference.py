@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen
-from ..plugins import Registry
+from ..plugins import Registry, takes
 from .grid_file import read_heights
 from .heightfield import HeightField
 
@@ -111,7 +111,7 @@ TERRAINS: Registry[Terrain | HeightField | Shape] = Registry(
         "pit-87": f"{__name__}:PIT_87",
     },
     expected="a height field, a Terrain, or a function of x and y",
-    accepts=lambda thing: isinstance(thing, Terrain | HeightField) or callable(thing),
+    accepts=lambda thing: isinstance(thing, Terrain | HeightField) or takes(thing, 2),
 )
 """Terrains by name, those of paper W (Fig. 3) first; the walls of the pits: 79°, 84° and 87°."""
 

@@ -30,7 +30,7 @@ def posture_defect(problem: PostureProblem, posture: Posture) -> str:
             return f"{name}: expected finite numbers"
     if counts and posture.point_forces_n is not None:
         return forces_defect(posture.forces_n, posture.point_forces_n, counts)
-    return ""
+    return _points_defect(posture)
 
 
 def plan_defect(plan: Plan) -> tuple[str, int, str]:
@@ -57,4 +57,12 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
             )  # fmt: skip
     if course.has_soles and plan.point_forces_n is not None:
         return forces_defect(plan.forces_n, plan.point_forces_n, counts_of(course.robot.limbs)), -1, ""
-    return "", -1, ""
+    return _points_defect(plan), -1, ""
+
+
+def _points_defect(answer: Posture | Plan) -> str:
+    """Points of feet that are none: nothing would judge them."""
+    for name in ("points_m", "point_forces_n"):
+        if getattr(answer, name) is not None:
+            return f"{name}: expected none on point feet, got shape {getattr(answer, name).shape}"
+    return ""

@@ -48,8 +48,10 @@ def counts_of(limbs: tuple[Limb, ...] | tuple[Contact, ...]) -> tuple[int, ...]:
 
 def forces_defect(whole: Array, points: Array, counts: tuple[int, ...]) -> str:
     """What is wrong with forces at points, shape (..., N, K, 3), of feet with forces (..., N, 3); empty if nothing."""
-    most = float(np.abs(whole).max(initial=0.0) + np.abs(points).max(initial=0.0))
-    if float(np.abs(points.sum(axis=-2) - whole).max(initial=0.0)) > POINTS_SUM * most:
+    with np.errstate(all="ignore"):  # absurd magnitudes are no sum, either
+        most = float(np.abs(whole).max(initial=0.0) + np.abs(points).max(initial=0.0))
+        off = float(np.abs(points.sum(axis=-2) - whole).max(initial=0.0))
+    if not off <= POINTS_SUM * most or math.isinf(most):
         return "point_forces_n: expected forces that add up to forces_n"
     idle = np.arange(points.shape[-2]) >= np.array(counts)[:, None]
     if points[..., idle, :].any():

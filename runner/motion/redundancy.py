@@ -16,7 +16,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.leg_ik import clearance_of, posture_cost
+from stancekit.planners.robot.leg_ik import NEAR, clearance_of, posture_cost
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.urdf import link_lengths, outward_rad
 from stancekit.planners.terrain.prism import Solid
@@ -54,39 +54,34 @@ class RedundancyResolution:
         return np.asarray(self._angles(min(max(time_s, 0.0), self._end)))
 
 
-Table = list[tuple[Array, Array]]
-"""Postures of one limb, shape (K, 4), and what they cost, shape (K,), at every knot."""
+Table = tuple[Array, Array]
+"""Postures of one limb at every knot, shape (T, K, 4), and what they cost, shape (T, K)."""
 
 
 def _families(
     samples: Sequence[MotionSample], shifts: Array, solids: Sequence[Solid], kinematics: Kinematics, chosen: slice
 ) -> tuple[list[Table], Array]:
     """Tables of all limbs, and the cheapest postures at every knot alone, shape (T, J)."""
-    tables = list[Table]()
+    tables, samples = list[Table](), samples[chosen]
+    turns = np.array([rotation_of(sample.rotation_rad) for sample in samples])
+    coms, feet, normals = (np.array([getattr(s, name) for s in samples]) for name in ("com_m", "feet_m", "normals"))
+    origins = coms - (turns @ shifts[chosen, :, None])[..., 0]
     for i, limb in enumerate(kinematics.robot.limbs):
-        frame, table = rotation_of([0.0, 0.0, outward_rad(limb)]), Table()
-        for sample, shift in zip(samples[chosen], shifts[chosen], strict=True):
-            turn = rotation_of(sample.rotation_rad)
-            origin = sample.com_m - turn @ shift
-            shoulder, toward = origin + turn @ limb.shoulder_m, turn @ frame
-            close = [solid for solid in solids if solid.distance(shoulder[None])[0] < 1.3 * limb.reach_m]
-            table.append(
-                posture_cost(
-                    link_lengths(limb), toward.T @ (sample.feet_m[i] - shoulder), -toward.T @ sample.normals[i],
-                    kinematics.servo, clearance=clearance_of(shoulder, toward, close) if close else None,
-                )
-            )  # fmt: skip
-        tables.append(table)
-    alone = [[family[np.argmin(cost)] for family, cost in table] for table in tables]
-    return tables, np.concatenate([np.array(rows) for rows in alone], axis=1)
+        shoulders, towards = origins + turns @ limb.shoulder_m, turns @ rotation_of([0.0, 0.0, outward_rad(limb)])
+        target, normal = ((v[:, None] @ towards)[:, 0] for v in (feet[:, i] - shoulders, normals[:, i]))
+        clearance = clearance_of(shoulders, towards, solids, NEAR * limb.reach_m)
+        tables.append(posture_cost(link_lengths(limb), target, -normal, kinematics.servo, clearance=clearance))
+    alone = [np.take_along_axis(of, np.argmin(cost, axis=1)[:, None, None], axis=1)[:, 0] for of, cost in tables]
+    return tables, np.concatenate(alone, axis=1)
 
 
 def _cheapest(table: Table, near: Array | None) -> Array:
     """The cheapest path through a table, shape (T, 4)."""
-    family, cost = table[0]
+    families, costs = table
+    family, cost = families[0], costs[0]
     total = cost if near is None else cost + LEFT * np.sum((family - near) ** 2, axis=1)
     back = list[Array]()
-    for (before, _), (after, cost) in pairwise(table):
+    for (before, after), cost in zip(pairwise(families), costs[1:], strict=True):
         far = np.sum(before**2, axis=1)[:, None] + np.sum(after**2, axis=1) - 2.0 * before @ after.T
         through = total[:, None] + TURNED * far
         back.append(np.argmin(through, axis=0))
@@ -94,7 +89,7 @@ def _cheapest(table: Table, near: Array | None) -> Array:
     index = [int(np.argmin(total))]
     for row in reversed(back):
         index.append(int(row[index[-1]]))
-    found = np.array([family[k] for (family, _), k in zip(table, reversed(index), strict=True)])
+    found = families[np.arange(len(families)), index[::-1]]
     if near is not None:
         found[0] = near
     return found

@@ -82,6 +82,8 @@ class SafeWorld:
         monitor: HeartbeatMonitor | None = None,
     ) -> None:
         self.world, self.limits = world, limits
+        if not isinstance(getattr(world, "latch", None), StopLatch):
+            raise InvalidInput("world: expected one with a latch, a StopLatch")
         self.latch: StopLatch = world.latch
         self.name, self.kind, self.robot, self.servo = world.name, world.kind, world.robot, world.servo
         self.joints, self.rate_hz = world.joints, world.rate_hz

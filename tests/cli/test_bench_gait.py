@@ -7,7 +7,7 @@ import json
 import pytest
 
 from stancekit.cli.bench_gait import BenchGait, success_table
-from stancekit.learners import gait_bench
+from stancekit.learners.evaluation import gait_bench
 from stancekit.planners.errors import InvalidInput
 
 

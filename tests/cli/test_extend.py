@@ -243,6 +243,78 @@ def test_what_is_not_there_is_one_line(arguments, words, mine, refusal, write, p
     assert refusal(*arguments).startswith(words)
 
 
+FAULTY = """
+import numpy as np
+
+
+class Scenes:
+    def sample(self, rng):
+        raise RuntimeError("no scene today")
+
+
+class Bare:
+    def predict(self, observation):
+        return np.zeros(36)
+
+
+class Short:
+    def predict(self, observation):
+        return np.zeros(3), None
+
+
+class Plain:
+    def predict(self, observation):
+        return np.repeat([-1.0, 1.0], 6 * observation["friction"].shape[-1]), None
+
+
+class Wants:
+    def __init__(self, more):
+        pass
+
+    def predict(self, observation):
+        return None
+
+    solve = sample = predict
+
+
+def plans():
+    return None
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("evaluate", "data", "--selector", "own.py:Bare"), "selector {own}:Bare: expected (action, state), got a nda"),
+        (("evaluate", "data", "--selector", "own.py:Short"), "action: expected shape (36,), got (3,)"),
+        (("evaluate", "data", "--selector", "own.py:Wants"), "selector own.py:Wants: expected something with predict("),
+        (("sample", "own.py:Wants"), "distribution own.py:Wants: expected something with sample(rng), or a class of "),
+        (("solve", "p.json", "--method", "own.py:plans"), "method own.py:plans: expected something to call with Plann"),
+        (("plan", "walls", "--planner", "own.py:plans"), "planner own.py:plans: expected something to call with Plann"),
+        (("fit", "data", "--method", "own.py:plans", "--out", "e.json"), "method own.py:plans: expected something to "),
+        (("warp", "own.py:plans"), "terrain own.py:plans: expected a height field, a Terrain, or a function of x and "),
+    ],
+)
+def test_what_a_file_of_ones_own_does_wrong_is_one_line(arguments, words, refusal, write, problem, labelled, tmp_path):
+    write("p.json", json.dumps(problem))
+    own = write("own.py", FAULTY)
+    given = [labelled if word == "data" else word for word in arguments]
+    assert refusal(*given).startswith(words.format(own=tmp_path / own))
+
+
+def test_what_a_file_of_ones_own_raises_is_one_line_with_its_place(stancekit, write, tmp_path):
+    ran = stancekit("sample", write("own.py", FAULTY) + ":Scenes")
+    where = f"{tmp_path / 'own.py'} line 7"
+    line = f"stancekit: failed: {where}: RuntimeError: no scene today; STANCEKIT_TRACE=1 shows more\n"
+    assert (ran.code, ran.err) == (1, line)
+
+
+def test_a_selector_that_takes_the_observation_alone_is_enough(stancekit, write, labelled):
+    write("own.py", FAULTY)
+    ran = stancekit("evaluate", labelled, "--selector", "own.py:Plain", "--no-lift", "--project", "scp", "--json")
+    assert ran.records[0]["p1_feasible"] == 1.0
+
+
 def test_modes_are_learned_from_labelled_terrains_and_planned_with(stancekit):
     for name in ("ground-3", "wall-3"):
         assert stancekit("label", name, name, "--feasible", 120, "--infeasible", 1, "--shard-size", 121).code == 0

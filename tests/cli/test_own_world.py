@@ -123,6 +123,28 @@ def test_hardware_of_ones_own_moves_only_when_armed_and_has_the_verbs_for_it(fol
         assert ran.err.startswith(f"stancekit: error: {said}")
 
 
+def test_hardware_that_calls_itself_a_simulation_is_armed_and_its_limits_are_checked(folder, stancekit):
+    (folder / "sly.py").write_text(SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"') + ARMED)
+    ran = stancekit("simulate", "plan.json", "--world", "sly.py:Servos")
+    assert (ran.code, ran.err.count("\n")) == (2, 1)
+    assert "check_limits: expected True but in a simulation, got False in world servos" in ran.err
+    ran = stancekit("run", "plan.json", "--world", "sly.py:Servos", "--pace", "2", "--json")
+    assert (ran.code, ran.records[0]["dry"]) == (0, True)
+
+
+def test_a_world_without_a_latch_and_one_that_raises_are_one_line(folder, stancekit):
+    simulated = SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"')
+    (folder / "open.py").write_text(simulated.replace("super().__init__()", "self.latch = None"))
+    ran = stancekit("run", "plan.json", "--world", "open.py:Servos")
+    assert (ran.code, ran.err) == (2, "stancekit: error: world: expected one with a latch, a StopLatch\n")
+    for error in ("ValueError('mine')", "BrokenPipeError('mine')", "SystemExit(0)"):
+        name = error[:3].lower() + ".py"
+        (folder / name).write_text(simulated.replace("self.angles = np.array(targets_rad)", f"raise {error}"))
+        ran = stancekit("run", "plan.json", "--world", f"{name}:Servos", "--json")
+        assert (ran.code, ran.out, ran.err.count("\n")) == (1, "", 1)
+        assert f"{name} line " in ran.err
+
+
 def test_a_simulation_of_ones_own_is_a_subclass_and_simulated_like_the_others(folder, stancekit):
     pytest.importorskip("mujoco")
     (folder / "moon.py").write_text(

@@ -12,15 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 
 from stancekit.envs.distributions.walks import SampledTasks
-from stancekit.envs.warped_gait import (
-    HEIGHTS,
-    NOISES,
-    PATCH,
-    PATCH_M,
-    GaitRewardWeights,
-    WarpedGaitEnv,
-    observe,
-)
+from stancekit.envs.warped_gait import HEIGHTS, NOISES, PATCH, PATCH_M, GaitRewardWeights, WarpedGaitEnv, observe
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.method.attempt import Attempt, Workbench
 from stancekit.planners.gait.task import GaitSettings, GaitTask

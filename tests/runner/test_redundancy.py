@@ -43,7 +43,8 @@ def test_the_way_through_a_table_is_the_cheapest_of_all(near: Array | None) -> N
     expected = np.array([family[k] for (family, _), k in zip(table, best, strict=True)])
     if near is not None:
         expected[0] = near
-    np.testing.assert_array_equal(_cheapest(table, near), expected)
+    families, costs = (np.array(each) for each in zip(*table, strict=True))
+    np.testing.assert_array_equal(_cheapest((families, costs), near), expected)
 
 
 def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:

@@ -35,11 +35,6 @@ FAST = RunSettings(timing=Timing().at_pace(2.0))
 Step = Callable[[str], Plan]
 
 
-@pytest.fixture
-def accepted(step: Step) -> Accepted:
-    return Accepted.verified(step("walls"), "walls")
-
-
 def ran(world: MemoryWorld, accepted: Accepted, settings: RunSettings = FAST, **options: Any) -> RunReport:
     return Runner(world, settings=settings, dry=options.pop("dry", False), **options).run(accepted)
 

@@ -148,11 +148,6 @@ def test_a_stop_between_asking_and_sending_lets_one_command_out_and_counts_it(bu
         assert not any(bus.state()["torque"])
 
 
-@pytest.fixture
-def accepted(step: Callable[[str], Plan]) -> Accepted:
-    return Accepted.verified(step("walls"), "walls")
-
-
 @pytest.fixture(scope="module")
 def prepared(step: Callable[[str], Plan]) -> Prepared[PlanMotion]:
     return Runner(MemoryWorld(), settings=FAST).prepare(Accepted.verified(step("walls"), "walls"))

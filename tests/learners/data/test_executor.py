@@ -1,7 +1,6 @@
 """Executors: the same answers wherever tasks run, each once, whatever dies meanwhile."""
 
 import os
-import signal
 import socket
 import subprocess
 import sys
@@ -16,6 +15,7 @@ from stancekit.learners.data.executor import ClusterGone, WorkersDied, executor,
 from stancekit.learners.data.labelling import label
 from stancekit.learners.data.ledger import LabelPlan
 from stancekit.planners.errors import InvalidInput
+from tests.emulators.tasks import die, die_once, fail, square
 
 PARENT = """
 import os, sys, time
@@ -33,31 +33,6 @@ def nap(seconds):
     time.sleep(seconds)
     return os.getpid()
 """
-
-
-def square(x: int) -> int:
-    return x * x
-
-
-def fail(x: int) -> int:
-    if x == 3:
-        raise InvalidInput(f"x: expected another number than {x}")
-    return x
-
-
-def die_once(mark: Path, x: int) -> int:
-    """Kill the process that runs this, unless the mark is there."""
-    try:
-        mark.touch(exist_ok=False)
-    except FileExistsError:
-        return x
-    os.kill(os.getpid(), signal.SIGKILL)
-    return -1
-
-
-def die(x: int) -> int:
-    os.kill(os.getpid(), signal.SIGKILL)
-    return x
 
 
 def test_answers_come_in_the_order_of_the_tasks_and_are_counted() -> None:

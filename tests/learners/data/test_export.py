@@ -92,8 +92,9 @@ def test_nothing_is_written_elsewhere(dataset: Dataset, tmp_path: Path, monkeypa
     pytest.importorskip("h5py")
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
     monkeypatch.delenv("MINARI_DATASETS_PATH", raising=False)
-    export(dataset.select([0, 1]), tmp_path / "out")
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    export(dataset.select([0, 1]), tmp_path / "new" / "out")
+    assert [path.name for path in tmp_path.iterdir()] == ["new"]
+    assert [path.name for path in (tmp_path / "new").iterdir()] == ["out"]
     assert "MINARI_DATASETS_PATH" not in os.environ
 
 
@@ -106,7 +107,7 @@ def test_bad_input_is_refused_and_leaves_nothing(dataset: Dataset, tmp_path: Pat
     for out, message in (
         ("full", "full: expected a new or empty folder, found files in it"),
         ("file", "file: expected a new or empty folder, found a file"),
-        ("no/where", f"no/where: expected an existing folder {tmp_path / 'no'}"),
+        ("file/where", "file/where: expected a folder or room for one, got File exists"),
     ):
         with pytest.raises(InvalidInput) as error:
             export(dataset, tmp_path / out)

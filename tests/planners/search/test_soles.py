@@ -164,6 +164,64 @@ def test_forces_that_do_not_add_up_and_arrays_that_lack_are_refused(stood):
     assert not report.accepted
 
 
+def test_points_of_feet_that_have_none_are_refused_alone_and_in_a_batch(stood, walk):
+    """Nothing would judge them, or worse: a batch would judge the forces at them in place of those on the feet."""
+    problem, posture = stood
+    point = on_one_sole(0.0, 0.0, sole=None)
+    held = Posture(
+        com_m=point.com_nominal_m, rotation_rad=np.zeros(3), toes_m=np.zeros((1, 3)),
+        forces_n=[[0.0, 0.0, point.weight_n]],
+    )  # fmt: skip
+    floating = replace(held, forces_n=np.zeros((1, 3)))
+    assert check_posture(point, held).accepted
+    for wrong in (replace(floating, points_m=held.toes_m[:, None], point_forces_n=held.forces_n[:, None]),
+                  replace(held, points_m=np.full((3, 4, 3), np.nan)),
+                  replace(held, point_forces_n=np.zeros((1, 4, 3)))):  # fmt: skip
+        name = "points_m" if wrong.points_m is not None else "point_forces_n"
+        report, shape = check_posture(point, wrong), getattr(wrong, name).shape
+        assert report.message == f"rejected: {name}: expected none on point feet, got shape {shape}"
+        assert np.isinf(check_postures([point, problem], [wrong, posture])[0])
+    plan = walk(2)
+    assert check_plan(plan).accepted
+    report = check_plan(replace(plan, points_m=plan.toes_m[:, None]))
+    assert report.message.startswith("rejected: points_m: expected none on point feet, got shape (")
+
+
+@pytest.mark.filterwarnings("error")
+def test_forces_beyond_all_numbers_are_refused_without_a_warning(stood):
+    problem, posture = stood
+    for size in (1e300, 1.7e308):
+        huge = np.full_like(posture.point_forces_n, size)
+        report = check_posture(problem, replace(posture, point_forces_n=huge))
+        assert report.message == "rejected: point_forces_n: expected forces that add up to forces_n"
+
+
+def test_every_stance_of_a_plan_on_some_soles_is_a_posture(walk):
+    """Also those in which only point feet carry, or only soles with fewer points than others have."""
+    plan, soles = walk(3), {"RF": SOLE, "RR": SOLE[:3], "LM": SOLE}
+    robot = plan.course.robot
+    limbs = tuple(replace(limb, sole_m=0.1 * soles[limb.name] if limb.name in soles else None) for limb in robot.limbs)
+    course = replace(plan.course, robot=replace(robot, limbs=limbs))
+    shares = np.zeros((len(limbs), 4))  # (q_1 + q_3) / 2 is the centre
+    shares[:, 0] = [0.5 if limb.sole_m is not None else 1.0 for limb in limbs]
+    shares[:, 2] = 1.0 - shares[:, 0]
+    points = np.repeat(plan.toes_m[:, None], 4, axis=1)
+    for p, put in enumerate(course.placements):
+        its = course.offsets_m[p][0]
+        points[p, : len(its)] += its
+        assert len(its) == len(soles.get(put.limb, [0]))
+    on_soles = replace(
+        plan, course=course, points_m=points, point_forces_n=plan.forces_n[:, :, None] * shares[None, :, :, None]
+    )
+    assert check_plan(on_soles).accepted
+    kinds = set()
+    for row, stance in enumerate(course.stances):
+        posture = on_soles.posture(row)
+        assert check_posture(course.posture_problem(stance, plan.choice), posture).accepted
+        kinds.add(None if posture.points_m is None else posture.points_m.shape[1])
+    assert kinds == {None, 4}
+
+
 def test_answers_and_problems_come_back_from_their_files(stood):
     problem, posture = stood
     again = PostureProblem.from_json(json.loads(json.dumps(problem.to_json())))

@@ -34,7 +34,7 @@ from stancekit.planners.terrain.reference import reference_tasks, reference_terr
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
 from stancekit.planners.warp.spline_map import SplineMap
 
-from .data.executor import processes
+from ..data.executor import processes
 from .gait_row import checked_row
 
 TERRAINS = ("ripple", "cone", "hill", "pit")

@@ -7,10 +7,19 @@ from dataclasses import replace
 
 import pytest
 
-from stancekit.learners import gait_bench
-from stancekit.learners.gait_bench import METHODS, PAPER, Cell, GaitBenchSettings, cells, gait_task, kept, run
-from stancekit.learners.gait_drawings import draw
-from stancekit.learners.gait_figures import quartiles, ratios, table
+from stancekit.learners.evaluation import gait_bench
+from stancekit.learners.evaluation.gait_bench import (
+    METHODS,
+    PAPER,
+    Cell,
+    GaitBenchSettings,
+    cells,
+    gait_task,
+    kept,
+    run,
+)
+from stancekit.learners.evaluation.gait_drawings import draw
+from stancekit.learners.evaluation.gait_figures import quartiles, ratios, table
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.gait.task import GaitSettings
 

@@ -1,0 +1,103 @@
+"""What a verb of the library is given and cannot use is one line that names the argument, before any work."""
+
+import inspect
+from typing import Any, get_type_hints
+
+import numpy as np
+import pytest
+
+import stancekit
+
+VERBS = ("draw", "evaluate", "explain", "fit", "label", "load", "plan", "sample", "save", "solve", "verify", "walk")
+BY_NAME = {("fit", "settings"), ("solve", "projection"), ("solve", "solver")}
+"""Arguments that are names or have names, checked by who knows them, where a method uses them."""
+
+
+class Nothing:
+    """Of no use to any verb."""
+
+
+class Slippery:
+    """A distribution with nothing but ``sample``."""
+
+    def sample(self, rng):
+        return stancekit.sample("wall-3", rng=rng)[0]
+
+
+def wrong_arguments() -> list[tuple[str, str]]:
+    """Every argument of every verb."""
+    found = [(verb, name) for verb in VERBS for name in inspect.signature(getattr(stancekit, verb)).parameters]
+    return [(verb, name) for verb, name in found if (verb, name) not in BY_NAME]
+
+
+@pytest.fixture(scope="module")
+def fine() -> dict[str, dict[str, Any]]:
+    """A good value of every required argument."""
+    problem = stancekit.sample("wall-3", rng=8)[0]
+    certificate = stancekit.solve(problem).certificate
+    return {
+        "sample": {"problems": "wall-3"}, "solve": {"problem": problem}, "plan": {"course": "stairs"},
+        "walk": {"terrain": "ripple", "goal_xy_m": (1.0, 0.0)}, "verify": {"subject": problem},
+        "explain": {"subject": problem, "certificate": certificate}, "draw": {"subject": problem},
+        "label": {"problems": "wall-3", "folder": "data"}, "fit": {"dataset": "data"},
+        "evaluate": {"selector": "e.json", "dataset": "data"}, "load": {"path": "a"},
+        "save": {"thing": problem, "path": "a.json"},
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(("verb", "name"), wrong_arguments())
+def test_an_argument_of_another_type_is_one_line_with_its_name(verb, name, fine, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(stancekit.InvalidInput, match=rf"^{name}: expected .*, got .*Nothing") as caught:
+        getattr(stancekit, verb)(**fine[verb] | {name: Nothing()})
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("verb", "arguments", "options", "line"),
+    [
+        ("sample", ["wall-3", 1.5], {}, "count: expected an integer, got 1.5"),
+        ("sample", ["wall-3", True], {}, "count: expected an integer, got True"),
+        ("sample", ["wall-3"], {"rng": -1}, "rng: expected a generator or a seed of 0 or more, got -1"),
+        ("sample", [Slippery], {}, "problems: expected text or something with sample(...), got the class Slippery"),
+        ("walk", ["ripple", "1,0"], {}, "goal_xy_m: expected an array or a sequence (a number each), got '1,0'"),
+        ("walk", ["ripple", (1, 0)], {"adhesive": "LF"}, "adhesive: expected a sequence (text each), got 'LF'"),
+        ("walk", ["ripple", (1, 0)], {"adhesive": ["X"]}, "adhesive: expected some of LF, RF, LH, RH, got X"),
+    ],
+)
+def test_what_came_is_said(verb: str, arguments: list[Any], options: dict[str, Any], line: str):
+    with pytest.raises(stancekit.InvalidInput) as caught:
+        getattr(stancekit, verb)(*arguments, **options)
+    assert str(caught.value) == line
+
+
+def test_numbers_of_numpy_are_numbers():
+    problem = stancekit.sample("wall-3", np.int64(1), rng=np.random.default_rng(0))[0]
+    assert stancekit.solve(problem, time_limit_s=np.float32(5.0)).posture is not None
+    assert stancekit.solve(problem, time_limit_s=5).posture is not None
+
+
+def test_the_annotations_of_every_verb_can_be_looked_up():
+    for verb in VERBS:
+        function = inspect.unwrap(getattr(stancekit, verb))
+        assert set(inspect.signature(function).parameters) <= set(get_type_hints(function))
+
+
+def test_one_posture_problem_is_a_course_of_one_frame():
+    problem = stancekit.sample("ground-3", rng=3)[0]
+    planned = stancekit.plan(problem).plan
+    assert planned is not None
+    assert planned.com_m.shape == (1, 3)
+    line = "frames: expected none with a course that is laid out, of 1, got 2"
+    with pytest.raises(stancekit.InvalidInput, match=f"^{line}$"):
+        stancekit.plan(problem, frames=2)
+
+
+def test_something_with_sample_is_labelled_by_the_name_of_its_class(tmp_path):
+    one, two = (
+        stancekit.label(Slippery(), tmp_path / f"{workers}", feasible=3, infeasible=3, workers=workers)
+        for workers in (1, 2)
+    )
+    assert [p.to_json() for p in one.problems()] == [p.to_json() for p in two.problems()]
+    assert one.problem_class == "Slippery"
