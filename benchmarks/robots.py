@@ -1,6 +1,7 @@
 """Robots as they come: what loads without a word of configuration, what their feet reach, and inverse kinematics.
 
     python benchmarks/robots.py [--robots FOLDER] [--legs 1] [--only go1,solo] [--correct FILE.yaml ...] [--json]
+    python benchmarks/robots.py --step          # quadrupeds over a step, and what their postures are decided by
 
 The hexapod, the robots of pybullet_data, and those of example-robot-data where it is installed: every URDF of theirs
 with two legs or more; --robots: those of a folder. --correct: robots as YAML files correct them, in addition.
@@ -9,6 +10,7 @@ load: the file read and its legs found. ws: one leg's workspace measured. cover:
 below its hip, the share in the inner polytope; unr.: share of the polytope out of reach; outer: of 100,000 random
 postures, feet outside the outer set. IK: feet drawn from the inner polytopes of all measured legs, the share that
 joint angles are found for, and the time of a stance of all legs in a batch of 1000. Times are of this process's CPU.
+--step, --natural: see robot_step.py.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from robot_step import REACHED_M, step_line, step_row
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.inverse_kinematics import InverseKinematics, Seeds
@@ -60,6 +63,8 @@ def main() -> None:
     parser.add_argument("--legs", type=int, default=1, help="legs of each robot that are measured; 0: all of them")
     parser.add_argument("--only", default="", help="parts of names, with commas between them")
     parser.add_argument("--correct", type=Path, nargs="*", default=[])
+    parser.add_argument("--step", action="store_true", help="quadrupeds alone: a plan over a step, natural postures")
+    parser.add_argument("--natural", type=int, default=40, help="postures to decide a robot, with --step")
     parser.add_argument("--json", action="store_true")
     arguments = parser.parse_args()
     wanted = [part for part in arguments.only.split(",") if part]
@@ -67,8 +72,15 @@ def main() -> None:
     for name, file in (*robots(arguments.robots), *((path.stem, str(path)) for path in arguments.correct)):
         if wanted and not any(part in name for part in wanted):
             continue
-        rows.append(row(name, file, arguments.legs))
-        print(json.dumps(rows[-1]) if arguments.json else line(rows[-1]), flush=True)
+        found = step_row(name, file, arguments.natural) if arguments.step else row(name, file, arguments.legs)
+        rows.append(found)
+        told = step_line(found) if arguments.step else line(found)
+        print(json.dumps(found) if arguments.json else told, flush=True)
+    if arguments.step:
+        asked = [each for each in rows if "refused" not in each]
+        climbed = sum(bool(each.get("accepted")) and each["worst_m"] <= REACHED_M for each in asked)
+        print(f"{climbed} of {len(asked)}: planned, verified, feet within {1e3 * REACHED_M:g} mm; others are refused")
+        return
     loaded = [each for each in rows if "refused" not in each]
     quick = sum(each["load_s"] <= 1.5 for each in loaded)
     print(f"{len(loaded)} of {len(rows)} load, {quick} of them in 1.5 s or less")

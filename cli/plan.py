@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
-from rich.table import Table
-from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
 from .names import named
 from .options import OptionalInt, OptionalPath, OptionalText
+from .plan_table import message_of, row, table_of
 from .robot_plan import joints_of, refuted
 
 if TYPE_CHECKING:
@@ -122,14 +120,14 @@ class PlanCourse:
         report = None if outcome.plan is None else self._write(outcome.plan)
         joints = None if outcome.plan is None or model is None else joints_of(model, outcome.plan)
         proved = outcome.certificate is not None
-        message = _message(course, outcome)
+        message = message_of(course, outcome)
         if self.proof is not None and outcome.certificate is not None:
             write_proof(self.proof, course, outcome.certificate)
         if self.json:
             record = self._record(course, outcome, report, message)
             emit(record if joints is None else record | {"joints": joints.to_json()})
         else:
-            out.print(_table(course, outcome))
+            out.print(table_of(course, outcome))
             for line in [] if outcome.plan is None or report is None else self._said(outcome.plan, report):
                 out.print(line, highlight=False)
             if joints is not None:
@@ -246,27 +244,27 @@ class PlanCourse:
             yield f"planned with {100 * share:.0f} % of the friction"
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.goal_m:.0f} mm from the goal"
         if plan.modes is not None:
-            terrain = "" if plan.course.modes is None else f"; of the terrain: {_row(plan.course.modes)}"
-            yield f"modes z: {_row(plan.modes.tolist())}{terrain}"
+            terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"
+            yield f"modes z: {row(plan.modes.tolist())}{terrain}"
         yield from (f"wrote {path}" for path in self._outputs())
 
     def _record(self, course: Course, outcome: PlanOutcome, report: Report | None, message: str) -> dict[str, Any]:
         """Everything as one JSON object."""
+        from stancekit.planners.verify.report import or_null, plan_arrays
+
         numbers = ("objective", "bound", "residual", "compile_s", "seconds", "solver_seconds")
         record: dict[str, Any] = {
             "course": course.name,
             "frames": course.frames,
             "planner": outcome.method,
             "status": outcome.status.value,
-            **{name: _or_null(getattr(outcome, name)) for name in numbers},
+            **{name: or_null(getattr(outcome, name)) for name in numbers},
             "solves": outcome.solves,
             "claim": outcome.claim,
             "message": message,
-            "details": {name: _or_null(float(value)) for name, value in outcome.details.items()},
+            "details": {name: or_null(float(value)) for name, value in outcome.details.items()},
         }
         if outcome.plan is not None and report is not None:
-            from stancekit.planners.verify.report import plan_arrays
-
             arrays = plan_arrays(outcome.plan).items()
             record["verdict"] = report.to_json()
             record["plan"] = {name: None if array is None else array.tolist() for name, array in arrays}
@@ -278,37 +276,3 @@ def _counted(frames: Iterator[Any], bar: Callable[[int, int], None], total: int)
     for done, frame in enumerate(frames, 1):
         bar(done, max(done, total))
         yield frame
-
-
-def _table(course: Course, outcome: PlanOutcome) -> Table:
-    table = Table(box=None, header_style="bold")
-    for name in ("course", "planner", "frames", "status", "objective", "bound", "compile", "solve"):
-        left = name in ("course", "planner", "status")
-        table.add_column(name, justify="left" if left else "right", overflow="fold", no_wrap=name != "course")
-    colour = {"feasible": "green", "infeasible": "red", "undecided": "yellow"}[outcome.status.value]
-    table.add_row(
-        course.name, outcome.method, str(course.frames), Text(outcome.status.value, style=colour),
-        _number(outcome.objective), _number(outcome.bound), f"{outcome.compile_s:.2f} s", f"{outcome.seconds:.3f} s",
-    )  # fmt: skip
-    return table
-
-
-def _message(course: Course, outcome: PlanOutcome) -> str:
-    """What the planner says; of a course that is refuted, the reason that the proof gives."""
-    if outcome.certificate is None:
-        return outcome.message
-    from stancekit.planners.verify import explain
-
-    return explain(course, outcome.certificate).message
-
-
-def _row(numbers: Sequence[int]) -> str:
-    return " ".join(str(number) for number in numbers)
-
-
-def _number(value: float) -> str:
-    return f"{value:.4g}" if math.isfinite(value) else "–"
-
-
-def _or_null(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -112,7 +112,14 @@ def _point_or_more(value: Any) -> str:
     return MADE_UP if isinstance(value, Mapping | BaseModel) else PLAIN
 
 
+def _flat_or_not(value: Any) -> str:
+    return MADE_UP if isinstance(value, list | tuple) and len(value) == 2 else PLAIN
+
+
 RobotKey = Annotated[Annotated[str, Tag(PLAIN)] | Annotated[RobotSpec, Tag(MADE_UP)], Discriminator(_shape)]
+StartKey = Annotated[
+    Annotated[Point, Tag(PLAIN)] | Annotated[tuple[Length, Length], Tag(MADE_UP)], Discriminator(_flat_or_not)
+]
 GaitKey = Annotated[
     Annotated[Literal["all", "tripod", "wave"], Tag(PLAIN)]
     | Annotated[list[list[str]], Field(min_length=1), Tag(MADE_UP)],
@@ -175,7 +182,8 @@ class CourseSpec(_Keys):
     """A course as a person writes it.
 
     frames: M. gait: which limbs move between frames; a list of sets of limbs is gone through again and again.
-    start_m, via_m, goal_m: the nominal path of the COM, straight between them. stride_m: distance of neighbouring
+    start_m, via_m, goal_m: the nominal path of the COM, straight between them; start_m may be x and y alone, and the
+    height is that in which the robot stands on the terrain there. stride_m: distance of neighbouring
     frames along it; the last line is then gone on, or cut short, as the number of frames has it, and where that ends is
     the goal. Without it the frames are spread evenly from start to goal.
     """
@@ -184,7 +192,7 @@ class CourseSpec(_Keys):
     robot: RobotKey = "hexapod"
     frames: Annotated[int, Field(ge=1, le=MOST_FRAMES)]
     gait: GaitKey = "tripod"
-    start_m: Point
+    start_m: StartKey
     via_m: list[ViaKey] = []
     goal_m: Point
     stride_m: Positive | None = None

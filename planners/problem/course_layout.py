@@ -13,7 +13,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
-from ..terrain.polygon import STEEP
+from ..terrain.polygon import STEEP, Surface
 from ..terrain.sole import sole_offsets, sole_region
 from .candidates import Footing
 from .course import Course, Placement, Weights
@@ -34,6 +34,7 @@ def lay_out(spec: CourseSpec, folder: Path = Path(), reach: Sets = "inner") -> C
     model = spec.robot_model(folder)
     robot = spec.make_robot(model, reach)
     spec = spec if model is None else spec.standing(model, robot)
+    spec = _started(spec, robot, folder)
     corners, way = _corners(spec)
     com_m, passed = _walk(corners, way, spec.frames)
     radius = np.full(spec.frames, spec.body.com_radius_m)
@@ -50,6 +51,34 @@ def lay_out(spec: CourseSpec, folder: Path = Path(), reach: Sets = "inner") -> C
         steps=spec.steps.limits(), weights=Weights(**spec.weights.model_dump()),
         tilt_limit_rad=spec.body.tilt_limit_rad, modes=_modes(placed, spec.frames),
     )  # fmt: skip
+
+
+def _started(spec: CourseSpec, robot: Robot, folder: Path) -> CourseSpec:
+    """The same with a start whose height the terrain says: the toes, as the robot stands, are on it in the mean.
+
+    Raises InvalidInput where there is no ground under a toe.
+    """
+    if len(spec.start_m) == 3:
+        return spec
+    start = np.array([*spec.start_m, 0.0])
+    toes = [start + limb.shoulder_m + _offset(limb, spec.stance) for limb in robot.limbs]
+    path = np.array([(*spec.start_m, spec.goal_m[2]), spec.goal_m])
+    terrain = spec.terrain.along(path, folder)
+    grounds = [
+        Surface(patch, 0.0)
+        for patch, footing in zip(terrain.patches, terrain.footing, strict=True)
+        if footing and patch.normal[2] >= STEEP
+    ]
+    heights = []
+    for limb, toe in zip(robot.limbs, toes, strict=True):
+        under = [height for height in (ground.under(toe[:2]) for ground in grounds) if height is not None]
+        if not under:
+            raise InvalidInput(
+                f"start_m: expected ground under every toe, or a height beside x and y; there is none under limb "
+                f"{limb.name} at ({toe[0]:.3g}, {toe[1]:.3g})"
+            )
+        heights.append(max(under) - toe[2])
+    return spec.model_copy(update={"start_m": (*spec.start_m, float(np.mean(heights)))})
 
 
 def _placements(

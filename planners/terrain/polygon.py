@@ -128,6 +128,14 @@ class Surface:
         point = self._flat(point_m)
         return bool(np.all(nearest(self.polygon, point) == point))
 
+    def under(self, point_m: Array) -> float | None:
+        """Height of the patch at a place (x, y) of the plan; None where it is not there, or upright [m]."""
+        normal = self.patch.normal
+        if abs(normal[2]) < SMALLEST_M:
+            return None
+        height = float(self._origin[2] - (point_m - self._origin[:2]) @ normal[:2] / normal[2])
+        return height if self.covers(np.array([*point_m, height])) else None
+
     def nearest(self, point_m: Array) -> Array:
         """The point of the surface inside the margin nearest to a point, shape (3,) [m]."""
         return self._world(nearest(self.room, self._flat(point_m)))

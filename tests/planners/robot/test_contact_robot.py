@@ -111,6 +111,28 @@ def test_toes_stand_where_the_model_stands_unless_the_course_says_otherwise(fold
         np.testing.assert_allclose(middle[:2], expected, atol=0.05)
 
 
+@pytest.mark.parametrize(("x_m", "raised"), [(0.0, 0.0), (0.45, 0.5), (2.0, 1.0)])
+def test_a_start_without_a_height_stands_on_the_terrain_there(folder: Path, x_m: float, raised: float) -> None:
+    model = named_robot(folder / "dog.urdf")
+    text = COURSE.replace("[0.0, 0.0, 0.44]", f"[{x_m}, 0.0]").replace("[0.3, 0.0, 0.45]", f"[{x_m + 0.3}, 0, 0.5]")
+    (folder / "start.yaml").write_text(text)
+    course = read_course(folder / "start.yaml")
+    expected = [x_m, 0.0, model.stand_height_m + 0.05 * raised]  # so many of the feet are on the step
+    np.testing.assert_allclose(course.com_nominal_m[0], expected, atol=1e-9)
+
+
+def test_a_start_without_ground_under_a_foot_is_refused(folder: Path) -> None:
+    corners = "[[-2, 0, 0], [2, 0, 0], [2, 2, 0], [-2, 2, 0]]"
+    text = COURSE.replace("[0.0, 0.0, 0.44]", "[0.0, 0.0]").split("terrain:")[0]
+    (folder / "half.yaml").write_text(f"{text}terrain: {{kind: polygons, polygons: [{{vertices_m: {corners}}}]}}\n")
+    with pytest.raises(InvalidInput) as caught:
+        read_course(folder / "half.yaml")
+    assert str(caught.value).startswith(
+        f"{folder}/half.yaml: start_m: expected ground under every toe, or a height beside x and y; there is none "
+        "under limb RF at ("
+    )
+
+
 def test_another_robot_may_take_the_courses_place(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "cat.yaml").write_text(f"urdf: {folder}/dog.urdf\nname: cat\n")
     assert read_course(folder / "step.yaml", robot=str(tmp_path / "cat.yaml")).robot.name == "cat"

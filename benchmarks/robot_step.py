@@ -1,0 +1,151 @@
+"""Quadrupeds over a step, and how many of their postures are decided: ``benchmarks/robots.py --step``.
+
+Robots with four legs walk over a step of 5 cm, or 8 cm where their legs are longer than .6 m, in 24 key frames;
+every foot's distance from its toe is pinocchio's, from the URDF and the plan's joint angles. Natural postures: every
+toe on a leaning square about where the robot stands; decided over inner sets, over outer ones where those say no. What
+is neither found over the first nor refuted over the second, within a second each, is open.
+"""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import spec_from
+from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.problem.posture import Contact, PostureProblem
+from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
+from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.plan_postures import plan_postures
+from stancekit.planners.robot.robot_file import named_robot
+from stancekit.planners.robot.robot_model import RobotModel
+from stancekit.planners.robot.rotation import rotation_of
+from stancekit.planners.robot.urdf_reader import pinocchio
+from stancekit.planners.robot.workspace_cache import workspaces_of
+from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.friction_margin import plan_with_reserve
+from stancekit.planners.search.methods import make_course_planner
+from stancekit.planners.terrain.patch import Patch
+from stancekit.planners.verify import check_plan
+
+FRAMES, REACHED_M = 24, 1e-4
+LONG_M, RISES_M = 0.6, (0.05, 0.08)
+"""Of --step: legs that are longer climb the higher step."""
+LIMIT_S = 1.0
+"""For each decision on a posture."""
+ASIDE, UP, SIDE, LEAN_RAD, MOVED_M = 0.25, 0.15, 0.05, 0.26, 0.05
+"""Natural postures: squares of SIDE up to ASIDE and UP from the standing toes, as shares of a leg's length, leaning up
+to LEAN_RAD; the centre of mass within MOVED_M of where it stands."""
+
+
+def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
+    """A plan over a step and the decisions on natural postures."""
+    try:
+        model = named_robot(file)
+    except InvalidInput as error:
+        return {"name": name, "refused": re.sub(r"^\S+: ", "", str(error))}
+    if len(model.legs) != 4:
+        return {"name": name, "refused": f"expected four legs, found {len(model.legs)}"}
+    try:
+        course = lay_out(spec_from(step_course(model, file)))
+    except InvalidInput as error:
+        return {"name": name, "refused": str(error)}
+    started = time.process_time()
+    outcome = plan_with_reserve(make_course_planner("two-stage"), course)
+    found: dict[str, Any] = {"name": name, "plan_s": time.process_time() - started, "status": outcome.status.value}
+    if outcome.plan is not None:
+        errors = urdf_errors(model, outcome.plan, plan_postures(model, outcome.plan).angles)
+        found |= {"accepted": check_plan(outcome.plan).accepted, "feet": errors.size, "worst_m": float(errors.max())}
+    return found | decided(model, natural)
+
+
+def decided(model: RobotModel, natural: int) -> dict[str, int]:
+    """How many natural postures are found over inner sets (yes), refuted over outer ones (no), or neither (open)."""
+    planner, count = ExactPlanner(time_limit_s=LIMIT_S), {"yes": 0, "no": 0, "open": 0}
+    inner, outer = (contact_robot(model, workspaces_of(model), sets) for sets in ("inner", "outer"))
+    for seed in range(natural):
+        within, around = (natural_posture(model, each, np.random.default_rng(seed)) for each in (inner, outer))
+        if planner.solve(within).status is Status.FEASIBLE:
+            count["yes"] += 1
+        else:
+            count["no" if planner.solve(around).status is Status.INFEASIBLE else "open"] += 1
+    return count
+
+
+def step_course(model: RobotModel, file: str) -> dict[str, Any]:
+    """Level ground and a step up, which the front feet meet first and the hind ones have climbed at the end."""
+    length, height = model.legs[0].chain.length_m, model.stand_height_m
+    ahead = standing_toes(model)[:, 0]
+    edge, rise = float(ahead.max()) + 0.15 * length, RISES_M[int(length > LONG_M)]
+    front, hind = edge - float(ahead.max()), edge - float(ahead.min())
+    return {
+        "name": "step", "robot": file, "frames": FRAMES, "gait": "wave", "start_m": [0.0, 0.0, height],
+        "via_m": [[front, 0.0, height], [hind, 0.0, height + 0.5 * rise]],
+        "goal_m": [hind + 0.25 * length, 0.0, height + 0.8 * rise],
+        "body": {"com_radius_m": 0.05, "first_radius_m": 0.02},
+        "steps": {"com_m": 0.12, "toe_m": 0.5, "rotation_rad": 0.15}, "candidates": {"window_m": 0.4 * length},
+        "terrain": {"kind": "stairs", "friction": 0.7, "first_m": edge, "run_m": 4.0, "rises_m": [rise]},
+    }  # fmt: skip
+
+
+def urdf_errors(model: RobotModel, plan: Plan, angles: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """How far pinocchio has the toes of a plan's joint angles from where the plan has them, shape (M, N) [m]."""
+    pin = pinocchio()
+    known = pin.buildModelFromXML(model.urdf)
+    data, errors = known.createData(), np.empty((plan.course.frames, len(model.legs)))
+    for k in range(plan.course.frames):
+        q = pin.neutral(known)
+        for leg, its in zip(model.legs, angles, strict=True):
+            for name, angle in zip(leg.joint_names, its[k], strict=True):
+                joint = known.joints[known.getJointId(name)]
+                turns = angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+                q[joint.idx_q : joint.idx_q + joint.nq] = turns
+        pin.forwardKinematics(known, data, q)
+        turn = pin.exp3(np.array(plan.rotation_rad[k]))
+        for i, leg in enumerate(model.legs):
+            foot = data.oMi[known.getJointId(leg.joint_names[-1])].act(np.array(leg.chain.tip_m))
+            normal = plan.course.patch(int(plan.course.holds[k][i]), plan.choice).normal
+            toe = plan.com_m[k] + turn @ (foot - model.body.com_m) - leg.radius_m * normal
+            errors[k, i] = np.linalg.norm(toe - plan.toes_at(k)[i])
+    return errors
+
+
+def natural_posture(model: RobotModel, robot: Robot, rng: np.random.Generator) -> PostureProblem:
+    """All legs on squares about where the robot stands."""
+    contacts = []
+    for leg, limb, toe in zip(model.legs, robot.limbs, standing_toes(model), strict=True):
+        length = leg.chain.length_m
+        middle = toe + length * rng.uniform([-ASIDE, -ASIDE, -UP], [ASIDE, ASIDE, UP])
+        lean, azimuth, friction = rng.uniform([0.0, 0.0, 0.3], [LEAN_RAD, 2.0 * np.pi, 0.8])
+        turn = rotation_of(lean * np.array([np.cos(azimuth), np.sin(azimuth), 0.0]))
+        square = 0.5 * SIDE * length * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+        patch = Patch(
+            vertices_m=middle + square @ turn.T, normal=turn[:, 2], shear_reference=turn[:, 0], friction=friction
+        )
+        contacts.append(
+            Contact(leg=limb.name, shoulder_m=limb.shoulder_m, reach_m=limb.reach_m, patch=patch,
+                    force_min=np.array([0.0, -1.0, -1.0]), force_max=np.ones(3), reach_rows=limb.reach_rows)
+        )  # fmt: skip
+    return PostureProblem(
+        contacts=tuple(contacts), mass_kg=robot.mass_kg, com_nominal_m=np.zeros(3), com_radius_m=MOVED_M
+    )
+
+
+def step_line(row: dict[str, Any]) -> str:
+    """One row of --step."""
+    if "refused" in row:
+        return f"{row['name']:44} refused: {row['refused']:.120}"
+    told = f"{row['name']:44} {row['status']}, {row['plan_s']:.1f} s"
+    if "accepted" in row:
+        verdict = "accepted" if row["accepted"] else "refused"
+        told += f", {verdict}, {row['feet']} feet within {1e3 * row['worst_m']:.5f} mm"
+    share = row["open"] / max(row["yes"] + row["no"] + row["open"], 1)
+    return f"{told} | natural postures: {row['yes']} yes, {row['no']} no, {row['open']} neither ({share:.1%})"
