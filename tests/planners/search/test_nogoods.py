@@ -30,10 +30,14 @@ def learned(programs, course, *choices):
 
 @pytest.fixture(scope="module")
 def hard(programs, drawn, as_course, rough):
-    """(course, its nogoods) of courses that have some: of one frame with candidates to choose from, and of two."""
+    """(course, its nogoods) of courses that have some: of one frame with candidates to choose from, and of two;
+    the last with patches cut, too."""
     made = [as_course(drawn(*scene), count, 0, spread) for scene, count, spread in SCENES]
     made.append(rough(2))
     found = [(course, learned(programs, course)) for course in made]
+    with pytest.MonkeyPatch.context() as patch:  # patches are cut sooner than they would be
+        patch.setattr("stancekit.planners.search.cuts.PATCH_UNIT_M", 0.05)
+        found.append((made[0], learned(programs, made[0])))
     assert all(nogoods.entries for _, nogoods in found)
     return found
 
