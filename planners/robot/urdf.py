@@ -80,10 +80,16 @@ def hexapod_urdf(robot: Robot, servo: Servo = Servo(), *, rotors_in_links: bool 
     """The URDF of a robot with any number of limbs; links ``body``, ``LF_coxa``, …, ``LF_foot``.
 
     rotors_in_links: add the rotors' inertia to the links, about every axis so that a simulator takes it for a body's;
-    for those that know no inertia of rotors. URDF is in SI units. Raises InvalidInput for feet that are soles.
+    for those that know no inertia of rotors. URDF is in SI units. Raises InvalidInput for what the
+    legs drawn up here do not have: feet that are soles, and half-spaces of reach, as a robot's own file gives them.
     """
     if any(limb.sole_m is not None for limb in robot.limbs):
         raise InvalidInput(f"robot {robot.name}: expected point feet for a URDF of its own, got soles")
+    if any(limb.reach_rows is not None for limb in robot.limbs):
+        raise InvalidInput(
+            f"robot {robot.name}: expected balls of reach for a URDF of its own, got half-spaces: legs of a robot's "
+            f"file are neither checked joint by joint nor run yet"
+        )
     rotor = servo.rotor_kg_m2 if rotors_in_links else 0.0
     shares = sum(LIMB_SHARES.values()) * len(robot.limbs)
     radius = 0.75 * max(float(np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in robot.limbs])), 0.04)

@@ -7,6 +7,8 @@ import pytest
 
 from stancekit.cli.main import run
 from stancekit.cli.plan import PlanCourse
+from stancekit.cli.simulate import Simulate
+from stancekit.cli.verify import Verify
 from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")
@@ -62,3 +64,20 @@ def test_what_is_between_inner_and_outer_sets_is_undecided(folder: Path, capsys:
     assert record["message"] == (
         "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
     )
+
+
+def test_nothing_is_said_or_done_with_legs_that_are_not_the_robots(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The hexapod's legs, which the project draws up, are neither asked nor moved in place of a file's own."""
+    (folder / "course.yaml").write_text(COURSE.format(0.5, 0.005, 0.7))
+    out = folder / "plan.json"
+    assert run(PlanCourse(str(folder / "course.yaml"), out=out, json=True)) == 0
+    capsys.readouterr()
+    assert run(Verify(out, json=True)) == 0
+    (joints,) = [line for line in capsys.readouterr().out.splitlines() if "not checked" in line]
+    assert "got half-spaces: legs of a robot's file are neither checked joint by joint nor run yet" in joints
+    assert run(Simulate(out, world="mujoco")) == 2
+    said = capsys.readouterr().err
+    assert "expected balls of reach for a URDF of its own, got half-spaces" in said
+    assert said.count("\n") == 1
