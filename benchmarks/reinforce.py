@@ -17,13 +17,14 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from stancekit.envs.refinement import LargestGap, RandomDimension, WidestDimension
+from stancekit.envs.branching import LargestGap, RandomDimension, WidestDimension
+from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.selectors.selector import FixedSelector, Selector
 from stancekit.learners.training.envelope_methods import fit
@@ -41,17 +42,15 @@ class Row:
     figures: Mapping[str, list[float]]
 
 
-class RandomBox:
+class RandomBox(MemorylessPolicy):
     """Bounds drawn uniformly from the whole domain."""
 
     def __init__(self, space: spaces.Box, seed: int) -> None:
         self._space, self._rng = space, np.random.default_rng(seed)
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Any, Any]:
-        """Return (action, state)."""
-        return self._rng.uniform(self._space.low, self._space.high).astype(np.float32), state
+    def action(self, observation: Observation) -> NDArray[np.float32]:
+        """The bounds."""
+        return self._rng.uniform(self._space.low, self._space.high).astype(np.float32)
 
 
 def main() -> None:
