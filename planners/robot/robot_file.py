@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.documents import read_text, read_yaml
-from ..files.refusals import refusals, shown
+from ..files.refusals import shown, validated
 from .leg_ik import limb_posture
 from .model import Robot, hexapod
 from .robot_model import RobotModel, model_of
@@ -79,10 +79,7 @@ def _hexapod_stance(robot: Robot) -> list[float]:
 
 
 def _from_yaml(path: Path, srdf: str | Path | None) -> RobotModel:
-    try:
-        keys = RobotKeys.model_validate(read_yaml(path))
-    except ValidationError as error:
-        raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
+    keys = validated(RobotKeys, read_yaml(path), str(path))
     folder = path.parent
     urdf = folder / keys.urdf
     semantics = Path(srdf) if srdf is not None else folder / keys.srdf if keys.srdf else None
