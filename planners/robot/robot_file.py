@@ -5,20 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.documents import read_text, read_yaml
 from ..files.refusals import shown, validated
-from .leg_ik import limb_posture
-from .model import Robot, hexapod
+from .legged import legged_model
+from .model import hexapod
 from .robot_model import RobotModel, model_of
-from .urdf import Servo, hexapod_urdf, joint_names, link_lengths
 from .urdf_reader import JointCorrection, Number
 
 BUILT_IN = ("hexapod",)
-OUTWARD_M, DOWN_M = 0.15, 0.2
 
 
 class RobotKeys(BaseModel):
@@ -52,7 +49,7 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
         return _from_yaml(path, srdf)
     if path.suffix == ".urdf":
         return model_of(
-            read_text(path), where=str(path), folder=path.parent, srdf="" if srdf is None else read_text(srdf)
+            read_text(path), where=str(path), folder=path.parent.resolve(), srdf="" if srdf is None else read_text(srdf)
         )
     if str(name) in BUILT_IN:
         return hexapod_model()
@@ -63,19 +60,7 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
 
 def hexapod_model() -> RobotModel:
     """The default robot as one URDF among others: six limbs of four joints."""
-    robot = hexapod()
-    return model_of(
-        hexapod_urdf(robot),
-        where="hexapod",
-        feet={name: f"{name}_foot" for name in robot.limb_names},
-        posture_rad=dict(zip(joint_names(robot), _hexapod_stance(robot), strict=True)),
-    )
-
-
-def _hexapod_stance(robot: Robot) -> list[float]:
-    """Feet so far outward of their shoulders and below them as paper E's ground problems have them."""
-    target, down = np.array([OUTWARD_M, 0.0, -DOWN_M]), np.array([0.0, 0.0, -1.0])
-    return [angle for limb in robot.limbs for angle in limb_posture(link_lengths(limb), target, down, Servo())]
+    return legged_model(hexapod())
 
 
 def _from_yaml(path: Path, srdf: str | Path | None) -> RobotModel:
@@ -85,7 +70,8 @@ def _from_yaml(path: Path, srdf: str | Path | None) -> RobotModel:
     semantics = Path(srdf) if srdf is not None else folder / keys.srdf if keys.srdf else None
     try:
         model = model_of(
-            read_text(urdf), where=str(urdf), folder=urdf.parent, packages=[folder / each for each in keys.packages],
+            read_text(urdf), where=str(urdf), folder=urdf.parent.resolve(),
+            packages=[(folder / each).resolve() for each in keys.packages],
             srdf="" if semantics is None else read_text(semantics), feet=keys.feet, joints=keys.joints,
             posture_rad=keys.posture_rad, name=keys.name,
             root_rpy_rad=keys.root_rpy_rad or (),
