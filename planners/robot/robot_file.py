@@ -12,15 +12,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from ..errors import InvalidInput
 from ..files.documents import read_text, read_yaml
 from ..files.refusals import refusals, shown
-from .leg_ik import limb_posture
-from .model import Robot, hexapod
+from .legged import legged_model
+from .model import hexapod
 from .robot_model import RobotModel, model_of
-from .urdf import Servo, hexapod_urdf, joint_names, link_lengths
 from .urdf_reader import JointCorrection, Number, Positive, built
 
 BUILT_IN = ("hexapod",)
 YAML = (".yaml", ".yml")
-OUTWARD_M, DOWN_M = 0.15, 0.2
 
 
 class RobotKeys(BaseModel):
@@ -67,7 +65,7 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
         return model_of_keys(read_keys(path), path, srdf)
     if path.suffix == ".urdf":
         return model_of(
-            read_text(path), where=str(path), folder=path.parent, srdf="" if srdf is None else read_text(srdf)
+            read_text(path), where=str(path), folder=path.parent.resolve(), srdf="" if srdf is None else read_text(srdf)
         )
     if str(name) in BUILT_IN:
         return hexapod_model()
@@ -78,19 +76,7 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
 
 def hexapod_model() -> RobotModel:
     """The default robot as one URDF among others: six limbs of four joints."""
-    robot = hexapod()
-    return model_of(
-        hexapod_urdf(robot),
-        where="hexapod",
-        feet={name: f"{name}_foot" for name in robot.limb_names},
-        posture_rad=dict(zip(joint_names(robot), _hexapod_stance(robot), strict=True)),
-    )
-
-
-def _hexapod_stance(robot: Robot) -> list[float]:
-    """Feet so far outward of their shoulders and below them as paper E's ground problems have them."""
-    target, down = np.array([OUTWARD_M, 0.0, -DOWN_M]), np.array([0.0, 0.0, -1.0])
-    return [angle for limb in robot.limbs for angle in limb_posture(link_lengths(limb), target, down, Servo())]
+    return legged_model(hexapod())
 
 
 def read_keys(path: Path) -> RobotKeys:
@@ -110,8 +96,9 @@ def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -
 
         def model(keys: RobotKeys) -> RobotModel:
             return model_of(
-                text, where=str(urdf), folder=urdf.parent, packages=[path.parent / each for each in keys.packages],
-                srdf=stands, feet=keys.feet, joints=keys.joints, name=keys.name, root_rpy_rad=keys.root_rpy_rad or (),
+                text, where=str(urdf), folder=urdf.parent.resolve(), srdf=stands,
+                packages=[(path.parent / each).resolve() for each in keys.packages],
+                feet=keys.feet, joints=keys.joints, name=keys.name, root_rpy_rad=keys.root_rpy_rad or (),
                 posture_rad=keys.posture_rad if isinstance(keys.posture_rad, dict) else None,
             )  # fmt: skip
 
