@@ -279,10 +279,8 @@ def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[tuple[str, str]]:
     for leg in legs:
         most = STRONGEST * body.mass_kg * GRAVITY_M_S2 * leg.chain.length_m
         for joint in leg.joints:
-            if joint.slides:
-                continue
             if joint.torque_nm <= 0.0:
-                doubts.append((f"joint {joint.name}", "no torque limit"))
-            elif joint.torque_nm > most:
+                doubts.append((f"joint {joint.name}", f"no {'force' if joint.slides else 'torque'} limit"))
+            elif not joint.slides and joint.torque_nm > most:
                 doubts.append((f"joint {joint.name}", f"a torque limit of {joint.torque_nm:g} Nm"))
     return doubts
