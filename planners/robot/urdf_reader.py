@@ -19,6 +19,8 @@ from ..files.arrays import LARGEST
 from ..files.refusals import shown
 
 DEEPEST_XML = 30
+MOST_JOINTS = 500
+"""Of a URDF, those that move and those that do not."""
 UPRIGHT = "upright"
 """The root that is put above one that lies on its side."""
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -59,7 +61,10 @@ def parsed(text: str, where: str) -> Element:
         parser.Parse(text.encode(), True)
     except (ExpatError, InvalidInput) as error:
         raise InvalidInput(f"{where}: expected a URDF: {error}") from None
-    return ElementTree.fromstring(text)
+    root = ElementTree.fromstring(text)
+    if len(joints := root.findall("joint")) > MOST_JOINTS:
+        raise InvalidInput(f"{where}: expected {MOST_JOINTS} joints or fewer, got {len(joints)}")
+    return root
 
 
 def corrected(text: str, corrections: Mapping[str, JointCorrection], where: str) -> str:
