@@ -20,12 +20,11 @@ from ..problem.posture import GRAVITY_M_S2
 from ..terrain.prism import Solid
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
 from .leg_ik import limb_postures
-from .leg_search import base_joint
 from .legged import foot_radii, legged_model
 from .model import Robot
 from .rotation import rotation_of
 from .urdf import Servo
-from .urdf_reader import built, pinocchio
+from .urdf_reader import at_rest, built, pinocchio
 
 __all__ = ["REACHED_M", "JointAnswer", "Kinematics", "pinocchio", "rotation_of"]
 
@@ -95,14 +94,10 @@ class Kinematics:
 
     def _places(self) -> tuple[Array, Array, Array]:
         """The base at the origin and all else at rest; where pinocchio has the angles and the velocities of joints."""
-        rest, base = self._pin.neutral(self._known), base_joint(self._known)
-        self._pin.forwardKinematics(self._known, self._data, rest)
-        away = self._data.oMi[base]
-        if not away.isIdentity(0.0):
-            rest[:7] = self._pin.SE3ToXYZQUAT(away.inverse())
         owners = [self._known.joints[number] for number in self._number]
         self._circles = np.array([joint.nq == 2 for joint in owners])
-        return rest, np.array([joint.idx_q for joint in owners]), np.array([joint.idx_v for joint in owners])
+        rows, columns = (np.array([getattr(joint, name) for joint in owners]) for name in ("idx_q", "idx_v"))
+        return at_rest(self._known), rows, columns
 
     def _posture(self, angles: Array) -> Array:
         """Angles as pinocchio has them."""

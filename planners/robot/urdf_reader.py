@@ -145,6 +145,22 @@ def built(text: str, where: str) -> Any:
             raise InvalidInput(f"{where}: expected a URDF: {' '.join(reason.split())[:120]}") from None
 
 
+def base_joint(model: Any) -> int:
+    """pinocchio's number of the joint that carries the base: the last one that flies."""
+    return max(j for j in range(model.njoints) if model.joints[j].nq == 7)
+
+
+def at_rest(model: Any) -> Any:
+    """pinocchio's neutral posture with the base's frame at the origin, where a file may have it elsewhere."""
+    pin = pinocchio()
+    rest, data = pin.neutral(model), model.createData()
+    pin.forwardKinematics(model, data, rest)
+    base = data.oMi[base_joint(model)]
+    if not base.isIdentity(0.0):
+        rest[:7] = pin.SE3ToXYZQUAT(base.inverse())
+    return rest
+
+
 @contextmanager
 def _standard_error(descriptor: int) -> Iterator[None]:
     """Standard error goes elsewhere: urdfdom writes several lines to it by itself before it refuses."""
