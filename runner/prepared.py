@@ -7,10 +7,10 @@ from typing import Generic, TypeVar
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.projection.force_distribution import distribute_forces
 from stancekit.planners.robot.kinematics import Kinematics
 
 from .acceptance import Accepted, AcceptedGait, check_joints, proven, walker
-from .control.force_distribution import distribute_forces
 from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.gait_motion import GaitMotion
