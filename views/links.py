@@ -95,6 +95,10 @@ class Links:
             found.append(Body(name=f"{prefix}{leg.name} foot", shape=foot, position_m=chain[-1], colour=leg_colour(i)))
         return found
 
+    def split(self, angles: Array) -> list[Array]:
+        """Angles of all joints, shape (J,), leg by leg."""
+        return np.split(angles, np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1])
+
     def chains(self, com_m: Array, rotation: Array, angles: Sequence[Array]) -> list[Array]:
         """Joints of every leg in the world, the foot last, shape (n + 1, 3) [m]."""
         base, found = base_of(self.model, com_m, rotation), []
