@@ -21,7 +21,7 @@ from .scene import Body, Colour, between
 from .shapes import Faces, Mesh, Sphere, hull
 from .sheet import leg_colour
 
-SHELL, STEEL, RIM = "#dfe6ee", "#7b8a99", "#2b3642"
+SHELL, STEEL, RIM = "#aab5c0", "#7b8a99", "#2b3642"
 TINT = 0.3
 """How much of its leg's colour a link has."""
 TRIANGLES = 3000
