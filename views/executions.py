@@ -56,7 +56,7 @@ class ExecutionView(PlanView):
     def row(self, row: int, *, cone_m: float | None = None) -> Scene:
         """The robot after a control period, on the patches that it stands on."""
         moment, chains = self.instant(row)
-        return self.at(moment, chains=chains, cone_m=cone_m)
+        return self.at(moment, limbs=chains, cone_m=cone_m)
 
     def path(self, row: int) -> Scene:
         """The path that the centre of mass went, over the planned one."""

@@ -8,7 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.rotation import rotation_of
+from stancekit.planners.robot.toes import ToeKinematics
 
 LOAD = 0.25
 """Share of a step in which the load goes from one stance of a frame to the next; the body moves in the rest of it."""
@@ -73,6 +76,21 @@ class PlanMotion:
             forces_n=(1.0 - part) * before + part * after,
             moving=tuple(i for i, name in enumerate(self._names) if name in plan.course.lifts[k + 1]),
         )
+
+    def angles(self, moment: Moment) -> list[Array]:
+        """Of every leg of the robot's model, shape (n,) [rad]; feet face the patches of the moment's key frame."""
+        course = self.plan.course
+        normals = np.array([course.patch(int(p), self.plan.choice).normal for p in course.holds[moment.frame]])
+        turn = rotation_of(moment.rotation_rad)
+        found = self._kinematics.solve(moment.com_m[None], turn[None], moment.toes_m[None], normals[None])
+        return [angles[0] for angles in found.angles]
+
+    @cached_property
+    def _kinematics(self) -> ToeKinematics:
+        model = self.plan.course.robot.model
+        if model is None:
+            raise InvalidInput("robot: expected one that has a model, got balls of reach")
+        return ToeKinematics(model)
 
     def swing(self, placement: int, part: float) -> Array:
         """Where a toe is on its way to a placement: off its old patch, over, and onto the new one, shape (3,) [m]."""
