@@ -14,13 +14,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, NonNegativeInt, PositiveInt
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.arrays import checked
+from stancekit.planners.files.arrays import LARGEST
 from stancekit.planners.files.documents import read_json
+from stancekit.planners.files.refusals import check_fields
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.formulation import formulate
@@ -37,6 +39,7 @@ from stancekit.planners.warp.spline_map import SplineMap
 from ..data.executor import processes
 from .gait_row import checked_row
 
+Seconds = Annotated[float, Field(gt=0.0, le=LARGEST)]
 TERRAINS = ("ripple", "cone", "hill", "pit")
 
 
@@ -95,24 +98,19 @@ class GaitBenchSettings:
 
     terrains: tuple[str, ...] = TERRAINS
     methods: tuple[str, ...] = tuple(METHODS)
-    every: int = 1
-    seeds: int = 3
-    noise: float = 0.02
-    iterations: int = 200
-    cap_s: float = 120.0
-    total_s: float = 240.0
+    every: PositiveInt = 1
+    seeds: NonNegativeInt = 3
+    noise: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
+    iterations: PositiveInt = 200
+    cap_s: Seconds = 120.0
+    total_s: Seconds = 240.0
 
     def __post_init__(self) -> None:
         for name, known in (("terrains", reference.TERRAINS.names()), ("methods", tuple(METHODS))):
             unknown = sorted(set(getattr(self, name)) - set(known))
             if unknown or not getattr(self, name):
                 raise InvalidInput(f"{name}: expected some of {', '.join(known)}, got {', '.join(unknown) or 'none'}")
-        for name, least in (("every", 1), ("seeds", 0), ("iterations", 1)):
-            if getattr(self, name) < least:
-                raise InvalidInput(f"{name}: expected {least} or more, got {getattr(self, name)}")
-        checked(self.noise, "noise", above=0.0, most=1.0)
-        for name in ("cap_s", "total_s"):
-            checked(getattr(self, name), name, above=0.0)
+        check_fields(self)
 
     @classmethod
     def quick(cls) -> GaitBenchSettings:
