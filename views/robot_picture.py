@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -13,19 +13,16 @@ from scipy.spatial import QhullError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.leg import Leg
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.robot.shapes import Shape
+from stancekit.planners.robot.solids import shape_points, solid_shapes
 from stancekit.planners.robot.workspace import Workspace
 
 from .camera import Camera
 from .scene import Body, Facet, Label, Layer, Scene
 from .shapes import Capsule, Sphere, along, hull
 from .sheet import DEFAULT_STYLE, INK, SIZE_PX, Size, headline, leg_colour, plain_axes, sheet
-from .still import CIRCLE, Still
+from .still import Still
 
 TRUNK = "#9aa5b1"
-HEAVIEST_MESH = 3_000_000
-"""Bytes of a mesh that is still loaded for its hull."""
-MOST_POINTS = 4000
 
 
 @DEFAULT_STYLE
@@ -38,9 +35,9 @@ def draw_robot(robot: RobotModel, workspaces: Sequence[Workspace] | None = None,
     feet = np.array([leg.nominal_m for leg in robot.legs])
     size = float(np.ptp(np.vstack([feet, [leg.hip_m for leg in robot.legs]]), axis=0).max())
     frames, bodies, drawn = robot.link_frames(stance), list[Body](), set[str]()
-    for shape in _chosen(robot):
+    for shape in solid_shapes(robot.shapes):
         mount, (turn, place) = robot.mounts[shape.link], frames[shape.link]
-        points = _points(shape)
+        points = shape_points(shape)
         if points is not None:
             colour = TRUNK if mount.leg is None else leg_colour(mount.leg)
             solid = _solid(shape.link, place + (shape.origin_m + points @ shape.rotation.T) @ turn.T, colour)
@@ -74,43 +71,6 @@ def draw_robot(robot: RobotModel, workspaces: Sequence[Workspace] | None = None,
     headline(figure, robot.name, words + ("; inside the veils every foot is reached" if workspaces else ""))
     Still(Scene(bodies=bodies, facets=[floor], labels=labels), camera).paint(plain_axes(figure, 20.0, 20.0, 90.0))
     return figure
-
-
-def _chosen(robot: RobotModel) -> list[Shape]:
-    """For each link the shapes that it collides with, or where there are none what it looks like."""
-    bodies = {shape.link for shape in robot.shapes if shape.collides}
-    return [shape for shape in robot.shapes if shape.collides or shape.link not in bodies]
-
-
-def _points(shape: Shape) -> Array | None:
-    """Points whose hull is the shape, in its own frame, shape (K, 3) [m]; None for a mesh that cannot be had."""
-    if shape.kind == "box":
-        return np.array(list(product((-0.5, 0.5), repeat=3))) * shape.size_m
-    if shape.kind == "mesh":
-        return _mesh_points(shape)
-    radius = float(shape.size_m[0])
-    half = 0.5 * float(shape.size_m[1]) if len(shape.size_m) > 1 else 0.0
-    rim = np.column_stack([radius * CIRCLE[::2], np.zeros(len(CIRCLE[::2]))])
-    if shape.kind == "cylinder":
-        return np.vstack([rim + np.array([0.0, 0.0, end]) for end in (-half, half)])
-    rings = [
-        rim * [np.cos(angle), np.cos(angle), 0.0] + np.array([0.0, 0.0, radius * np.sin(angle) + np.sign(angle) * half])
-        for angle in np.linspace(-0.5 * np.pi, 0.5 * np.pi, 10)
-    ]
-    return np.vstack(rings)
-
-
-def _mesh_points(shape: Shape) -> Array | None:
-    if shape.mesh is None or shape.mesh.stat().st_size > HEAVIEST_MESH:
-        return None
-    try:
-        import coal
-
-        loaded = coal.MeshLoader().load(str(shape.mesh), np.array(shape.size_m))
-        points = np.array(loaded.vertices(), dtype=np.float64)
-    except Exception:  # what assimp meets
-        return None
-    return points[:: 1 + len(points) // MOST_POINTS] if len(points) > 3 else None
 
 
 def _solid(name: str, points: Array, colour: str, **options: Any) -> list[Body]:

@@ -126,9 +126,9 @@ class Trajectory:
 
 
 def robot_to_json(robot: GaitRobot) -> dict[str, Any]:
-    """A robot as JSON-ready values; ``robot_from_json`` gives it back to the last bit."""
+    """A robot's numbers as JSON-ready values; ``robot_from_json`` gives them back to the last bit."""
     feet = [{name: _plain(value) for name, value in vars(foot).items()} for foot in robot.feet]
-    return {name: _plain(value) for name, value in vars(robot).items()} | {"feet": feet}
+    return {name: _plain(value) for name, value in vars(robot).items() if name != "model"} | {"feet": feet}
 
 
 def _plain(value: Any) -> Any:
@@ -137,8 +137,7 @@ def _plain(value: Any) -> Any:
 
 def robot_from_json(data: Any) -> GaitRobot:
     """Read what ``robot_to_json`` wrote. Raises InvalidInput."""
-    from ..robot.leg_boxes import Foot
-    from ..robot.single_body import GaitRobot
+    from ..robot.single_body import Foot, GaitRobot
 
     try:
         feet = tuple(Foot(**foot) for foot in data["feet"])

@@ -65,7 +65,8 @@ class RobotModel:
     """A legged robot.
 
     urdf: its text, corrections written into it; what parses that sees this robot. mounts: of every link by name.
-    disabled_pairs: links that may touch, from the SRDF. remarks: what was guessed or is hard to believe.
+    disabled_pairs: links that may touch, from the SRDF. remarks: what was guessed or is hard to believe. mesh_folders:
+    the URDF's and those of packages, where pictures find its meshes; none where they are not known.
     """
 
     name: str
@@ -76,6 +77,7 @@ class RobotModel:
     mounts: Mapping[str, Mount]
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
     remarks: tuple[Remark, ...] = ()
+    mesh_folders: tuple[Path, ...] = ()
 
     @property
     def leg_names(self) -> tuple[str, ...]:
@@ -168,6 +170,7 @@ def model_of(
         disabled_pairs=frozenset() if semantics is None else disabled_pairs(semantics),
         remarks=(*(Remark(kind="guess", text=each) for each in (*found.guesses, *guesses)),
                  *(Remark(kind="doubt", text=each) for each in _joined(doubts))),
+        mesh_folders=() if folder == Path() and not packages else (folder, *packages),
     )  # fmt: skip
 
 
