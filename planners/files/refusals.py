@@ -103,6 +103,6 @@ def refusals(error: ValidationError) -> Iterator[str]:
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             yield f"{key}: unknown key"
         else:
-            yield f"{key}: {item['msg']}, got {shown(item['input'])}"
+            yield f"{key}: {item['msg'].replace('Input should be', 'expected')}, got {shown(item['input'])}"
     if error.error_count() > MOST_REFUSALS:
         yield f"and {error.error_count() - MOST_REFUSALS} more"

@@ -69,6 +69,11 @@ def legs_of(model: Any, shapes: Sequence[Shape], order: Sequence[str], feet: Map
     return Found(legs=legs, guesses=tuple(guesses), doubts=tuple(tree.doubts))
 
 
+def base_joint(model: Any) -> int:
+    """pinocchio's number of the joint that carries the base: the last one that flies."""
+    return max(j for j in range(model.njoints) if model.joints[j].nq == 7)
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _End:
     """The end of a chain: its joints from the base outward (pinocchio's numbers), and the link that may be a foot."""
@@ -87,7 +92,7 @@ class _Tree:
         self.doubts = list[tuple[str, str]]()
         pin = pinocchio()
         self._bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
-        self._base = max(j for j in range(model.njoints) if model.joints[j].nq == 7)
+        self._base = base_joint(model)
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
         local = [pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL) for j in range(model.njoints)]

@@ -85,6 +85,11 @@ class RobotModel:
         return tuple(leg.name for leg in self.legs)
 
     @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints of all legs, leg by leg, from the base outward."""
+        return tuple(name for leg in self.legs for name in leg.joint_names)
+
+    @property
     def digest(self) -> str:
         """SHA-256 of what a workspace depends on: the corrected URDF, the legs and their feet."""
         said = "\0".join([self.urdf, *(f"{leg.name}\0{leg.foot}\0{leg.stance_rad.tolist()}" for leg in self.legs)])
@@ -102,6 +107,15 @@ class RobotModel:
             if leg.name == name:
                 return leg
         raise InvalidInput(f"leg: expected one of {', '.join(self.leg_names)}, got {shown(name)}")
+
+    @property
+    def torque_doubts(self) -> tuple[tuple[str, str], ...]:
+        """Joints whose torque limit counts for nothing, by name, and why: there is none, or one that none has."""
+        return tuple((subject.removeprefix("joint "), text) for subject, text in _torque_doubts(self.legs, self.body))
+
+    def lines_of(self, doubts: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+        """Doubts on joints, a line for all joints of the same."""
+        return tuple(_joined([(f"joint {name}", text) for name, text in doubts]))
 
     def check_torques(self) -> None:
         """Raise InvalidInput unless every joint of a leg has a torque limit: 0 is what files say that have none."""

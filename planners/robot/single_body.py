@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -61,7 +61,7 @@ class GaitRobot:
     feet: tuple[Foot, ...]
     stand_height_m: float
     trunk_half_m: Array
-    model: RobotModel | None = None
+    model: RobotModel | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         where = f"robot {checked_name(self.name, 'name')}"
@@ -76,6 +76,9 @@ class GaitRobot:
         names = [foot.name for foot in self.feet]
         if len(names) < 3 or len(set(names)) != len(names):
             raise InvalidInput(f"{where}: expected three or more feet of different names, got {names}")
+        if self.model is not None and self.model.leg_names != self.foot_names:
+            legs = ", ".join(self.model.leg_names)
+            raise InvalidInput(f"{where}: expected feet as its model has legs, {legs}, got {', '.join(names)}")
 
     @property
     def foot_names(self) -> tuple[str, ...]:

@@ -1,11 +1,13 @@
 """Walkers from robots' models: boxes that legs reach and that do not cross, old and new files, and what is refused."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.gait.trajectory import robot_from_json, robot_to_json
 from stancekit.planners.robot.inverse_kinematics import Seeds
 from stancekit.planners.robot.model import hexapod
 from stancekit.planners.robot.polytope import Polytope
@@ -167,12 +169,12 @@ def test_legs_of_four_joints_are_walked_on(tmp_path: Path) -> None:
     ("change", "message"),
     [
         (("steps: 12", "wings: 2"), "wings: unknown key"),
-        (("steps: 12", "steps: many"), "steps: Input should be a valid integer, .*, got 'many'"),
-        (("feet: [RH_FOOT, LF_FOOT, RF_FOOT]", "feet: 3"), "feet.*: Input should be a valid dictionary, got 3; feet"),
+        (("steps: 12", "steps: many"), "steps: expected a valid integer, .*, got 'many'"),
+        (("feet: [RH_FOOT, LF_FOOT, RF_FOOT]", "feet: 3"), "feet.*: expected a valid dictionary, got 3; feet"),
         (("posture_rad: [0.1,", "posture_rad: [0.0, 0.0,"), "posture_rad: expected 12 joint angles, got 13"),
         (("ranges_rad: [[0.3, 0.2], ", "ranges_rad: ["), "ranges_rad: expected 3, one a joint of a leg, got 2"),
         (("robot.urdf", "none.urdf"), r".*none\.urdf: expected a file, found nothing there"),
-        (("[0.2, 0.1, 0.05]", "[0.2, 0.1, 0.0]"), r"trunk_half_m\[2\]: Input should be greater than 0, got 0\.0"),
+        (("[0.2, 0.1, 0.05]", "[0.2, 0.1, 0.0]"), r"trunk_half_m\[2\]: expected greater than 0, got 0\.0"),
         (("RH_FOOT", "paw"), r".*feet: expected a link \(.*, …\), found none that is called 'paw'"),
     ],
 )
@@ -203,6 +205,23 @@ def test_a_file_that_names_a_urdf_says_what_is_wrong_with_it(
 def test_robots_that_cannot_walk_are_refused_in_one_line(text: str, options: dict, message: str) -> None:
     with pytest.raises(InvalidInput, match=message):
         walker_of(model_of(text, **options))
+
+
+def test_a_walkers_model_goes_into_files_and_comes_out_again(walker: GaitRobot) -> None:
+    written = json.loads(json.dumps(robot_to_json(walker)))
+    again = robot_from_json(written)
+    assert again.model is not None
+    assert walker.model is not None
+    assert again.model.digest == walker.model.digest
+    assert robot_to_json(again) == written
+    with pytest.raises(InvalidInput, match=r"^robot: robot quadruped: expected feet as its model has legs, LF, RF, "):
+        robot_from_json(written | {"feet": written["feet"][::-1]})
+    with pytest.raises(InvalidInput, match=r"^robot: model\.wings: unknown key$"):
+        robot_from_json(written | {"model": written["model"] | {"wings": 2}})
+    with pytest.raises(InvalidInput, match=r"^robot: model: digest mismatch: "):
+        robot_from_json(written | {"model": written["model"] | {"digest": "0"}})
+    del written["model"]
+    assert robot_from_json(written).model is None
 
 
 def test_a_robot_that_stands_with_straight_legs_walks_with_bent_ones(walker: GaitRobot) -> None:
