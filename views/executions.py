@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.runner.execution import Execution
 
 from .film import film_frames
@@ -48,7 +47,7 @@ class ExecutionView(PlanView):
         normals = np.array([self.chosen[int(p)].normal for p in self.plan.course.holds[frame]])
         moment = Moment(
             frame=frame, com_m=trace.origin_m[row], rotation_rad=Rotation.from_matrix(trace.rotation[row]).as_rotvec(),
-            toes_m=trace.feet_m[row] - FOOT_RADIUS_M * normals, forces_n=trace.forces_n[row],
+            toes_m=trace.feet_m[row] - self._kinematics.radii_m[:, None] * normals, forces_n=trace.forces_n[row],
         )  # fmt: skip
         chains = trace.origin_m[row] + self._kinematics.chains(trace.angles_rad[row]) @ trace.rotation[row].T
         return moment, list(chains)
