@@ -3,9 +3,9 @@
     python benchmarks/walks.py --robots FOLDER [--only go1,solo12] [--terrains ripple,rough:0.5:7] [--world bullet]
         [--offset-deg .5 --delay-ms 15 --mass 1.15 --stiffness .7 --friction .8] [--keep FOLDER] [--json]
 
-FOLDER: example-robot-data's ``robots``; robots that are not there are left out, and said. A walk of ten seconds over 3.6
-times the robot's height, at μ = .6, is planned once and kept in --keep. It is run as it is, whatever the joints' limits
-(``fits`` says whether the runner would have taken it without that). body: distance of the body's origin from where it
+FOLDER: example-robot-data's ``robots``; robots that are not there are left out, and said. A walk of ten seconds over
+3.6 times the robot's height, at μ = .6, is planned once and kept in --keep. It is run as it is, whatever the joints'
+limits; why the runner would have refused it else is said at the end of its row. body: distance of the body's origin from where it
 should be, root mean square, worst, and at the end [mm]. slip: of the worst stance since its foot touched, and stances
 with more than 10 mm. late: how long after it should have the last foot touched [ms]. torque: the largest of any joint
 in units of its own limit. The options make the robot, or its terrain, other than planned.
@@ -50,11 +50,10 @@ class Example:
     joint: JointCorrection | None = None
 
 
+ANYMAL = "anymal_{}_simple_description"
 ROBOTS = {
-    "anymal_b": Example("anymal_b_simple_description/robots/anymal.urdf", "anymal_b_simple_description/srdf/anymal.srdf",
-                        0.75, -1.3, True),
-    "anymal_c": Example("anymal_c_simple_description/urdf/anymal.urdf", "anymal_c_simple_description/srdf/anymal.srdf",
-                        0.75, -1.3, True),
+    "anymal_b": Example(f"{ANYMAL.format('b')}/robots/anymal.urdf", f"{ANYMAL.format('b')}/srdf/anymal.srdf", 0.75, -1.3, True),
+    "anymal_c": Example(f"{ANYMAL.format('c')}/urdf/anymal.urdf", f"{ANYMAL.format('c')}/srdf/anymal.srdf", 0.75, -1.3, True),
     "go1": Example("go1_description/urdf/go1.urdf", "go1_description/srdf/go1.srdf", 0.8, -1.6, False),
     "a1": Example("a1_description/urdf/a1.urdf", "a1_description/srdf/a1.srdf", 0.8, -1.6, False),
     "solo12": Example("solo_description/robots/solo12.urdf", "solo_description/srdf/solo.srdf", 0.8, -1.5, True,
@@ -163,8 +162,8 @@ def line(found: dict[str, object]) -> str:
         return start
     return (
         f"{start} body {found['rms_mm']:5.1f} {found['worst_mm']:5.1f} {found['end_mm']:5.1f} mm  slip "
-        f"{found['slip_mm']:5.1f} mm, {found['slipped']} of {found['stances']}  late {found['late_ms']:3.0f} ms  torque "
-        f"{found['torque']:.2f}  bumped {found['bump_s']:.2f} s  {found['fits']}"
+        f"{found['slip_mm']:5.1f} mm, {found['slipped']} of {found['stances']}  late {found['late_ms']:3.0f} ms  "
+        f"torque {found['torque']:.2f}  bumped {found['bump_s']:.2f} s  {found['fits']}"
     )
 
 
