@@ -5,10 +5,12 @@
 
 FOLDER: example-robot-data's ``robots``; robots that are not there are left out, and said. A walk of ten seconds over
 3.6 times the robot's height, at μ = .6, is planned once and kept in --keep. It is run as it is, whatever the joints'
-limits; why the runner would have refused it else is said at the end of its row. body: distance of the body's origin from where it
-should be, root mean square, worst, and at the end [mm]. slip: of the worst stance since its foot touched, and stances
-with more than 10 mm. late: how long after it should have the last foot touched [ms]. torque: the largest of any joint
-in units of its own limit. The options make the robot, or its terrain, other than planned.
+limits; why the runner would have refused it else is said at the end of its row.
+
+body: distance of the body's origin from where it should be, root mean square, worst, and at the end [mm]. slip: of the
+worst stance since its foot touched, and stances with more than 10 mm. late: how long after it should have the last foot
+touched [ms]. torque: the largest of any joint in units of its own limit. The options make the robot, or its terrain,
+other than planned.
 """
 
 from __future__ import annotations
@@ -50,10 +52,10 @@ class Example:
     joint: JointCorrection | None = None
 
 
-ANYMAL = "anymal_{}_simple_description"
+B, C = (f"anymal_{kind}_simple_description" for kind in "bc")
 ROBOTS = {
-    "anymal_b": Example(f"{ANYMAL.format('b')}/robots/anymal.urdf", f"{ANYMAL.format('b')}/srdf/anymal.srdf", 0.75, -1.3, True),
-    "anymal_c": Example(f"{ANYMAL.format('c')}/urdf/anymal.urdf", f"{ANYMAL.format('c')}/srdf/anymal.srdf", 0.75, -1.3, True),
+    "anymal_b": Example(f"{B}/robots/anymal.urdf", f"{B}/srdf/anymal.srdf", 0.75, -1.3, True),
+    "anymal_c": Example(f"{C}/urdf/anymal.urdf", f"{C}/srdf/anymal.srdf", 0.75, -1.3, True),
     "go1": Example("go1_description/urdf/go1.urdf", "go1_description/srdf/go1.srdf", 0.8, -1.6, False),
     "a1": Example("a1_description/urdf/a1.urdf", "a1_description/srdf/a1.srdf", 0.8, -1.6, False),
     "solo12": Example("solo_description/robots/solo12.urdf", "solo_description/srdf/solo.srdf", 0.8, -1.5, True,

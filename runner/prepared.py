@@ -9,11 +9,11 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.projection.force_distribution import distribute_forces
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import foot_radii
 
 from .acceptance import Accepted, AcceptedGait, check_joints, proven, walker
-from .control.force_distribution import distribute_forces
 from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.gait_motion import GaitMotion

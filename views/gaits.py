@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.gait.trajectory import Trajectory
-from stancekit.planners.robot.toes import ToeKinematics
+from stancekit.planners.robot.walk_joints import walk_joints
 from stancekit.planners.verify.trajectories import GaitReport
 
 from .camera import Camera, best_view
@@ -155,11 +155,7 @@ class GaitView:
     @cached_property
     def _angles(self) -> tuple[Array, ...]:
         """Of every leg at every sample, shape (K, n) [rad]."""
-        trajectory, model = self.trajectory, self.trajectory.robot.model
-        assert model is not None
-        toes = trajectory.feet_m
-        normals = trajectory.terrain.normal(toes[..., :2].reshape(-1, 2)).reshape(toes.shape)
-        return ToeKinematics(model).solve(trajectory.torso_m, trajectory.rotation, toes, normals).angles
+        return walk_joints(self.trajectory).angles
 
     def limbs(self, sample: int) -> list[Array]:
         """Angles of every leg, where the robot is a URDF's; else hip, knee and toe, shape (3, 3) [m], and where knees

@@ -21,7 +21,7 @@ from .scene import Body, Colour, between
 from .shapes import Faces, Mesh, Sphere, hull
 from .sheet import leg_colour
 
-SHELL, STEEL, RIM = "#dfe6ee", "#7b8a99", "#2b3642"
+SHELL, STEEL, RIM = "#aab5c0", "#7b8a99", "#2b3642"
 TINT = 0.3
 """How much of its leg's colour a link has."""
 TRIANGLES = 3000
@@ -94,6 +94,10 @@ class Links:
             foot = Sphere(radius)
             found.append(Body(name=f"{prefix}{leg.name} foot", shape=foot, position_m=chain[-1], colour=leg_colour(i)))
         return found
+
+    def split(self, angles: Array) -> list[Array]:
+        """Angles of all joints, shape (J,), leg by leg."""
+        return np.split(angles, np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1])
 
     def chains(self, com_m: Array, rotation: Array, angles: Sequence[Array]) -> list[Array]:
         """Joints of every leg in the world, the foot last, shape (n + 1, 3) [m]."""

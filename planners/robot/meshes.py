@@ -1,4 +1,4 @@
-"""Meshes of a robot's links, as pictures need them: read by coal, with few triangles, and kept on disk once thinned."""
+"""Meshes of a robot's links, as pictures need them: read by coal, of few triangles, and kept on disk once thinned."""
 
 from __future__ import annotations
 
@@ -17,10 +17,12 @@ from ..files.arrays import Array, frozen
 from ..files.writing import write_bytes
 from .workspace_cache import cache_folder
 
-VERSION = "mesh/1"
+VERSION = "mesh/2"
 """Part of every digest: a change of method changes it, and older files are no longer found."""
 FINEST, COARSER = 96, 0.85
 """Cells along a mesh's longest side at first, and by how much fewer there are at every further try."""
+DISAGREE = 0.02
+"""Share of edges at which two faces turn opposite ways, beyond which nobody knows which side of a mesh is outside."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,13 +47,14 @@ def read_mesh(path: Path, scale: Array) -> Triangles | None:
 
 
 def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) -> Triangles | None:
-    """A mesh of ``most`` triangles or fewer, kept by the digest of its file; None where it cannot be had.
+    """A mesh of ``most`` triangles or fewer, to the left from outside, kept by the digest of its file; None where it
+    cannot be had. One whose faces disagree has all of them twice, seen from either side.
 
     cached: False reads the file and keeps nothing.
     """
     if not cached:
         whole = read_mesh(path, scale)
-        return None if whole is None else thinned(whole, most)
+        return None if whole is None or not len(whole.faces) else faced_outward(thinned(whole, most))
     try:
         said = f"{VERSION}\0{most}\0{np.asarray(scale).tolist()}\0".encode() + path.read_bytes()
     except OSError:
@@ -98,3 +101,19 @@ def thinned(mesh: Triangles, most: int) -> Triangles:
         found = Triangles(vertices_m=middle, faces=faces[np.sort(first)])
         cells *= COARSER
     return found
+
+
+def faced_outward(mesh: Triangles) -> Triangles:
+    """The mesh with its faces to the left as seen from outside, whichever way it was written or mirrored; where faces
+    disagree, each of them from both sides."""
+    faces, count = mesh.faces, len(mesh.vertices_m)
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    _, edge, uses = np.unique(np.sort(ends, axis=1) @ [count, 1], return_inverse=True, return_counts=True)
+    ahead = np.bincount(edge, ends[:, 0] < ends[:, 1])
+    pairs = uses == 2
+    if int(np.count_nonzero(pairs & (ahead != 1))) > DISAGREE * int(np.count_nonzero(pairs)):
+        both = np.vstack([faces, faces[:, ::-1] + count])
+        return Triangles(vertices_m=np.vstack([mesh.vertices_m, mesh.vertices_m]), faces=both)
+    corners = (mesh.vertices_m - mesh.vertices_m.mean(axis=0))[faces]
+    volume = float(np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))
+    return mesh if volume >= 0.0 else Triangles(vertices_m=mesh.vertices_m, faces=faces[:, ::-1])

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.projection.force_distribution import ForceDistribution
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.terrain.prism import Solid
@@ -28,7 +29,6 @@ from ..record import Record
 from ..run import Runner
 from ..worlds.world import State
 from .estimation import measured_com_m, nearest_on
-from .force_distribution import ForceDistribution
 from .tracker import Continued, Target, Tracker
 
 WINDOW_S = 0.05

@@ -21,6 +21,7 @@ from stancekit.planners.gait.trajectory import Trajectory
 
 from ..acceptance import proven
 from ..worlds.capabilities import WorldCapabilities
+from ..worlds.contract import check_state, check_world
 from ..worlds.drives import Drives
 from ..worlds.dry_run import NullWorld
 from ..worlds.world import Actuator, State, Terrain, World
@@ -92,8 +93,7 @@ class SafeWorld:
         monitor: HeartbeatMonitor | None = None,
     ) -> None:
         self.world, self.limits = world, limits
-        if not isinstance(getattr(world, "latch", None), StopLatch):
-            raise InvalidInput("world: expected one with a latch, a StopLatch")
+        check_world(world)
         self.latch: StopLatch = world.latch
         self.name, self.kind, self.robot, self.servo = world.name, world.kind, world.robot, world.servo
         self.joints, self.rate_hz = world.joints, world.rate_hz
@@ -209,9 +209,7 @@ class SafeWorld:
             raise
 
     def _check_measured(self, state: State) -> None:
-        for name in ("angles_rad", "rates_rad_s", "forces_n", "position_m"):
-            if not np.isfinite(getattr(state, name)).all():
-                raise HardwareFault(f"world {self.name}: expected finite measurements, got others in {name}")
+        check_state(state, len(self.joints), len(self.robot.limbs), self.name)
 
     def _check_deviation(self, state: State) -> None:
         """Stop where a joint does not go where it is sent."""
