@@ -77,6 +77,6 @@ def plan(
     outcome = plan_with_reserve(chosen, course) if reserve and planner == "two-stage" else chosen.solve(course)
     if outcome.plan is None or course.robot.model is None:
         return outcome
-    from stancekit.planners.robot.plan_joints import with_joints  # slow to import
+    from stancekit.planners.projection.whole_body import with_joints  # slow to import
 
     return replace(outcome, plan=with_joints(outcome.plan))

@@ -25,9 +25,9 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import lay_out
 from stancekit.planners.problem.posture import Contact, PostureProblem
+from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.robot.plan_joints import with_joints
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.rotation import rotation_of

@@ -18,7 +18,7 @@ def with_its_joints(outcome: PlanOutcome) -> PlanOutcome:
     """
     if outcome.plan is None or outcome.plan.course.robot.model is None:
         return outcome
-    from stancekit.planners.robot.plan_joints import with_joints
+    from stancekit.planners.projection.whole_body import with_joints
 
     return replace(outcome, plan=with_joints(outcome.plan))
 

@@ -11,7 +11,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,9 @@ from ..robot.urdf import joint_names
 from ..verify import Report, check_plan
 from ..verify.report import OPTIONAL, plan_arrays, plan_digest, plan_shapes
 from .plan import Plan
+
+if TYPE_CHECKING:
+    from ..robot.robot_model import RobotModel
 
 __all__ = ["FORMAT", "FileCheck", "check_file", "check_name", "is_plan_file", "plan_paths", "read_plan", "write_plan"]
 
@@ -153,9 +156,19 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
     return plan, header
 
 
-def check_file(path: str | Path, *, tolerance: float = 1e-6, joints: bool = True) -> FileCheck:
-    """Verify a plan file anew, whatever it says of itself. Raises InvalidInput for a file that cannot be read."""
+def check_file(
+    path: str | Path, *, tolerance: float = 1e-6, joints: bool = True, robot: RobotModel | None = None
+) -> FileCheck:
+    """Verify a plan file anew, whatever it says of itself.
+
+    robot: whose legs the file's robot has to have; without it the file is believed what its robot is. Raises
+    InvalidInput for a file that cannot be read, and for one of another robot.
+    """
     plan, header = read_plan(path)
+    own = plan.course.robot.model
+    if robot is not None and (own is None or own.digest != robot.digest):
+        got = "one of another file" if own is not None and own.name == robot.name else plan.course.robot.name
+        raise InvalidInput(f"{path}: expected a plan for the robot {robot.name}, got one for {shown(got)}")
     report = check_plan(plan, tolerance=tolerance, joints=joints)
     said = header["verdict"]
     found = report.accepted if {"joints", "torque"} & set(said.get("checked", ())) else report.contacts

@@ -7,17 +7,17 @@ from functools import partial
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from ..errors import InvalidInput
 from ..files.arrays import frozen
-from ..files.refusals import refusals
+from ..files.refusals import validated
 from ..robot.model import Limb, Robot
 from ..robot.model_json import ModelJson, model_from_json, model_to_json
 from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 from .course import Course, Placement, StepLimits, Weights
-from .posture import ReachRowsJson
+from .posture_json import ReachRowsJson
 
 FORMAT = "stancekit/course/1"
 
@@ -64,10 +64,7 @@ def course_from_json(data: Mapping[str, Any]) -> Course:
     """Read what ``course_to_json`` wrote. Raises InvalidInput whose message lists every key that is wrong."""
     if not isinstance(data, Mapping):
         raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
-    try:
-        raw = _CourseJson.model_validate(data)
-    except ValidationError as error:
-        raise InvalidInput("; ".join(refusals(error))) from None
+    raw = validated(_CourseJson, data)
     notes = _Notes()
     robot = notes.made("", partial(_robot, raw.robot))
     terrain = [notes.made(f"terrain[{i}].", partial(_patch, item)) for i, item in enumerate(raw.terrain)]

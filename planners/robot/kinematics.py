@@ -20,12 +20,11 @@ from ..problem.posture import GRAVITY_M_S2
 from ..terrain.prism import Solid
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
 from .leg_ik import limb_postures
-from .leg_search import base_joint
 from .legged import foot_radii, legged_model
 from .model import Robot
 from .rotation import rotation_of
 from .urdf import Servo
-from .urdf_reader import built, pinocchio
+from .urdf_reader import at_rest, built, pinocchio
 
 __all__ = ["REACHED_M", "JointAnswer", "Kinematics", "pinocchio", "rotation_of"]
 
@@ -60,24 +59,27 @@ class Kinematics:
     """The robot's legs as pinocchio knows them, the base fixed. Not for use by several threads at once.
 
     joints: names, J of them. radii_m: of the feet, shape (N,). lower_rad, upper_rad, torque_nm, velocity_rad_s: limits
-    of the joints, shape (J,); 0 Nm and 0 rad/s where the robot's file does not say. Raises InvalidInput where pinocchio
-    is not installed, and for a robot whose legs are not known.
+    of the joints, shape (J,); torque is inf where the robot's own file has none that can be believed, velocity 0 where
+    it has none. legs: the number of the leg of every joint, shape (J,). Raises InvalidInput where pinocchio is not
+    installed, and for a robot whose legs are not known.
     """
 
     def __init__(self, robot: Robot, servo: Servo = Servo(), *, gravity_m_s2: float = GRAVITY_M_S2) -> None:
         self._pin = pin = pinocchio()
         self.robot, self.servo, self.gravity_m_s2 = robot, servo, gravity_m_s2
         self.model = legged_model(robot, servo)
-        legs, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
+        own, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
         self.joints, self.radii_m = self.model.joint_names, foot_radii(robot)
         self.lower_rad, self.upper_rad = (np.array([getattr(j, n) for j in joints]) for n in ("lower_rad", "upper_rad"))
         self.torque_nm, self.velocity_rad_s = (
             np.array([getattr(j, name) for j in joints]) for name in ("torque_nm", "velocity_rad_s")
         )
-        turns = np.concatenate([leg.turns for leg in legs])
+        if robot.model is not None:
+            self.torque_nm[np.isin(self.joints, [name for name, _ in robot.model.torque_doubts])] = np.inf
+        turns = np.concatenate([leg.turns for leg in own])
         self._lowest, self._highest = np.where(turns, -np.inf, self.lower_rad), np.where(turns, np.inf, self.upper_rad)
-        self._leg = np.repeat(np.arange(len(legs)), [len(leg.joints) for leg in legs])
-        self._nth = np.concatenate([np.arange(len(leg.joints)) for leg in legs])
+        self.legs = np.repeat(np.arange(len(own)), [len(leg.joints) for leg in own])
+        self._nth = np.concatenate([np.arange(len(leg.joints)) for leg in own])
         self._most = int(self._nth.max()) + 1
         self._known = built(self.model.urdf, robot.name)
         self._number = [self._known.getJointId(name) for name in self.joints]
@@ -85,21 +87,17 @@ class Kinematics:
             self._known.addFrame(pin.Frame(f"{leg.name}: foot", self._known.getJointId(leg.joint_names[-1]),
                                            pin.SE3(self.model.mounts[leg.foot].rotation, np.array(leg.chain.tip_m)),
                                            pin.FrameType.OP_FRAME))
-            for leg in legs
+            for leg in own
         ]  # fmt: skip
         self._data = self._known.createData()
         self._rest, self._row, self._column = self._places()
 
     def _places(self) -> tuple[Array, Array, Array]:
         """The base at the origin and all else at rest; where pinocchio has the angles and the velocities of joints."""
-        rest, base = self._pin.neutral(self._known), base_joint(self._known)
-        self._pin.forwardKinematics(self._known, self._data, rest)
-        away = self._data.oMi[base]
-        if not away.isIdentity(0.0):
-            rest[:7] = self._pin.SE3ToXYZQUAT(away.inverse())
         owners = [self._known.joints[number] for number in self._number]
         self._circles = np.array([joint.nq == 2 for joint in owners])
-        return rest, np.array([joint.idx_q for joint in owners]), np.array([joint.idx_v for joint in owners])
+        rows, columns = (np.array([getattr(joint, name) for joint in owners]) for name in ("idx_q", "idx_v"))
+        return at_rest(self._known), rows, columns
 
     def _posture(self, angles: Array) -> Array:
         """Angles as pinocchio has them."""
@@ -110,24 +108,20 @@ class Kinematics:
             q[rows], q[rows + 1] = np.cos(its), np.sin(its)
         return q
 
-    def leg_of(self, joint: int) -> int:
-        """The number of the leg that a joint is of."""
-        return int(self._leg[joint])
-
     def joints_of(self, leg: int) -> NDArray[np.int_]:
         """Numbers of a leg's joints, from the base outward."""
-        return np.flatnonzero(self._leg == leg)
+        return np.flatnonzero(self.legs == leg)
 
     def by_leg(self, values: ArrayLike) -> Array:
         """Numbers of all joints leg by leg, shape (J,) to (N, n) with n joints in the longest; zeros behind shorter
         ones."""
         table = np.zeros((len(self._feet), self._most))
-        table[self._leg, self._nth] = values
+        table[self.legs, self._nth] = values
         return table
 
     def of_joints(self, values: Array) -> Array:
         """Numbers of every leg, shape (N,), as those of its joints, shape (J,)."""
-        return np.asarray(values[self._leg])
+        return np.asarray(values[self.legs])
 
     def solve(
         self,
@@ -207,7 +201,7 @@ class Kinematics:
             inverse = jacobian.transpose(0, 2, 1) @ np.linalg.inv(damped)
             drawn = pull * self.by_leg(wished - angles)[:, :, None]
             pull *= 0.7
-            step = (inverse @ (gap[:, :, None] - jacobian @ drawn) + drawn)[self._leg, self._nth, 0]
+            step = (inverse @ (gap[:, :, None] - jacobian @ drawn) + drawn)[self.legs, self._nth, 0]
             angles = angles + np.clip(step, -LONGEST_STEP_RAD, LONGEST_STEP_RAD)
             if limits:
                 angles = np.clip(angles, self._lowest, self._highest)
@@ -235,7 +229,7 @@ class Kinematics:
             first, *_, knees = places.reshape(len(feet), -1, 3).transpose(1, 0, 2)
             return np.stack([first, (1.0 - DRAWN_AT) * first + DRAWN_AT * knees, knees, feet], axis=1)
         found = np.repeat(feet[:, None], self._most + 1, axis=1)
-        found[self._leg, self._nth] = places
+        found[self.legs, self._nth] = places
         return found
 
     def foot_frames(self, angles: Array) -> Array:
@@ -253,7 +247,7 @@ class Kinematics:
         rotation: R_WB, shape (3, 3); forces_n: on the feet, world frame, shape (N, 3) [N].
         """
         weight, levers = self.loads(angles, rotation)
-        return np.asarray(weight - (levers * forces_n[self._leg]).sum(axis=1))
+        return np.asarray(weight - (levers * forces_n[self.legs]).sum(axis=1))
 
     def loads(self, angles: Array, rotation: Array) -> tuple[Array, Array]:
         """What torques at rest are made of: τ_j = g_j − levers_j · f of the joint's own foot, f in the world frame.
@@ -263,7 +257,7 @@ class Kinematics:
         self._known.gravity.linear = rotation.T @ np.array([0.0, 0.0, -self.gravity_m_s2])
         weight = self._pin.computeGeneralizedGravity(self._known, self._data, self._posture(angles))
         _, jacobian = self._feet_and_jacobian(angles)
-        return np.array(weight)[self._column], jacobian[self._leg, :, self._nth] @ rotation.T
+        return np.array(weight)[self._column], jacobian[self.legs, :, self._nth] @ rotation.T
 
     def inertial_torques(self, angles: Array, velocity: Array, acceleration: Array) -> Array:
         """What the legs' own masses take while the base is still and nothing weighs, shape (J,) [Nm]."""
@@ -281,7 +275,7 @@ class Kinematics:
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         found = np.zeros((len(self._feet), 3, self._most))
         for i, foot in enumerate(self._feet):
-            own = self._leg == i
+            own = self.legs == i
             found[i, :, : np.count_nonzero(own)] = pin.getFrameJacobian(self._known, self._data, foot, frame)[
                 :3, self._column[own]
             ]

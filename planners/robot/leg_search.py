@@ -21,7 +21,7 @@ from ..files.refusals import shown
 from .chain import Chain
 from .leg import FULL_TURN, Joint, Leg
 from .shapes import Shape
-from .urdf_reader import pinocchio
+from .urdf_reader import base_joint, pinocchio
 
 LOW = 0.6
 """Of the lowest chain's depth below the base: what goes lower is a leg."""
@@ -67,11 +67,6 @@ def legs_of(model: Any, shapes: Sequence[Shape], order: Sequence[str], feet: Map
     tree.doubts.clear()  # of chains that are no legs
     legs = tuple(tree.leg(name, end) for name, end in ends.items())
     return Found(legs=legs, guesses=tuple(guesses), doubts=tuple(tree.doubts))
-
-
-def base_joint(model: Any) -> int:
-    """pinocchio's number of the joint that carries the base: the last one that flies."""
-    return max(j for j in range(model.njoints) if model.joints[j].nq == 7)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

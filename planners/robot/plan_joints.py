@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from ..answer.plan import Plan
@@ -29,11 +27,6 @@ def plan_angles(plan: Plan, kinematics: Kinematics | None = None) -> list[JointA
         )  # fmt: skip
         found.append(answer)
     return found
-
-
-def with_joints(plan: Plan, kinematics: Kinematics | None = None) -> Plan:
-    """The same plan with the joint angles of every key frame. Raises InvalidInput without pinocchio."""
-    return replace(plan, joints_rad=np.array([answer.angles for answer in plan_angles(plan, kinematics)]))
 
 
 def normals_at(plan: Plan, frame: int) -> Array:

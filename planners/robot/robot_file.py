@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.documents import read_text, read_yaml
-from ..files.refusals import refusals, shown
+from ..files.refusals import shown, validated
 from .legged import legged_model
 from .model import hexapod
 from .robot_model import RobotModel, model_of
@@ -81,10 +81,7 @@ def hexapod_model() -> RobotModel:
 
 def read_keys(path: Path) -> RobotKeys:
     """The keys of a YAML file. Raises InvalidInput with all that is wrong, in one line."""
-    try:
-        return RobotKeys.model_validate(read_yaml(path))
-    except ValidationError as error:
-        raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
+    return validated(RobotKeys, read_yaml(path), str(path))
 
 
 def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -> RobotModel:
@@ -96,9 +93,9 @@ def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -
 
         def model(keys: RobotKeys) -> RobotModel:
             return model_of(
-                text, where=str(urdf), folder=urdf.parent.resolve(), srdf=stands,
+                text, where=str(urdf), folder=urdf.parent.resolve(),
                 packages=[(path.parent / each).resolve() for each in keys.packages],
-                feet=keys.feet, joints=keys.joints, name=keys.name, root_rpy_rad=keys.root_rpy_rad or (),
+                srdf=stands, feet=keys.feet, joints=keys.joints, name=keys.name, root_rpy_rad=keys.root_rpy_rad or (),
                 posture_rad=keys.posture_rad if isinstance(keys.posture_rad, dict) else None,
             )  # fmt: skip
 

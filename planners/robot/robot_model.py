@@ -22,7 +22,7 @@ from .leg import Leg
 from .leg_search import legs_of
 from .shapes import Shape, disabled_pairs, shapes_of
 from .stance import standing
-from .urdf_reader import JointCorrection, built, corrected, matching, parsed, pinocchio, turned
+from .urdf_reader import JointCorrection, at_rest, built, corrected, matching, parsed, pinocchio, turned
 
 STANCES = ("standing", "stand", "half_sitting", "home", "default")
 """Postures of an SRDF that are taken for the one in which the robot stands, the first that is there."""
@@ -229,7 +229,7 @@ def _stand(
 def _weighed(model: Any, legs: Sequence[Leg]) -> tuple[Body, Array]:
     """Mass, centre and inertia in the standing posture; and that posture as pinocchio has it, base at the origin."""
     pin = pinocchio()
-    data, rest = model.createData(), pin.neutral(model)
+    data, rest = model.createData(), at_rest(model)
     for leg in legs:
         for name, angle in zip(leg.joint_names, leg.stance_rad, strict=True):
             joint = model.joints[model.getJointId(name)]
@@ -279,10 +279,8 @@ def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[tuple[str, str]]:
     for leg in legs:
         most = STRONGEST * body.mass_kg * GRAVITY_M_S2 * leg.chain.length_m
         for joint in leg.joints:
-            if joint.slides:
-                continue
             if joint.torque_nm <= 0.0:
-                doubts.append((f"joint {joint.name}", "no torque limit"))
-            elif joint.torque_nm > most:
+                doubts.append((f"joint {joint.name}", f"no {'force' if joint.slides else 'torque'} limit"))
+            elif not joint.slides and joint.torque_nm > most:
                 doubts.append((f"joint {joint.name}", f"a torque limit of {joint.torque_nm:g} Nm"))
     return doubts

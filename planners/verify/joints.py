@@ -114,11 +114,10 @@ def joint_report(plan: Plan, servo: Servo = Servo(), *, reached_m: float = REACH
             for of, forces in zip(course.stances, plan.forces_n, strict=True)
         ]
     )
-    unlimited = () if course.robot.model is None else course.robot.model.torque_doubts
-    most = np.where(np.isin(solver.joints, [name for name, _ in unlimited]), np.inf, solver.torque_nm)
+    model, most = course.robot.model, solver.torque_nm
     shares, over = torque / most, torque - most
     row, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
-    place = course.stances[row].frame, course.robot.limb_names[solver.leg_of(joint)]
+    place = course.stances[row].frame, course.robot.limb_names[int(solver.legs[joint])]
     tired = ""
     if over.max() > 0.0:
         tired = (
@@ -139,7 +138,7 @@ def joint_report(plan: Plan, servo: Servo = Servo(), *, reached_m: float = REACH
         worst_torque=place,
         postures_message=wrong,
         torque_message=tired,
-        unlimited=() if course.robot.model is None else course.robot.model.lines_of(unlimited),
+        unlimited=() if model is None else model.lines_of(model.torque_doubts),
     )
 
 

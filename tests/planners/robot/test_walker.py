@@ -169,12 +169,12 @@ def test_legs_of_four_joints_are_walked_on(tmp_path: Path) -> None:
     ("change", "message"),
     [
         (("steps: 12", "wings: 2"), "wings: unknown key"),
-        (("steps: 12", "steps: many"), "steps: Input should be a valid integer, .*, got 'many'"),
-        (("feet: [RH_FOOT, LF_FOOT, RF_FOOT]", "feet: 3"), "feet.*: Input should be a valid dictionary, got 3; feet"),
+        (("steps: 12", "steps: many"), "steps: expected a valid integer, .*, got 'many'"),
+        (("feet: [RH_FOOT, LF_FOOT, RF_FOOT]", "feet: 3"), "feet.*: expected a valid dictionary, got 3; feet"),
         (("posture_rad: [0.1,", "posture_rad: [0.0, 0.0,"), "posture_rad: expected 12 joint angles, got 13"),
         (("ranges_rad: [[0.3, 0.2], ", "ranges_rad: ["), "ranges_rad: expected 3, one a joint of a leg, got 2"),
         (("robot.urdf", "none.urdf"), r".*none\.urdf: expected a file, found nothing there"),
-        (("[0.2, 0.1, 0.05]", "[0.2, 0.1, 0.0]"), r"trunk_half_m\[2\]: Input should be greater than 0, got 0\.0"),
+        (("[0.2, 0.1, 0.05]", "[0.2, 0.1, 0.0]"), r"trunk_half_m\[2\]: expected greater than 0, got 0\.0"),
         (("RH_FOOT", "paw"), r".*feet: expected a link \(.*, …\), found none that is called 'paw'"),
     ],
 )
