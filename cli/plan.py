@@ -191,7 +191,7 @@ class PlanCourse:
         """Verify the plan once more, and write the files that were asked for."""
         from stancekit.planners.verify import check_plan
 
-        report = check_plan(plan, joints=plan.joints_rad is not None)
+        report = check_plan(plan, joints=True)
         if self.out is not None:
             from stancekit.planners.answer.plan_file import write_plan
 
@@ -220,7 +220,7 @@ class PlanCourse:
         if share != 1.0:
             yield f"planned with {100 * share:.0f} % of the friction"
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.goal_m:.0f} mm from the goal"
-        yield report.joints_message or "not checked here: joints, torque; `stancekit verify` checks them"
+        yield report.joints_message
         if plan.modes is not None:
             terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"
             yield f"modes z: {row(plan.modes.tolist())}{terrain}"

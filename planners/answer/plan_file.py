@@ -26,7 +26,7 @@ from ..problem.course import Course
 from ..problem.course_json import course_from_json, course_to_json
 from ..robot.urdf import joint_names
 from ..verify import Report, check_plan
-from ..verify.report import OPTIONAL, plan_arrays, plan_digest, plan_shapes
+from ..verify.report import OPTIONAL, WHOLE_BODY, plan_arrays, plan_digest, plan_shapes
 from .plan import Plan
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ class FileCheck:
 
     @property
     def accepted(self) -> bool:
-        """The plan is accepted, the file says so, too, and the joints can do it as far as that could be checked."""
+        """The plan is accepted, the file says so, too, and the robot can do it as far as that could be checked."""
         return self.report.accepted and self.same
 
     @property
@@ -149,8 +149,8 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
     plan = Plan(course=course, provenance=header["provenance"], **numbers)
     verdict = header["verdict"]
     checked = verdict.get("checked", ["contacts"])
-    if not isinstance(checked, list) or set(map(str, checked)) - {"contacts", "joints", "torque"}:
-        raise InvalidInput(f"{header_path}: verdict.checked: expected contacts, joints, torque or fewer")
+    if not isinstance(checked, list) or set(map(str, checked)) - {"contacts", *WHOLE_BODY}:
+        raise InvalidInput(f"{header_path}: verdict.checked: expected contacts, {', '.join(WHOLE_BODY)} or fewer")
     if plan_digest(plan, verdict["tolerance"], verdict["accepted"], checked) != verdict["digest"]:
         raise InvalidInput(f"{header_path}: digest mismatch: course, numbers or verdict are not what the verifier saw")
     return plan, header
@@ -171,7 +171,8 @@ def check_file(
         raise InvalidInput(f"{path}: expected a plan for the robot {robot.name}, got one for {shown(got)}")
     report = check_plan(plan, tolerance=tolerance, joints=joints)
     said = header["verdict"]
-    found = report.accepted if {"joints", "torque"} & set(said.get("checked", ())) else report.contacts
+    listed = [getattr(report, name) for name in WHOLE_BODY if name in said.get("checked", ())]
+    found = report.contacts and all(group["verdict"] != "failed" for group in listed)
     same = found == said["accepted"] == header["verified"]
     return FileCheck(path=str(path), report=report, same=same)
 

@@ -60,8 +60,8 @@ class Kinematics:
 
     joints: names, J of them. radii_m: of the feet, shape (N,). lower_rad, upper_rad, torque_nm, velocity_rad_s: limits
     of the joints, shape (J,); torque is inf where the robot's own file has none that can be believed, velocity 0 where
-    it has none. legs: the number of the leg of every joint, shape (J,). Raises InvalidInput where pinocchio is not
-    installed, and for a robot whose legs are not known.
+    it has none. legs: the number of the leg of every joint, shape (J,). known: pinocchio's model. Raises InvalidInput
+    where pinocchio is not installed, and for a robot whose legs are not known.
     """
 
     def __init__(self, robot: Robot, servo: Servo = Servo(), *, gravity_m_s2: float = GRAVITY_M_S2) -> None:
@@ -81,15 +81,15 @@ class Kinematics:
         self.legs = np.repeat(np.arange(len(own)), [len(leg.joints) for leg in own])
         self._nth = np.concatenate([np.arange(len(leg.joints)) for leg in own])
         self._most = int(self._nth.max()) + 1
-        self._known = built(self.model.urdf, robot.name)
-        self._number = [self._known.getJointId(name) for name in self.joints]
+        self.known = built(self.model.urdf, robot.name)
+        self._number = [self.known.getJointId(name) for name in self.joints]
         self._feet = [
-            self._known.addFrame(pin.Frame(f"{leg.name}: foot", self._known.getJointId(leg.joint_names[-1]),
+            self.known.addFrame(pin.Frame(f"{leg.name}: foot", self.known.getJointId(leg.joint_names[-1]),
                                            pin.SE3(self.model.mounts[leg.foot].rotation, np.array(leg.chain.tip_m)),
                                            pin.FrameType.OP_FRAME))
             for leg in own
         ]  # fmt: skip
-        self._data = self._known.createData()
+        self._data = self.known.createData()
         self._rest, rows, self._column = self._places()
         self._row = _slice_or(rows)
         self._own = [_slice_or(self._column[self.legs == i]) for i in range(len(own))]
@@ -97,13 +97,13 @@ class Kinematics:
 
     def _places(self) -> tuple[Array, NDArray[np.int_], NDArray[np.int_]]:
         """The base at the origin and all else at rest; where pinocchio has the angles and the velocities of joints."""
-        owners = [self._known.joints[number] for number in self._number]
+        owners = [self.known.joints[number] for number in self._number]
         circles = [(joint.idx_q, i) for i, joint in enumerate(owners) if joint.nq == 2]
         self._circles = np.array(circles, dtype=int).reshape(-1, 2)
         rows, columns = (np.array([getattr(joint, name) for joint in owners]) for name in ("idx_q", "idx_v"))
-        return at_rest(self._known), rows, columns
+        return at_rest(self.known), rows, columns
 
-    def _posture(self, angles: Array) -> Array:
+    def configuration(self, angles: Array) -> Array:
         """Angles as pinocchio has them."""
         q = self._rest.copy()
         q[self._row] = angles
@@ -222,7 +222,7 @@ class Kinematics:
 
     def feet(self, angles: Array) -> Array:
         """Centres of the feet in the base's frame, shape (N, 3) [m]."""
-        self._pin.framesForwardKinematics(self._known, self._data, self._posture(angles))
+        self._pin.framesForwardKinematics(self.known, self._data, self.configuration(angles))
         return np.array([self._data.oMf[frame].translation for frame in self._feet])
 
     def chains(self, angles: Array) -> Array:
@@ -241,12 +241,12 @@ class Kinematics:
 
     def foot_frames(self, angles: Array) -> Array:
         """Orientations of the feet in the base's frame, shape (N, 3, 3)."""
-        self._pin.framesForwardKinematics(self._known, self._data, self._posture(angles))
+        self._pin.framesForwardKinematics(self.known, self._data, self.configuration(angles))
         return np.array([self._data.oMf[frame].rotation for frame in self._feet])
 
     def com_offset(self, angles: Array) -> Array:
         """The whole robot's centre of mass in the base's frame, shape (3,) [m]: paper E takes it for ``origin_m``."""
-        return np.array(self._pin.centerOfMass(self._known, self._data, self._posture(angles)))
+        return np.array(self._pin.centerOfMass(self.known, self._data, self.configuration(angles)))
 
     def torques(self, angles: Array, rotation: Array, forces_n: Array) -> Array:
         """τ = g(q) − Σ Jᵢᵀ fᵢ: what the joints give so that the robot stands still, shape (J,) [Nm].
@@ -261,28 +261,28 @@ class Kinematics:
 
         Returns g, shape (J,) [Nm], and levers, shape (J, 3) [m].
         """
-        self._known.gravity.linear = rotation.T @ np.array([0.0, 0.0, -self.gravity_m_s2])
-        weight = self._pin.computeGeneralizedGravity(self._known, self._data, self._posture(angles))
+        self.known.gravity.linear = rotation.T @ np.array([0.0, 0.0, -self.gravity_m_s2])
+        weight = self._pin.computeGeneralizedGravity(self.known, self._data, self.configuration(angles))
         _, jacobian = self._feet_and_jacobian(angles)
         return np.array(weight)[self._column], jacobian[self.legs, :, self._nth] @ rotation.T
 
     def inertial_torques(self, angles: Array, velocity: Array, acceleration: Array) -> Array:
         """What the legs' own masses take while the base is still and nothing weighs, shape (J,) [Nm]."""
-        known, pin = self._known, self._pin
+        known, pin = self.known, self._pin
         rates, pushed = np.zeros(known.nv), np.zeros(known.nv)
         rates[self._column], pushed[self._column] = velocity, acceleration
         known.gravity.linear = np.zeros(3)
-        return np.asarray(pin.rnea(known, self._data, self._posture(angles), rates, pushed)[self._column])
+        return np.asarray(pin.rnea(known, self._data, self.configuration(angles), rates, pushed)[self._column])
 
     def _feet_and_jacobian(self, angles: Array) -> tuple[Array, Array]:
         """Centres of the feet, shape (N, 3), and their derivatives in their own limb's joints, shape (N, 3, n)."""
         pin = self._pin
-        pin.computeJointJacobians(self._known, self._data, self._posture(angles))
-        pin.updateFramePlacements(self._known, self._data)
+        pin.computeJointJacobians(self.known, self._data, self.configuration(angles))
+        pin.updateFramePlacements(self.known, self._data)
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         found = np.zeros((len(self._feet), 3, self._most))
         for i, (foot, own) in enumerate(zip(self._feet, self._own, strict=True)):
-            its = pin.getFrameJacobian(self._known, self._data, foot, frame)[:3, own]
+            its = pin.getFrameJacobian(self.known, self._data, foot, frame)[:3, own]
             found[i, :, : its.shape[1]] = its
         return np.array([self._data.oMf[foot].translation for foot in self._feet]), found
 

@@ -16,7 +16,7 @@ THICKNESS_M = 0.04
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Solid:
-    """A thin convex prism behind a patch's surface.
+    """A convex body, mostly a thin prism behind a patch's surface.
 
     corners: shape (K, 3) [m]. normals, offsets_m: its faces n·x = d, outwards, shape (F, 3), (F,).
     triangles: of its surface, turned outwards, by index of the corners, shape (T, 3).
@@ -30,7 +30,11 @@ class Solid:
     @classmethod
     def behind(cls, patch: Patch, thickness_m: float = THICKNESS_M) -> Solid:
         """The patch with some thickness behind it."""
-        corners = _prism(patch, thickness_m)
+        return cls.of_corners(_prism(patch, thickness_m))
+
+    @classmethod
+    def of_corners(cls, corners: Array) -> Solid:
+        """The convex hull of points, shape (K, 3) [m]."""
         hull = ConvexHull(corners)
         triangles, outwards = hull.simplices.astype(np.int_), hull.equations[:, :3]
         a, b, c = (corners[triangles[:, i]] for i in range(3))

@@ -11,7 +11,7 @@ from .certificate import check_certificates as check_certificates
 from .explain import Explanation as Explanation
 from .explain import Relaxation as Relaxation
 from .explain import explain as explain
-from .joints import check_joints as check_joints
+from .joints import check_whole_body as check_whole_body
 from .plans import BETWEEN as BETWEEN
 from .plans import check_plan as check_plan
 from .postures import check_posture as check_posture

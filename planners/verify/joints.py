@@ -18,6 +18,8 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.course import Course
 from ..robot.urdf import Servo
+from .bodies import check_bodies
+from .report import WHOLE_BODY
 
 if TYPE_CHECKING:
     from ..robot.kinematics import Kinematics
@@ -88,25 +90,36 @@ class JointReport:
         return joints, torque
 
 
-def check_joints(plan: Plan) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
-    """Can the joints do it? Groups ``joints`` and ``torque``, each with a verdict (checked, failed or not checked), a
-    message, and what was measured. Nothing is checked without pinocchio, or where the legs are not known."""
+def check_whole_body(plan: Plan) -> dict[str, Mapping[str, Any]]:
+    """Can the robot do it? Groups ``joints``, ``torque`` and ``bodies``, each with a verdict (checked, failed or not
+    checked), a message, and what was measured. Nothing is checked without pinocchio, or where the legs are not known,
+    and no bodies without coal."""
+    from ..robot.kinematics import Kinematics  # slow to import
+
+    found = dict[str, Mapping[str, Any]]()
     try:
-        return joint_report(plan).to_json()
+        solver = Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
+        report = joint_report(plan, solver=solver)
+        found["joints"], found["torque"] = report.to_json()
+        found["bodies"] = check_bodies(plan, report.angles, solver)
     except InvalidInput as error:
-        return ({"verdict": "not checked", "message": str(error)},) * 2
+        unchecked = {"verdict": "not checked", "message": str(error)}
+        found = {name: found.get(name, unchecked) for name in WHOLE_BODY}
+    return found
 
 
-def joint_report(plan: Plan, servo: Servo = Servo(), *, reached_m: float = REACHED_M) -> JointReport:
+def joint_report(
+    plan: Plan, servo: Servo = Servo(), *, reached_m: float = REACHED_M, solver: Kinematics | None = None
+) -> JointReport:
     """Joints of every key frame, torques of every stance. Raises InvalidInput without pinocchio.
 
     servo: drives the joints of a robot without its own legs. reached_m: a foot farther than this from where it should
-    be is out of reach.
+    be is out of reach. solver: of the plan's robot, in place of one with this servo.
     """
     from ..robot.kinematics import Kinematics, rotation_of  # slow to import
 
     course = plan.course
-    solver = Kinematics(course.robot, servo, gravity_m_s2=course.gravity_m_s2)
+    solver = solver or Kinematics(course.robot, servo, gravity_m_s2=course.gravity_m_s2)
     angles, error, limit, wrong = _postures(plan, solver, reached_m)
     torque = np.array(
         [

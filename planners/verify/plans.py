@@ -16,7 +16,7 @@ Half-spaces of reach are bilinear in Θ and c; their largest value on the way is
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -27,9 +27,9 @@ from ..terrain.patch import Patch
 from .defects import plan_defect
 from .geometry import contact_frames, cross, length, patch_distances
 from .half_spaces import beyond, bowed, reach_rows
-from .joints import check_joints
+from .joints import check_whole_body
 from .postures import NOTHING, worst_groups
-from .report import NOT_ASKED, PLAN_GROUPS, GroupViolation, Report, refused
+from .report import NOT_ASKED, PLAN_GROUPS, WHOLE_BODY, GroupViolation, Report, refused
 from .soles import counts_of, off_sole, sole_points
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 
@@ -41,13 +41,13 @@ def check_plan(plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, bet
     """Check every constraint of the course at the plan; never raises for a bad plan.
 
     tolerance: largest violation allowed in any group, with lengths in the course's length scale, forces in the robot's
-    weight, moments in their product and angles in rad. joints: judge joints and torques, too. between: recompute points
-    between the frames; without them, what convexity proves of the way is taken as proved.
+    weight, moments in their product and angles in rad. joints: judge joints, torques and bodies, too. between:
+    recompute points between the frames; without them, what convexity proves of the way is taken as proved.
     """
     defect, frame, limb = plan_defect(plan)
     if defect:
         return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
-    groups = check_joints(plan) if joints else ({"verdict": NOT_ASKED},) * 2
+    groups = check_whole_body(plan) if joints else {name: {"verdict": NOT_ASKED} for name in WHOLE_BODY}
     with np.errstate(all="ignore"):
         return _Sweep(plan).report(tolerance, groups, BETWEEN if between else ())
 
@@ -87,23 +87,23 @@ class _Sweep:
             self._offsets[p, : len(its)] = its
             self._off_patch[p] = off_sole(patch, regions[p], its, plan.toes_m[p], plan.points_m[p])
 
-    def report(self, tolerance: float, joints: Sequence[Mapping[str, Any]], shares: tuple[float, ...]) -> Report:
-        """The report on all groups. joints: what ``check_joints`` says."""
+    def report(self, tolerance: float, groups: Mapping[str, Mapping[str, Any]], shares: tuple[float, ...]) -> Report:
+        """The report on all groups. groups: what ``check_whole_body`` says."""
         ways = self._ways()
         between = self._stances(ways, shares)
         self._bowed(ways)
         self._idle()
         self._steps()
         bent, exact_m = self._linearisation()
-        groups = tuple(self._found.values())
-        worst = max(group.worst for group in groups)
+        found = tuple(self._found.values())
+        worst = max(group.worst for group in found)
         return Report(
-            accepted=worst <= tolerance and all(group["verdict"] != "failed" for group in joints), worst=worst,
-            groups=groups, tolerance=tolerance, subject=self._course,
+            accepted=worst <= tolerance and all(group["verdict"] != "failed" for group in groups.values()), worst=worst,
+            groups=found, tolerance=tolerance, subject=self._course,
             answer=self._plan, residual_nm=self._found["moment_balance"].value,
             between=between if shares else math.nan, proved=len(ways), linearisation_m=bent, exact_reach_m=exact_m,
             goal_m=float(length(self._plan.com_m[-1] - self._course.goal_m)),
-            joints=joints[0], torque=joints[1],
+            joints=groups["joints"], torque=groups["torque"], bodies=groups["bodies"],
         )  # fmt: skip
 
     def _stances(self, ways: list[tuple[int, int, int, list[int]]], shares: tuple[float, ...]) -> float:

@@ -41,6 +41,8 @@ PLAN_GROUPS = {
     "progress": "m",
 }
 """Those of a plan: those of its stances, and what couples its key frames."""
+WHOLE_BODY = ("joints", "torque", "bodies")
+"""Groups of a plan that are of more of the robot than its contacts."""
 NOT_ASKED = "not asked for"
 OPTIONAL = ("modes", "joints_rad")
 """Arrays that a plan may be without."""
@@ -82,15 +84,16 @@ class GroupViolation:
 class Report:
     """What the verifier says of one posture, or of one plan.
 
-    worst: largest non-dimensional violation of all groups; accepted: it is at most ``tolerance``, and neither joints
-    nor torque failed.
+    worst: largest non-dimensional violation of all groups; accepted: it is at most ``tolerance``, and none of joints,
+    torque and bodies failed.
     residual_nm: norm of the net moment about the COM, at a plan's worst stance [Nm].
     Of plans alone: between: largest violation at the points between frames, by recomputation. proved: steps from frame
     to frame on which limbs carry all the way; on the others every limb moves at once, and the course asks for the
     frames only. linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does [m]; exact_reach_m:
     how far a toe is out of reach with the exact rotation [m]. Both are reported and decide nothing: reach is what
     E11 says. goal_m: distance of the last COM from the goal [m].
-    joints, torque: what ``check_joints`` says, with a verdict of "checked", "failed", "not checked" or "not asked for".
+    joints, torque, bodies: what ``check_whole_body`` says, with a verdict of "checked", "failed", "not checked" or "not
+    asked for".
     """
 
     accepted: bool
@@ -107,6 +110,7 @@ class Report:
     goal_m: float = math.nan
     joints: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
     torque: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
+    bodies: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
     defect: str = ""
     """Why there was nothing to check; empty when there was."""
 
@@ -117,20 +121,27 @@ class Report:
 
     @property
     def checked(self) -> tuple[str, ...]:
-        """What was judged: contacts, and joints and torque where they were."""
-        found = [name for name in ("joints", "torque") if getattr(self, name)["verdict"] in ("checked", "failed")]
+        """What was judged: contacts, and joints, torque and bodies where they were."""
+        found = [name for name in WHOLE_BODY if getattr(self, name)["verdict"] in ("checked", "failed")]
         return ("contacts", *found)
 
     @property
     def joints_message(self) -> str:
-        """What is said of joints and torque; empty where nobody asked."""
+        """What is said of joints, torque and bodies; empty where nobody asked."""
         said = list[str]()
-        for name in ("joints", "torque"):
+        for name in WHOLE_BODY:
             group = getattr(self, name)
             why = group.get("message")
             said.append(f"{name}: {group['verdict']}{f' ({why})' if why else ''}")
-        asked = [self.joints["verdict"] != NOT_ASKED, self.torque["verdict"] != NOT_ASKED]
-        return "; ".join(said) if any(asked) else ""
+        asked = any(getattr(self, name)["verdict"] != NOT_ASKED for name in WHOLE_BODY)
+        return "; ".join(said) if asked else ""
+
+    @property
+    def _cannot(self) -> str:
+        """Why a plan whose contacts hold is none."""
+        collide = self.bodies["verdict"] == "failed"
+        cannot = any(getattr(self, name)["verdict"] == "failed" for name in ("joints", "torque"))
+        return " and ".join(["the joints cannot do it"] * cannot + ["bodies collide"] * collide)
 
     @cached_property
     def digest(self) -> str:
@@ -149,7 +160,7 @@ class Report:
             return f"{verdict}: {self.defect}"
         of_plan = isinstance(self.answer, Plan)
         if self.contacts and not self.accepted:
-            return f"{verdict}: contacts hold, the joints cannot do it"
+            return f"{verdict}: contacts hold, {self._cannot}"
         group = max(self.groups, key=lambda g: g.worst)
         if group.worst == 0.0 or (of_plan and group.worst < ROUNDING):
             return f"{verdict}: no constraint is violated"
@@ -173,8 +184,8 @@ class Report:
             **{name: or_null(getattr(self, name)) for name in numbers},
             **(
                 {
-                    "proved": self.proved, "checked": list(self.checked), "joints": dict(self.joints),
-                    "torque": dict(self.torque),
+                    "proved": self.proved, "checked": list(self.checked),
+                    **{name: dict(getattr(self, name)) for name in WHOLE_BODY},
                 }
                 if of_plan else {}
             ),

@@ -57,12 +57,12 @@ def test_a_plan_has_joints_and_verify_says_the_same_of_its_file(call):
     code, out, err = call(PlanCourse, "flat.yaml", "--out", "plan.json")
     assert (code, err) == (0, "")
     assert "verifier: accepted: " in out
-    assert "\njoints: checked; torque: checked\n" in out
+    assert "\njoints: checked; torque: checked; bodies: not checked (joints LF_HFE, " in out
     Path("dog.urdf").unlink()  # the plan's file is enough
     code, out, err = call(Verify, "plan.json")
     assert (code, err) == (0, "")
     assert out.startswith("plan.json: accepted: ")
-    assert out.endswith("; joints: checked; torque: checked\n")
+    assert "; joints: checked; torque: checked; bodies: not checked (joints LF_HFE, " in out
     code, out, err = call(Verify, "plan.json", "--json")
     record = json.loads(out)
     assert record["report"]["checked"] == ["contacts", "joints", "torque"]
@@ -115,12 +115,12 @@ def test_verify_refuses_a_plan_for_another_robot_than_the_one_that_is_named(call
     assert (code, err) == (2, "stancekit: error: --robot: expected a plan with it, got flat.yaml\n")
 
 
-def test_legs_that_are_drawn_up_are_not_checked_by_plan_and_that_is_said(call):
+def test_legs_that_are_drawn_up_are_checked_by_plan_as_by_verify(call):
     code, out, err = call(PlanCourse, "stairs", "--frames", 2, "--out", "plan.json")
     assert (code, err) == (0, "")
-    assert "not checked here: joints, torque; `stancekit verify` checks them" in out
+    assert "\njoints: checked; torque: checked; bodies: checked\n" in out
     assert "joints" not in json.loads(Path("plan.json").read_text())["arrays"]
-    assert "joints: checked; torque: checked" in call(Verify, "plan.json")[1]
+    assert "joints: checked; torque: checked; bodies: checked" in call(Verify, "plan.json")[1]
 
 
 def test_without_pinocchio_the_extra_is_named(call, monkeypatch):

@@ -37,6 +37,11 @@ start_m: [0.0, 0.0]
 goal_m: [0.1, 0.0, 0.45]
 terrain: {kind: flat, friction: 0.7}
 """
+SHAPELESS = (
+    "bodies: not checked (joints LF_HFE, LF_KFE, RF_HFE, RF_KFE, LH_HFE, LH_KFE, RH_HFE, RH_KFE: "
+    "no shape of what they carry)"
+)
+"""The quadruped's file has a trunk and feet alone."""
 Forgery = Callable[[dict[str, Any], dict[str, Any]], None]
 """Changes the header and the arrays of a file."""
 
@@ -114,7 +119,7 @@ def test_the_verdict_of_the_file_alone_is_that_of_the_plan(plan: Plan, path: Pat
     report = check_plan(plan, joints=True)
     check = check_file(path)
     assert check.accepted
-    assert check.message.endswith("; joints: checked; torque: checked")
+    assert check.message.endswith(f"; joints: checked; torque: checked; {SHAPELESS}")
     header = json.loads(path.read_text())
     assert header["verdict"]["checked"] == ["contacts", "joints", "torque"]
     parts = ("HAA", "HFE", "KFE")
@@ -217,7 +222,7 @@ def test_a_torque_limit_that_no_joint_has_is_told_and_counts_for_nothing(path: P
     assert check.report.torque["verdict"] == "not checked"
     assert check.report.checked == ("contacts", "joints")
     told = f"a torque limit of {float(effort):g} Nm" if float(effort) else "no torque limit"
-    assert check.message.endswith(f"torque: not checked (joints LF_HAA, LF_HFE, LF_KFE: {told})")
+    assert check.message.endswith(f"torque: not checked (joints LF_HAA, LF_HFE, LF_KFE: {told}); {SHAPELESS}")
 
 
 def _nan(header: dict[str, Any], arrays: dict[str, Any]) -> None:
@@ -237,7 +242,7 @@ def _unnamed(header: dict[str, Any], arrays: dict[str, Any]) -> None:
 
 
 def _list(header: dict[str, Any], arrays: dict[str, Any]) -> None:
-    header["verdict"]["checked"] = ["contacts", "bodies"]
+    header["verdict"]["checked"] = ["contacts", "hands"]
 
 
 @pytest.mark.parametrize(
@@ -247,7 +252,7 @@ def _list(header: dict[str, Any], arrays: dict[str, Any]) -> None:
         (_short, ": arrays: joints_rad: expected numbers of shape (3, 12), got float64 of shape (3, 8)"),
         (_renamed, ": arrays.joints: expected the names of the robot's joints in its order"),
         (_unnamed, ": arrays.joints: expected the names of the robot's joints in its order"),
-        (_list, ": verdict.checked: expected contacts, joints, torque or fewer"),
+        (_list, ": verdict.checked: expected contacts, joints, torque, bodies or fewer"),
         (in_urdf('<mass value="10.0"/>', '<mass value="10.001"/>'),
          ": course: robot quadruped: expected the mass of its model, 22.401 kg, got 22.4"),
     ],

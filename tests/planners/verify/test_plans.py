@@ -250,7 +250,8 @@ def test_joints_are_a_section_of_their_own(walk):
     assert report.joints["error_m"] < 1e-3
     assert report.torque["verdict"] == "checked"
     assert 0.0 < report.torque["share"] < 1.0
-    assert report.checked == ("contacts", "joints", "torque")
+    assert report.bodies["verdict"] == "checked"
+    assert report.checked == ("contacts", "joints", "torque", "bodies")
     assert check_plan(plan).checked == ("contacts",)
     heavy = check_plan(replace(plan, forces_n=30.0 * plan.forces_n), joints=True)
     assert heavy.joints["verdict"] == "checked"

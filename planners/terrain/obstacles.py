@@ -1,0 +1,135 @@
+"""What a terrain is as a body: solids that links may not enter.
+
+A patch has thickness (``Solid.behind``, as the simulators have it). Patches that close around a convex body are that
+body, and patches that close around another one have an inside besides.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import ConvexHull
+
+from ..files.arrays import Array
+from .patch import Patch
+from .prism import Solid
+
+WELD_M = 1e-6
+"""Corners of patches that are closer are one."""
+SAME_AREA = 1e-4
+"""A convex body's patches are as large as its hull, up to this share."""
+INSIDE = 0.9
+"""Winding number of a point that a closed surface holds: 1, less what the facets cover that readers leave out."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Obstacle:
+    """A convex body. name: for people; solid: where it is."""
+
+    name: str
+    solid: Solid
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ClosedSurface:
+    """A surface around a body that is not convex. triangles_m: outward by the order of corners, shape (T, 3, 3)."""
+
+    name: str
+    triangles_m: Array
+
+    def holds(self, points: Array) -> NDArray[np.bool_]:
+        """Which points, shape (K, 3), are inside: by the winding number, the sum of the triangles' solid angles by 4π
+        (Van Oosterom and Strackee, 1983; Jacobson et al., 2013). Shape (K,)."""
+        within = np.all((points > self.triangles_m.min((0, 1))) & (points < self.triangles_m.max((0, 1))), axis=1)
+        found = np.zeros(len(points), dtype=bool)
+        for k in np.flatnonzero(within):
+            a, b, c = np.moveaxis(self.triangles_m - points[k], 1, 0)
+            la, lb, lc = (np.linalg.norm(v, axis=1) for v in (a, b, c))
+            volume = np.vecdot(a, np.cross(b, c))
+            rest = la * lb * lc + np.vecdot(a, b) * lc + np.vecdot(b, c) * la + np.vecdot(c, a) * lb
+            found[k] = np.arctan2(volume, rest).sum() / (2.0 * np.pi) > INSIDE
+        return found
+
+    def depth(self, point: Array) -> float:
+        """How far a point that is inside is behind the plane of the facet nearest to it, at least [m]."""
+        a, b, c = np.moveaxis(self.triangles_m, 1, 0)
+        normals = np.cross(b - a, c - a)
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        behind = np.vecdot(a - point, normals)
+        return float(behind[behind > 0.0].min(initial=np.inf))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Obstacles:
+    """All of a terrain. convex: bodies; closed: surfaces whose inside is solid, too."""
+
+    convex: tuple[Obstacle, ...]
+    closed: tuple[ClosedSurface, ...]
+
+    @classmethod
+    def of(cls, patches: Sequence[Patch]) -> Obstacles:
+        """Those of a course's terrain, named by the patches' numbers in it."""
+        convex, closed = list[Obstacle](), list[ClosedSurface]()
+        for group in _joined(patches):
+            its = [patches[i] for i in group]
+            name = f"patch {group[0]}" if len(group) == 1 else f"the body of patches {group[0]} to {group[-1]}"
+            corners = np.concatenate([patch.vertices_m for patch in its])
+            if len(its) > 3 and _is_hull(corners, its):
+                convex.append(Obstacle(name=name, solid=Solid.of_corners(corners)))
+                continue
+            convex += [Obstacle(name=f"patch {i}", solid=Solid.behind(patches[i])) for i in group]
+            if len(its) > 3 and _closes(its):
+                fans = [_fan(patch) for patch in its]
+                closed.append(ClosedSurface(name=name, triangles_m=np.concatenate(fans)))
+        return cls(convex=tuple(convex), closed=tuple(closed))
+
+
+def _joined(patches: Sequence[Patch]) -> list[list[int]]:
+    """Numbers of patches that share corners, group by group."""
+    owner = np.repeat(np.arange(len(patches)), [len(patch.vertices_m) for patch in patches])
+    corners = np.round(np.concatenate([patch.vertices_m for patch in patches]) / WELD_M)
+    _, which = np.unique(corners, axis=0, return_inverse=True)
+    which = which.reshape(-1) + len(patches)
+    size = int(which.max()) + 1
+    shared = coo_array((np.ones(len(owner)), (owner, which)), shape=(size, size))
+    _, label = connected_components(shared, directed=False)
+    groups = dict[int, list[int]]()
+    for index, group in enumerate(label[: len(patches)].tolist()):
+        groups.setdefault(group, []).append(index)
+    return list(groups.values())
+
+
+def _area(patch: Patch) -> float:
+    ahead = np.roll(patch.vertices_m, -1, axis=0)
+    middle = patch.vertices_m.mean(axis=0)
+    return 0.5 * float(np.linalg.norm(np.cross(patch.vertices_m - middle, ahead - middle).sum(axis=0)))
+
+
+def _is_hull(corners: Array, patches: Sequence[Patch]) -> bool:
+    """All patches face outward on the hull of all of them, and leave nothing of it open."""
+    middle = corners.mean(axis=0)
+    flat = np.linalg.matrix_rank(corners - middle, tol=WELD_M) < 3
+    if flat or any(((corners - patch.vertices_m[0]) @ patch.normal).max() > WELD_M for patch in patches):
+        return False
+    return abs(ConvexHull(corners).area / sum(map(_area, patches)) - 1.0) < SAME_AREA
+
+
+def _closes(patches: Sequence[Patch]) -> bool:
+    """Whether patches may be the outside of something: area vectors add up to none, the volume is positive."""
+    areas = np.array([_area(patch) * patch.normal for patch in patches])
+    middles = np.array([patch.vertices_m.mean(axis=0) for patch in patches])
+    volume = float(np.vecdot(areas, middles - middles[0]).sum())
+    return bool(np.linalg.norm(areas.sum(axis=0)) < 0.01 * np.linalg.norm(areas, axis=1).sum()) and volume > 0.0
+
+
+def _fan(patch: Patch) -> Array:
+    """The patch as triangles whose order turns about its normal, shape (U − 2, 3, 3)."""
+    border = patch.vertices_m
+    around = np.cross(border - border[0], np.roll(border, -1, axis=0) - border[0]).sum(axis=0) @ patch.normal
+    border = border if around > 0.0 else border[::-1]
+    return np.stack([np.repeat(border[:1], len(border) - 2, axis=0), border[1:-1], border[2:]], axis=1)
