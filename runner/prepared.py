@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
@@ -16,12 +17,14 @@ from stancekit.planners.robot.legged import foot_radii
 from .acceptance import Accepted, AcceptedGait, check_joints, proven, walker
 from .control.tracker import Target, Tracker
 from .execution import Execution
+from .motion.bodies import motion_bodies
 from .motion.gait_motion import GaitMotion
 from .motion.motion import Motion
 from .motion.time_parametrization import (
     ACCELERATION_RAD_S2,
     BLIND,
     LIMIT_SHARE,
+    TimedMotion,
     check_static,
     expected,
     joint_profile,
@@ -34,6 +37,7 @@ from .safety.guard import SafeWorld
 from .settings import RunSettings
 from .worlds.world import Ground, Solids, State, Terrain
 
+LOG = logging.getLogger(__name__)
 PlannedMotion = PlanMotion | GaitMotion
 WALKING: dict[str, Any] = {"seek_m_s": 0.3, "seek_m": 0.03, "waits": False}
 """A foot of a gait that is late is looked for at once, and not waited for: its body moves on."""
@@ -109,6 +113,7 @@ def prepare_plan(
             plan, kinematics, world.capabilities, settings.timing, forces_n=forces_n, hung=settings.hung
         )
         motion, pace, bound_by = timed.motion, timed.pace, timed.bound_by
+        _check_bodies(accepted, timed, kinematics)
     tracker = Tracker(motion, kinematics, world.rate_hz, settings.feedback if sees else BLIND, settings.body)
     return Prepared(
         digest=accepted.digest, source=accepted.source, name=course.name, motion=motion, kinematics=kinematics,
@@ -150,6 +155,15 @@ def check_settings(settings: RunSettings, world: SafeWorld) -> None:
         raise InvalidInput(f"hung: expected a robot that can hang in a stand, world {world.name} has none")
     if not settings.check_limits and (world.real or world.kind != "simulation"):
         raise InvalidInput(f"check_limits: expected True but in a simulation, got False in world {world.name}")
+
+
+def _check_bodies(accepted: Accepted, timed: TimedMotion, kinematics: Kinematics) -> None:
+    """Raise InvalidInput where a link goes through another one or the terrain on the way; log what has no shape."""
+    report = motion_bodies(accepted.plan, timed.profile.targets, kinematics)
+    if report.message:
+        raise InvalidInput(f"{accepted.source}: expected a motion in which no bodies collide: {report.message}")
+    if report.missing:
+        LOG.warning("%s: bodies not checked along the motion: %s", accepted.source, "; ".join(report.missing))
 
 
 def _check_gait(motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *, hung: bool) -> None:

@@ -16,7 +16,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import REACHED_M, Kinematics, rotation_of
 
-from ..control.tracker import ContactFeedback, Tracker
+from ..control.tracker import ContactFeedback, Target, Tracker
 from ..worlds.capabilities import WorldCapabilities
 from .motion import Motion, MotionSample
 from .timeline import PlanMotion, Timing
@@ -36,7 +36,7 @@ class JointProfile:
 
     time_s: shape (T,). angles_rad, velocity_rad_s, acceleration_rad_s2, static_nm, dynamic_nm: shape (T, J);
     static_nm are torques at rest under the planned forces, dynamic_nm what accelerations add. error_m: of inverse
-    kinematics, shape (T, N).
+    kinematics, shape (T, N). targets: what a tracker sends where all goes as planned, T of them.
     """
 
     time_s: Array
@@ -46,14 +46,17 @@ class JointProfile:
     static_nm: Array
     dynamic_nm: Array
     error_m: Array
+    targets: tuple[Target, ...]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TimedMotion:
     """A motion that joints can do. pace: of that asked for, 1 where it was slow enough. bound_by: what made it slower,
-    with the joint, empty at 1. velocity, acceleration, torque: greatest use of the limits, 1 at the limit."""
+    with the joint, empty at 1. velocity, acceleration, torque: greatest use of the limits, 1 at the limit. profile: of
+    the motion."""
 
     motion: PlanMotion
+    profile: JointProfile
     pace: float
     bound_by: str
     velocity: float
@@ -87,7 +90,7 @@ def parametrize(
         slower = min((1.0 / use if name == "velocity" else use**-0.5) for name, (use, _) in uses.items() if use > 0.0)
         if slower >= 1.0 - 1e-6:
             values = {name: use for name, (use, _) in uses.items()}
-            return TimedMotion(motion=motion, pace=pace, bound_by=bound_by, **values)
+            return TimedMotion(motion=motion, profile=profile, pace=pace, bound_by=bound_by, **values)
         name = max(uses, key=lambda n: uses[n][0] if n == "velocity" else uses[n][0] ** 0.5)
         bound_by = f"{name} of {can.joints[uses[name][1]]}"
         pace *= 0.995 * slower
@@ -99,13 +102,8 @@ def parametrize(
 def joint_profile(
     motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ, *, hung: bool = False
 ) -> JointProfile:
-    """Inverse kinematics along a whole motion, as the tracker does it when all feet feel what they should."""
-    tracker, period_s = Tracker(motion, kinematics, rate_hz, BLIND), 1.0 / rate_hz
-    first = tracker.start()
-    targets, k = [first], 0
-    while (target := tracker.next(expected(motion.at((k + 1) * period_s)))) is not None:
-        targets.append(target)
-        k += 1
+    """Inverse kinematics along a whole motion, and what it takes."""
+    targets, period_s = undisturbed(motion, kinematics, rate_hz), 1.0 / rate_hz
     angles = np.array([target.angles_rad for target in targets])
     velocity = np.gradient(angles, period_s, axis=0)
     acceleration = np.zeros_like(angles)
@@ -119,7 +117,7 @@ def joint_profile(
         for q, v, a, target, push in zip(angles, velocity, acceleration, targets, body, strict=True)
     ]
     static = (
-        [kinematics.torques(q, np.eye(3), np.zeros_like(first.sample.forces_n)) for q in angles]
+        [kinematics.torques(q, np.eye(3), np.zeros_like(targets[0].sample.forces_n)) for q in angles]
         if hung
         else [target.torques_nm for target in targets]
     )
@@ -127,7 +125,18 @@ def joint_profile(
         time_s=np.arange(len(angles), dtype=float) * np.float64(period_s), angles_rad=angles, velocity_rad_s=velocity,
         acceleration_rad_s2=acceleration, static_nm=np.array(static),
         dynamic_nm=np.array(dynamic), error_m=np.array([target.error_m for target in targets]),
+        targets=tuple(targets),
     )  # fmt: skip
+
+
+def undisturbed(motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ) -> list[Target]:
+    """What the tracker sends along a whole motion when all feet feel what they should."""
+    tracker, period_s = Tracker(motion, kinematics, rate_hz, BLIND), 1.0 / rate_hz
+    targets, k = [tracker.start()], 0
+    while (target := tracker.next(expected(motion.at((k + 1) * period_s)))) is not None:
+        targets.append(target)
+        k += 1
+    return targets
 
 
 BLIND = ContactFeedback(press_hz=0.0)
