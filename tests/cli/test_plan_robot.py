@@ -110,7 +110,10 @@ def test_verify_refuses_a_plan_for_another_robot_than_the_one_that_is_named(call
     Path("cat.urdf").write_text(quadruped(effort=41.0).replace('name="quadruped"', 'name="cat"'))
     code, out, err = call(Verify, "plan.json", "--robot", "cat.urdf")
     assert (code, out) == (2, "")
-    assert err == "stancekit: error: plan.json: expected a plan for the robot cat, got one for 'quadruped'\n"
+    assert err == (
+        "stancekit: error: plan.json: expected a plan for the robot cat as its file is, got one for quadruped with "
+        "legs or numbers of its own\n"
+    )
     code, out, err = call(Verify, "flat.yaml", "--robot", "cat.urdf")
     assert (code, err) == (2, "stancekit: error: --robot: expected a plan with it, got flat.yaml\n")
 
