@@ -19,6 +19,7 @@ from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.gait.trajectory_file import copied, read_trajectory
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.robot import Robot, hexapod
+from stancekit.planners.robot.model import Limb
 from stancekit.planners.robot.single_body import GRAVITY_M_S2, GaitRobot
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.verify import Report, check_plan
@@ -101,8 +102,15 @@ class AcceptedGait:
 def walker(robot: GaitRobot) -> Robot:
     """The robot with limbs and joints that a gait was planned for. Raises InvalidInput where none is known.
 
-    A gait's robot is a body with reach boxes; of the robots that come with the package the hexapod has joints, too.
+    A gait's robot is a body with reach boxes, which may carry the model of its legs; of the robots that come with the
+    package the hexapod has joints, too.
     """
+    if (model := robot.model) is not None:
+        limbs = tuple(
+            Limb(name=leg.name, shoulder_m=leg.hip_m - model.body.com_m, reach_m=leg.chain.length_m + leg.radius_m)
+            for leg in model.legs
+        )
+        return Robot(name=model.name, mass_kg=model.body.mass_kg, limbs=limbs, model=model)
     known = hexapod()
     shoulders = {limb.name: limb.shoulder_m for limb in known.limbs}
     same = robot.foot_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)

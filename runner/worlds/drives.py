@@ -46,7 +46,7 @@ class Drives:
         """The servo's at every joint that is drawn up; of a robot with a model of its own, its file's limits, and a
         loop as stiff as such a weight needs. Raises InvalidInput for a joint without a limit of torque or velocity."""
         joints = [joint for leg in model.legs for joint in leg.joints]
-        if getattr(robot, "model", None) is None:
+        if robot.model is None:
             gains = servo.stiffness_nm_rad, servo.damping_nms_rad, servo.rotor_kg_m2
         else:
             model.check_torques()
