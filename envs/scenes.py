@@ -45,6 +45,14 @@ class Scene:
         )
 
 
+@dataclass(frozen=True, kw_only=True)
+class SceneKind:
+    """What scenes are of that come from elsewhere, from a data set for one: their class by name, and their limbs."""
+
+    name: str
+    legs: tuple[str, ...]
+
+
 class SceneSource(Protocol):
     """Anything that hands out scenes."""
 
@@ -79,6 +87,13 @@ class SampledScenes:
             if not self._balanced or (scene.feasible == wanted and not outcome.details["trivial"]):
                 return scene
         raise PlanningFailed(f"{self._distribution.name}: no scene of the wanted label in {MAX_DRAWS} draws")
+
+
+def scenes_of_kind(kind: Distribution | SceneKind, *, balanced: bool, programs: Programs) -> SceneSource:
+    """Scenes of a distribution. Raises InvalidInput where they were to come from elsewhere."""
+    if isinstance(kind, SceneKind):
+        raise InvalidInput(f"scenes: expected some of {kind.name}, got none")
+    return SampledScenes(kind, balanced=balanced, programs=programs)
 
 
 class ListedScenes:

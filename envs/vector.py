@@ -28,7 +28,8 @@ from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
-from .scenes import Scene, SceneSource
+from .distributions.postures import Distribution
+from .scenes import Scene, SceneKind, SceneSource
 from .selection_task import RewardWeights, SelectionTask
 
 Observation = dict[str, NDArray[np.float32]]
@@ -52,8 +53,10 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     def __init__(
         self,
         num_envs: int = 1,
-        problem: str = "wall-3",
+        problem: str | Distribution | SceneKind = "wall-3",
         *,
+        robot: str | Path | None = None,
+        terrain: str | Path | None = None,
         boxes: int = 1,
         library: EnvelopeSet | str | Path | None = None,
         projections: tuple[Projection, ...] = ("fix-p",),
@@ -71,8 +74,8 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         if not 1 <= workers <= num_envs:
             raise InvalidInput(f"workers: expected 1 to num_envs = {num_envs}, got {workers}")
         arguments: dict[str, Any] = {
-            "problem": problem, "boxes": boxes, "library": library, "projections": projections, "weights": weights,
-            "balanced": balanced, "scenes": scenes, "timing": timing,
+            "problem": problem, "robot": robot, "terrain": terrain, "boxes": boxes, "library": library,
+            "projections": projections, "weights": weights, "balanced": balanced, "scenes": scenes, "timing": timing,
         }  # fmt: skip
         task = SelectionTask(**arguments)
         self.num_envs = num_envs

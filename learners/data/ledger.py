@@ -25,6 +25,7 @@ from stancekit.planners.files import writing
 from stancekit.planners.files.documents import read_json
 from stancekit.planners.files.refusals import refusals, shown
 from stancekit.planners.files.writing import write_bytes
+from stancekit.planners.robot.robot_file import BUILT_IN
 
 SHARD_FORMAT = "stancekit/shard/1"
 HEADER = "header.json"
@@ -41,7 +42,8 @@ Model = TypeVar("Model", bound=BaseModel)
 class LabelPlan:
     """What to label. The rows follow from it to the last bit, whoever draws them (on processors of one kind).
 
-    distribution: name of the distribution of problems. feasible, infeasible: rows of each label; the infeasible ones
+    distribution: name of the distribution of problems; robot, terrain: files that it is of, where not the default
+    hexapod and no terrain's. feasible, infeasible: rows of each label; the infeasible ones
     are never trivial, that is, infeasible even without the moment balance. natural: keep the first
     ``feasible + infeasible`` samples as they come instead, whatever their label.
     shard_size: rows a shard, give or take one: what is drawn and written at once, and so what an interruption loses;
@@ -62,8 +64,12 @@ class LabelPlan:
     tolerance: float = 1e-6
     gap: float = 1e-4
     max_nodes: int = 500
+    robot: str | None = None
+    terrain: str | None = None
 
     def __post_init__(self) -> None:
+        if self.robot in BUILT_IN:
+            object.__setattr__(self, "robot", None)  # as it was before there were others
         for name, least in (("feasible", 0), ("infeasible", 0), ("shard_size", 1), ("seed", 0), ("max_nodes", 1)):
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:
@@ -123,7 +129,8 @@ class Header(BaseModel):
 
     first_sample: SHA-256 of the first problem drawn, to know the distribution by. software: versions at the beginning.
     witness: how postures and points were chosen: "canonical/1" as ``search.batch`` says; None, in older sets, as the
-    search happened to find them.
+    search happened to find them. robot: identity of the model that the legs are of, see ``Robot``; None for the default
+    hexapod, and in older sets. speaks_of: of what the labels are, in words, where not of the robot itself.
     """
 
     model_config = STRICT
@@ -134,6 +141,8 @@ class Header(BaseModel):
     first_sample: str
     software: dict[str, str]
     witness: Literal["canonical/1"] | None = None
+    robot: str | None = None
+    speaks_of: str | None = None
 
     @property
     def digest(self) -> str:

@@ -36,6 +36,7 @@ def course_to_json(course: Course) -> dict[str, Any]:
             "name": course.robot.name,
             "mass_kg": course.robot.mass_kg,
             "limbs": [_limb_to_json(limb) for limb in course.robot.limbs],
+            **({"identity": course.robot.identity} if course.robot.identity else {}),
         },
         "terrain": [_patch_to_json(patch) for patch in course.terrain],
         "placements": [
@@ -100,7 +101,8 @@ class _Notes:
 
 
 def _robot(raw: _RobotJson) -> Robot:
-    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=tuple(_limb(limb) for limb in raw.limbs))
+    limbs = tuple(_limb(limb) for limb in raw.limbs)
+    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, identity=raw.identity)
 
 
 def _limb(raw: _LimbJson) -> Limb:
@@ -161,6 +163,7 @@ class _RobotJson(_Keys):
     name: str
     mass_kg: float
     limbs: list[_LimbJson]
+    identity: str = ""
 
 
 class _PatchJson(_Keys):

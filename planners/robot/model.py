@@ -57,6 +57,7 @@ class Robot:
         name: a word.
         mass_kg: of all of it [kg].
         limbs: one or more, of different names.
+        identity: of the model that it is of, name and digest; empty where there is none, as of the default hexapod.
     Raises:
         InvalidInput: for a mass that is not positive, no limbs, or two of one name.
     Source:
@@ -71,6 +72,7 @@ class Robot:
     name: str
     mass_kg: float
     limbs: tuple[Limb, ...]
+    identity: str = ""
 
     def __post_init__(self) -> None:
         checked_name(self.name, "robot name")
