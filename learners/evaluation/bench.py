@@ -165,7 +165,8 @@ class _Class:
             return _as_score(method, row, {**notes, "kept": True})
         score = evaluate(
             method, learned.selector, scenes, problem_class=test.problem_class,
-            projections=self._experiment.projections, boxes=learned.boxes, progress=self._told(f"evaluate {method}"), run=self._run,
+            projections=self._experiment.projections, boxes=learned.boxes,
+            progress=self._told(f"evaluate {method}"), run=self._run,
         )  # fmt: skip
         self._write(method, _with_score(row, key, score))
         return replace(score, notes={**notes, "kept": False})
