@@ -21,8 +21,8 @@ from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
-from .distributions.postures import Distribution, distribution
-from .scenes import MAX_DRAWS, Scene, SceneKind, SceneSource, scenes_of_kind
+from .distributions.postures import Distribution
+from .scenes import MAX_DRAWS, Scene, SceneKind, SceneSource, kind_of, scenes_of_kind
 from .selection_task import VERTICES, scene_space
 
 Observation = dict[str, NDArray[np.float32]]
@@ -122,7 +122,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
             raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
         if budget < 1:
             raise InvalidInput(f"budget: expected 1 or more, got {budget}")
-        chosen = distribution(problem, robot=robot, terrain=terrain) if isinstance(problem, str) else problem
+        chosen = kind_of(problem, robot, terrain)
         self.render_mode = render_mode
         self._count = len(chosen.legs)
         self._projection: Projection = projection

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -14,7 +15,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.search.exact import ExactPlanner
 
-from .distributions.postures import Distribution
+from .distributions.postures import Distribution, distribution
 
 MAX_DRAWS = 10_000
 
@@ -87,6 +88,17 @@ class SampledScenes:
             if not self._balanced or (scene.feasible == wanted and not outcome.details["trivial"]):
                 return scene
         raise PlanningFailed(f"{self._distribution.name}: no scene of the wanted label in {MAX_DRAWS} draws")
+
+
+def kind_of(
+    problem: str | Distribution | SceneKind, robot: str | Path | None, terrain: str | Path | None
+) -> Distribution | SceneKind:
+    """A distribution, or what is known of one; by name as ``distribution`` has it. Raises InvalidInput."""
+    if not isinstance(problem, SceneKind | Distribution):
+        return distribution(problem, robot=robot, terrain=terrain)
+    if robot is not None or terrain is not None:
+        raise InvalidInput(f"robot, terrain: expected none beside {problem.name}, which has its own")
+    return problem
 
 
 def scenes_of_kind(kind: Distribution | SceneKind, *, balanced: bool, programs: Programs) -> SceneSource:

@@ -23,8 +23,8 @@ from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 from stancekit.planners.search.answer import Acceptance
 
-from .distributions.postures import Distribution, distribution
-from .scenes import Scene, SceneKind, SceneSource, scenes_of_kind
+from .distributions.postures import Distribution
+from .scenes import Scene, SceneKind, SceneSource, kind_of, scenes_of_kind
 
 VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
@@ -80,7 +80,7 @@ class SelectionTask:
             )
         if not isinstance(boxes, int) or boxes < 1:
             raise InvalidInput(f"boxes: expected an integer of at least 1, got {boxes!r}")
-        chosen = distribution(problem, robot=robot, terrain=terrain) if isinstance(problem, str) else problem
+        chosen = kind_of(problem, robot, terrain)
         self._problem = chosen.name
         self._count = len(chosen.legs)
         self._boxes = boxes

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, Protocol, cast
+from typing import Any, Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
@@ -27,6 +27,7 @@ from .patches import FORWARD, UPWARD, leaning, plain_problem, triangle
 from .stance import FIVE_LEGS, LAW, Law, Stance, Standing, paper_stance
 
 
+@runtime_checkable
 class Distribution(Protocol):
     """Anything that draws posture problems, G(θ)."""
 

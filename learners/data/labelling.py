@@ -172,7 +172,7 @@ def _begin(folder: Path, plan: LabelPlan, source: Distribution) -> Header:
         raise InvalidInput(f"{folder}: expected a folder or room for one, got {error.strerror}") from None
     ledger.remove_leftovers(folder)
     if not (folder / ledger.HEADER).exists() and not any(folder.glob("shard-*.parquet")):
-        write_bytes(folder / ledger.HEADER, header.model_dump_json(indent=1).encode())
+        write_bytes(folder / ledger.HEADER, header.model_dump_json(indent=1, exclude_none=True).encode())
         return header
     there = ledger.read_header(folder)
     where, begun = f"{folder / ledger.HEADER}", asdict(there.plan)

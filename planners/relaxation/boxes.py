@@ -10,6 +10,7 @@ stay. Either way the box mirrors p_y and the second force component.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -60,7 +61,7 @@ def boxes_of(
                 f"{given[0].problem_class}, got {len(one.envelopes)}"
             )
     own = [one.measured_in(course.length_scale_m) if one.robot else one for one in given]
-    either = tuple(side for one in own for side in (one, mirrored(one, course.robot)))
+    either = (*own, *_images(own, course.robot))
     low, high = list[Array](), list[Array]()
     for stance in course.stances:
         fitting = _fitting(course, stance, either)
@@ -72,6 +73,15 @@ def boxes_of(
         high.append(np.stack([box.high[columns] for box in fitting.envelopes]))
     ends = (np.concatenate(side, axis=1) for side in (low, high))
     return tuple(Envelope(low=below, high=above) for below, above in zip(*ends, strict=True))
+
+
+def _images(envelopes: Sequence[EnvelopeSet], robot: Robot) -> list[EnvelopeSet]:
+    """The sets for the legs on the other side, of those whose legs have such."""
+    found = []
+    for one in envelopes:
+        with suppress(InvalidInput):
+            found.append(mirrored(one, robot))
+    return found
 
 
 def _partner(robot: Robot, leg: str) -> str:
