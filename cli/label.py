@@ -79,9 +79,9 @@ class LabelPostures:
         if self.json:
             emit(record)
         else:
-            out.print(f"{self.folder}: {header.problem_class}", highlight=False)
+            out.print(str(self.folder))
             if header.speaks_of is not None:
-                out.print(f"  {header.speaks_of}", highlight=False)
+                out.print(f"  {header.problem_class}: {header.speaks_of}", highlight=False)
             for name, value in record.items():
                 out.print(f"  {name:15} {_plain(value)}")
         return 0

@@ -222,6 +222,8 @@ def _from_yaml(path: str, robot: str | None, terrain: str | Path | None) -> Post
         if robot is None and raw.robot is not None:
             robot = raw.robot if raw.robot in BUILT_IN else str(folder / raw.robot)
         law: Law = raw.terrain if raw.terrain in ("ground", "wall") else "terrain"  # type: ignore[assignment]
+        if law == "terrain" and not Path(raw.terrain).suffix:
+            raise InvalidInput(f"terrain: expected ground, wall, or a terrain's file, got {raw.terrain!r}")
         file = terrain if terrain is not None or law != "terrain" else folder / raw.terrain
         standing = Standing.of(robot)
         standing.robot.select(raw.legs)
