@@ -49,7 +49,7 @@ class Gait:
     """Which way the robot faces, from x towards y [rad], or goal. It walks in any direction; out of a pit it has to
     face its goal, for the feet that stick are in front."""
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
-    """anymal, hexapod, or a robot's file (YAML)."""
+    """anymal, hexapod, a .urdf file, or a .yaml file that names one (extra kin) or has a walker's numbers."""
     chart: Annotated[str, tyro.conf.arg(metavar="CHART|FILE.py:NAME")] = "portfolio"
     """In which coordinates to solve: ambient, shear, decoupled, warped, warped-exact, or a chart of your own; portfolio
     tries one after another until the verifier accepts."""

@@ -15,7 +15,7 @@ from .console import as_options, complain, emit, out, progress
 from .names import named
 from .options import OptionalInt, OptionalPath, OptionalText
 from .plan_table import message_of, row, table_of
-from .robot_plan import joints_of, refuted
+from .robot_plan import refuted, with_its_joints
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
@@ -105,38 +105,39 @@ class PlanCourse:
     def run(self) -> int:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.planners.answer.proof_file import write_proof
-        from stancekit.planners.problem.course_file import read_course, read_robot
+        from stancekit.planners.problem.course_file import read_course
         from stancekit.planners.search.friction_margin import plan_with_reserve
 
         self._check()
         planner = self._planner()
-        course, model = read_course(self.course, self.frames, self.robot), read_robot(self.course, self.robot)
+        course = read_course(self.course, self.frames, self.robot)
         with progress(f"plan {course.name} by {self.planner}") as bar:
             outcome = plan_with_reserve(planner, course) if self._reserved() else planner.solve(course)
-            if model is not None and outcome.certificate is not None:
+            if self._has_sets(course) and outcome.certificate is not None:
                 around = read_course(self.course, self.frames, self.robot, "outer")
                 course, outcome = refuted(course, outcome, around, planner.solve(around))
+            outcome = with_its_joints(outcome)
             bar(1, 1)
         report = None if outcome.plan is None else self._write(outcome.plan)
-        joints = None if outcome.plan is None or model is None else joints_of(model, outcome.plan)
         proved = outcome.certificate is not None
         message = message_of(course, outcome)
         if self.proof is not None and outcome.certificate is not None:
             write_proof(self.proof, course, outcome.certificate)
         if self.json:
-            record = self._record(course, outcome, report, message)
-            emit(record if joints is None else record | {"joints": joints.to_json()})
+            emit(self._record(course, outcome, report, message))
         else:
             out.print(table_of(course, outcome))
             for line in [] if outcome.plan is None or report is None else self._said(outcome.plan, report):
                 out.print(line, highlight=False)
-            if joints is not None:
-                out.print(joints.message, highlight=False)
         if report is None:
             complain(f"stancekit: no plan: {course.name}: {message or outcome.claim or outcome.status.value}")
             if self.proof is not None:
                 complain(f"wrote {self.proof}" if proved else f"{self.proof}: not written, since nothing is proved")
-        return int(report is None or not report.accepted or (joints is not None and not joints.reached))
+        return int(report is None or not report.accepted)
+
+    def _has_sets(self, course: Course) -> bool:
+        """Whether the course has inner and outer sets of a robot's own legs; one in JSON has what it has."""
+        return course.robot.model is not None and not self.course.endswith(".json")
 
     def _reserved(self) -> bool:
         return self.reserve and self.planner == "two-stage"
@@ -214,7 +215,7 @@ class PlanCourse:
         """Verify the plan once more, and write the files that were asked for."""
         from stancekit.planners.verify import check_plan
 
-        report = check_plan(plan)
+        report = check_plan(plan, joints=plan.joints_rad is not None)
         if self.out is not None:
             from stancekit.planners.answer.plan_file import write_plan
 
@@ -243,6 +244,7 @@ class PlanCourse:
         if share != 1.0:
             yield f"planned with {100 * share:.0f} % of the friction"
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.goal_m:.0f} mm from the goal"
+        yield report.joints_message or "not checked here: joints, torque; `stancekit verify` checks them"
         if plan.modes is not None:
             terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"
             yield f"modes z: {row(plan.modes.tolist())}{terrain}"

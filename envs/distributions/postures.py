@@ -10,12 +10,12 @@ from types import MappingProxyType
 from typing import Any, Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.refusals import refusals
+from stancekit.planners.files.refusals import validated
 from stancekit.planners.plugins import Registry, made_or_class
 from stancekit.planners.problem import PostureBatch, PostureProblem
 from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS
@@ -215,7 +215,7 @@ def composed(
 def _from_yaml(path: str, robot: str | None, terrain: str | Path | None) -> PostureDistribution | CutDistribution:
     folder = Path(path).parent
     try:
-        raw = _Yaml.model_validate(read_yaml(path))
+        raw = validated(_Yaml, read_yaml(path))
         low, high = raw.friction
         if not 0.0 <= low <= high < float("inf"):
             raise InvalidInput(f"friction: expected 0 ≤ low ≤ high, got {low:g} and {high:g}")
@@ -228,7 +228,5 @@ def _from_yaml(path: str, robot: str | None, terrain: str | Path | None) -> Post
         standing = Standing.of(robot)
         standing.robot.select(raw.legs)
         return composed(path, law, standing, raw.legs, raw.friction, file)
-    except ValidationError as error:
-        raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
     except InvalidInput as error:
         raise InvalidInput(str(error) if str(error).startswith(path) else f"{path}: {error}") from None

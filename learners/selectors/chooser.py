@@ -10,23 +10,23 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 from torch import Tensor, nn
 from torch.nn import functional
 
+from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.envs.selection_task import ADMITTED
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.refusals import refusals
+from stancekit.planners.files.refusals import validated
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
 from ..data.dataset import Dataset
 from .network import Architecture, ChoiceNetwork, SceneTensors
-from .selector import Observation
 from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
 
 FORMAT = "stancekit/chooser/1"
@@ -60,7 +60,7 @@ class ChooserSettings:
             raise InvalidInput(f"projection: expected a number from 0 to 1, got {self.projection!r}")
 
 
-class Chooser:
+class Chooser(MemorylessPolicy):
     """A network that picks one envelope of a set for every scene."""
 
     name = "chooser"
@@ -76,16 +76,10 @@ class Chooser:
             cost = self.network(SceneTensors.of_observation(observation, len(self.envelopes.legs)))
         return np.asarray(cost.argmin(dim=1).numpy(), dtype=np.int64)
 
-    def predict(
-        self,
-        observation: Observation,
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[Any], Any]:
-        """Return the chosen box's bounds, shape (12N,), or (B, 12N) for a batch."""
+    def action(self, observation: Observation) -> NDArray[Any]:
+        """The chosen box's bounds, shape (12N,), or (B, 12N) for a batch."""
         actions = self._actions[self.choose(observation)]
-        return (actions if np.ndim(observation["friction"]) == 2 else actions[0]), state
+        return actions if np.ndim(observation["friction"]) == 2 else actions[0]
 
     def save(self, path: str | Path) -> None:
         """Write network and envelopes as one safetensors file."""
@@ -96,11 +90,9 @@ class Chooser:
     def load(cls, path: str | Path, *, problem_class: str | None = None) -> Chooser:
         """Read a chooser. Raises InvalidInput for a file that is damaged or foreign, or made for another class."""
         header, tensors = read_tensors(path, FORMAT)
+        raw = validated(_Header, header, str(path))
         try:
-            raw = _Header.model_validate(header)
             envelopes = EnvelopeSet.from_json(raw.envelopes)
-        except ValidationError as error:
-            raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
         if problem_class not in (None, envelopes.problem_class):

@@ -14,12 +14,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from stancekit.envs.memoryless import Observation
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-
-from .selector import Observation
 
 CORNERS = 3
 """Corners of a patch in the environment's observation."""

@@ -7,12 +7,13 @@ from functools import partial
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from ..errors import InvalidInput
 from ..files.arrays import frozen
-from ..files.refusals import refusals
+from ..files.refusals import validated
 from ..robot.model import Limb, Robot
+from ..robot.model_json import ModelJson, model_from_json, model_to_json
 from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 from .course import Course, Placement, StepLimits, Weights
@@ -36,7 +37,8 @@ def course_to_json(course: Course) -> dict[str, Any]:
             "name": course.robot.name,
             "mass_kg": course.robot.mass_kg,
             "limbs": [_limb_to_json(limb) for limb in course.robot.limbs],
-            **({"identity": course.robot.identity} if course.robot.identity else {}),
+            **({"identity": course.robot.identity} if course.robot.identity and course.robot.model is None else {}),
+            **({} if course.robot.model is None else {"model": model_to_json(course.robot.model)}),
         },
         "terrain": [_patch_to_json(patch) for patch in course.terrain],
         "placements": [
@@ -63,10 +65,7 @@ def course_from_json(data: Mapping[str, Any]) -> Course:
     """Read what ``course_to_json`` wrote. Raises InvalidInput whose message lists every key that is wrong."""
     if not isinstance(data, Mapping):
         raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
-    try:
-        raw = _CourseJson.model_validate(data)
-    except ValidationError as error:
-        raise InvalidInput("; ".join(refusals(error))) from None
+    raw = validated(_CourseJson, data)
     notes = _Notes()
     robot = notes.made("", partial(_robot, raw.robot))
     terrain = [notes.made(f"terrain[{i}].", partial(_patch, item)) for i, item in enumerate(raw.terrain)]
@@ -102,7 +101,13 @@ class _Notes:
 
 def _robot(raw: _RobotJson) -> Robot:
     limbs = tuple(_limb(limb) for limb in raw.limbs)
-    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, identity=raw.identity)
+    model = None
+    if raw.model is not None:
+        try:
+            model = model_from_json(raw.model, raw.name)
+        except InvalidInput as error:
+            raise InvalidInput(f"robot {raw.name}: {error}") from None
+    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, model=model, identity=raw.identity)
 
 
 def _limb(raw: _LimbJson) -> Limb:
@@ -164,6 +169,7 @@ class _RobotJson(_Keys):
     mass_kg: float
     limbs: list[_LimbJson]
     identity: str = ""
+    model: ModelJson | None = None
 
 
 class _PatchJson(_Keys):

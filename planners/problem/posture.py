@@ -8,11 +8,11 @@ from functools import cached_property
 from typing import Any, Literal, cast
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen, gathered
-from ..files.refusals import refusals
+from ..files.refusals import validated
 from ..robot.model import Robot, hexapod
 from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
@@ -207,10 +207,7 @@ class PostureProblem:
         """
         if not isinstance(data, Mapping):
             raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
-        try:
-            raw = _PostureJson.model_validate(data)
-        except ValidationError as error:
-            raise InvalidInput("; ".join(refusals(error))) from None
+        raw = validated(_PostureJson, data)
         known, contacts = robot or (None if raw.robot else hexapod()), list[Contact]()
         body = raw.model_dump(exclude={"format", "robot", "contacts"})
         gathered(

@@ -17,7 +17,7 @@ from stancekit.cli import gait as gait_command
 from stancekit.planners.gait.trajectory_file import check_file, read_trajectory
 from stancekit.views import gaits
 
-LIVELY = ("plain.npy", "--goal", "0.6,0.1", "--chart", "decoupled", "--duration-s", "2")
+LIVELY = ("plain.npy", "--goal", "0.5,0.1", "--chart", "decoupled", "--duration-s", "2")
 SHORT = ("plain.npy", "--goal", "0.2,0.1", "--chart", "decoupled", "--duration-s", "2")
 
 

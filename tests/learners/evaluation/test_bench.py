@@ -20,6 +20,7 @@ from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.training.fitting import METHODS
 from stancekit.planners.answer.answer_file import read_envelopes
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.refusals import validated
 
 PLAN: dict[str, Any] = {
     "problems": ["wall-3"],
@@ -32,7 +33,7 @@ PLAN: dict[str, Any] = {
 
 
 def run(plan: dict[str, Any], folder: Path) -> ClassResult:
-    (result,) = bench.run(Experiment.from_mapping(plan, "plan"), folder, executor=processes(1))
+    (result,) = bench.run(validated(Experiment, plan, "plan"), folder, executor=processes(1))
     return result
 
 
@@ -120,7 +121,7 @@ def test_a_folder_with_other_data_is_refused(made: tuple[Path, ClassResult]) -> 
 )
 def test_plans_that_make_no_sense_are_told_by_key(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidInput) as error:
-        Experiment.from_mapping(PLAN | changes, "plan")
+        validated(Experiment, PLAN | changes, "plan")
     assert str(error.value).startswith(message)
 
 

@@ -119,7 +119,7 @@ def test_another_protocol_measures_anew(tmp_path, measured):
         ),
         (
             lambda cell: {**cell, "row": {**cell["row"], "force_rms": "much"}},
-            "row: force_rms: Input should be a valid number, got 'much'",
+            "row: force_rms: expected a valid number, got 'much'",
         ),
     ],
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stancekit.envs.memoryless import Observation
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.dataset import Dataset
@@ -18,7 +19,7 @@ from stancekit.learners.evaluation.evaluate import rollout
 from stancekit.learners.selectors.chooser import Chooser, ChooserSettings, costs, fit_chooser
 from stancekit.learners.selectors.gradient import clustered_boxes
 from stancekit.learners.selectors.network import Architecture
-from stancekit.learners.selectors.selector import FixedSelector, Observation
+from stancekit.learners.selectors.selector import FixedSelector
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
