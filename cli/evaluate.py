@@ -60,6 +60,7 @@ class Evaluate:
         """Roll every selector out and print the table."""
         from stancekit.learners.data.dataset import Dataset
         from stancekit.learners.data.executor import executor
+        from stancekit.learners.data.origin import check_of
         from stancekit.learners.data.scenes import scenes_of
         from stancekit.learners.evaluation.evaluate import check_same_class, evaluate, evaluate_lift
         from stancekit.learners.selectors.selector import Learned
@@ -71,7 +72,7 @@ class Evaluate:
         if not (self.envelope or self.selector or self.lift):
             raise InvalidInput("--envelope, --selector: expected one or more files to compare, or the lift, got none")
         dataset = Dataset.open(self.dataset)
-        dataset.check_of(self.robot, self.terrain)
+        check_of(dataset, self.robot, self.terrain)
         selectors = [(str(path), Learned.fixed(path.stem, read_envelopes(path))) for path in self.envelope]
         selectors += [(name, load_selector(name)) for name in self.selector]
         for where, learned in selectors:

@@ -66,6 +66,7 @@ class Fit:
     def run(self) -> int:
         """Fit and write."""
         from stancekit.learners.data.dataset import Dataset
+        from stancekit.learners.data.origin import check_of
         from stancekit.learners.selectors.selector import FixedSelector
         from stancekit.learners.training.fitting import learn
         from stancekit.planners.answer.answer_file import write_boxes
@@ -77,7 +78,7 @@ class Fit:
             raise InvalidInput("FOLDER: expected a data set folder, got none")
         datasets = [Dataset.open(folder) for folder in self.dataset]
         for dataset in datasets:
-            dataset.check_of(self.robot, self.terrain)
+            check_of(dataset, self.robot, self.terrain)
         held = None if self.calibration is None else Dataset.open(self.calibration)
         settings = self._settings()
         with progress(f"fit {self.method}") as bar:

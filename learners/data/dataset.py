@@ -14,7 +14,6 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
-from stancekit.envs.distributions.cut import identity_of
 from stancekit.planners.answer.outcome import Certificate, Posture, Status
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -23,7 +22,6 @@ from stancekit.planners.files.arrays import Array, frozen
 from stancekit.planners.files.documents import parse_json
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.robot import Limb, Robot
-from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
 
 from .ledger import Header, Ledger, shard_name, shard_schema
 from .summary import Summary
@@ -127,19 +125,6 @@ class Dataset:
     def robot(self) -> str:
         """Identity of the robot that the rows are of, see ``Robot``; empty for the default hexapod."""
         return self.header.robot or ""
-
-    def check_of(self, robot: str | None, terrain: str | Path | None = None) -> None:
-        """Raise InvalidInput unless the rows are of this robot and this terrain's file, where they are given."""
-        if robot is not None:
-            asked = "" if robot in BUILT_IN else named_robot(robot).identity
-            if asked != self.robot:
-                got, wanted = self.robot or BUILT_IN[0], asked or BUILT_IN[0]
-                raise InvalidInput(f"{self.ledger.folder}: robot: expected a data set of {wanted}, got one of {got}")
-        if terrain is not None and not self.problem_class.endswith(f"-on-{identity_of(terrain)}"):
-            wanted = identity_of(terrain)
-            raise InvalidInput(
-                f"{self.ledger.folder}: terrain: expected a data set of {wanted}, got one of {self.problem_class}"
-            )
 
     def __repr__(self) -> str:
         return f"Dataset({str(self.ledger.folder)!r}, {self.problem_class}, {len(self)} rows)"
