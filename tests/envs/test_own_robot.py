@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.refinement import EnvelopeRefinementEnv, LargestGap
+from stancekit.envs.branching import LargestGap
+from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.traverse import TraverseEnv
