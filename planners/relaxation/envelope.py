@@ -216,7 +216,7 @@ class EnvelopeSet:
     def check_robot(self, robot: str) -> None:
         """Raise InvalidInput unless the envelopes were learned for the robot of this identity."""
         if robot != self.robot:
-            mine, other = (name or "one that no file describes" for name in (self.robot, robot))
+            mine, other = (name or "the default hexapod" for name in (self.robot, robot))
             raise InvalidInput(f"robot: expected {mine} for an envelope learned for {self.problem_class}, got {other}")
 
     def check_fits(self, problem: PostureProblem) -> None:
