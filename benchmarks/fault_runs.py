@@ -204,7 +204,7 @@ def bridgeless(path: Path, ending: Any, rng: np.random.Generator) -> dict[str, A
 
 def ask_on(runner: Runner) -> None:
     """Ten commands more than a stopped runner should send."""
-    for _ in range(ASKED_ON if runner.latch.tripped and runner.begun else 0):
+    for _ in range(ASKED_ON if runner.latch.tripped and runner.world.armed else 0):
         try:
             runner.world.step(runner.world.last_rad)
         except Stopped:

@@ -122,8 +122,8 @@ def table(kind: str, runs: list[dict[str, Any]]) -> str:
         told = [run["written_s"] for run in runs if run["written"]]
         lines += [
             f"  when: {', '.join(f'{count} {phase}' for phase, count in phases.most_common())}",
-            f"  late: {1e3 * max(run['late_s'] for run in runs):.1f} ms at most at the device; written: {len(told)}, "
-            f"{1e3 * max(told, default=0.0):.1f} ms at most",
+            f"  late: {1e3 * max(run['late_s'] for run in runs):.1f} ms at most at the device; "
+            f"written: {len(told)}, {1e3 * max(told, default=0.0):.1f} ms at most",
             f"  left as asked for: {sum(run['as_asked'] for run in runs)} of {len(runs)}",
         ]
     lines += [f"  left: {count} × {state}" for state, count in left.most_common(5)]

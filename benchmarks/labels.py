@@ -3,7 +3,7 @@
     python benchmarks/labels.py                                  # this tree alone
     python benchmarks/labels.py --against ../before --pairs 15   # in turns with another checkout, and row by row
 
-Every figure is one process that labels after a warm-up. A yardstick is what 1,000 cold solves of one fixed cone
+Every figure is one process that labels after a warm-up. A yardstick is what 100 cold solves of one fixed cone
 program take in the same process: divide by it to compare machines and hours.
 """
 
@@ -30,12 +30,12 @@ from stancekit.learners.data.labelling import label
 kind, rows, balanced, folder = json.loads(sys.argv[1])
 many = dict(feasible=rows // 2, infeasible=rows - rows // 2) if balanced else dict(feasible=rows, infeasible=0)
 label(LabelPlan(distribution=kind, feasible=60, infeasible=0, natural=True, seed=12345), Path(folder) / "warm")
-first = yardstick()
+first = yardstick(100)
 begin = time.process_time()
 plan = LabelPlan(distribution=kind, natural=not balanced, seed=0, shard_size=500, **many)
 summary = label(plan, Path(folder) / "set")
 cpu = time.process_time() - begin
-second = yardstick()
+second = yardstick(100)
 print(json.dumps({"cpu": cpu, "yard": 0.5 * (first + second), "drawn": summary.drawn.total,
                   "counts": summary.to_json()["drawn"]}))
 """

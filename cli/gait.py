@@ -13,6 +13,7 @@ from stancekit.planners.files.refusals import shown
 
 from . import gait_options
 from .console import as_options, emit, err, out
+from .options import check_drawn
 from .terrain import TerrainFile
 from .watch import interruptible, watching
 
@@ -143,14 +144,7 @@ class Gait:
         if twice:
             raise InvalidInput(f"{twice[0]}: expected a file of its own for each picture, got it twice")
         check_pictures(self.picture, self.convergence)
-        if self.html is not None:
-            from stancekit.views.page import check_page
-
-            check_page(self.html)
-        if self.video is not None:
-            from stancekit.views.film import check_film
-
-            check_film(self.video)
+        check_drawn(video=self.video, html=self.html)
         if self.chart != "portfolio":
             with as_options():
                 CHARTS.get(self.chart)

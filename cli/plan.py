@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,7 +13,7 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
 from .names import named
-from .options import OptionalInt, OptionalPath, OptionalText
+from .options import OptionalInt, OptionalPath, OptionalText, check_drawn, check_planner
 from .plan_table import message_of, row, table_of
 from .robot_plan import refuted, with_its_joints
 
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from stancekit.planners.search.answer import CoursePlanner
     from stancekit.planners.verify import Report
 
-LONGEST_S = 1e6
-MOST_INTERVALS = 64
 OF_PLANNERS = {
     "reserve": ("two-stage",),
     "relaxation": ("two-stage",),
@@ -150,18 +148,7 @@ class PlanCourse:
         from stancekit.planners.files.writing import check_writable
         from stancekit.planners.search.methods import COURSE_METHODS
 
-        if not 0.0 < self.time_limit_s <= LONGEST_S:
-            raise InvalidInput(
-                f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got {self.time_limit_s:g}"
-            )
-        if self.intervals > MOST_INTERVALS:
-            raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {self.intervals}")
-        for field in fields(self):
-            planners = OF_PLANNERS.get(field.name, (self.planner,))
-            without = self.planner in COURSE_METHODS and self.planner not in planners
-            if without and getattr(self, field.name) != field.default:
-                wanted = " or ".join(planners)
-                raise InvalidInput(f"--{field.name}: expected --planner {wanted} with it, got {self.planner}")
+        check_planner(self, "planner", COURSE_METHODS, OF_PLANNERS)
         if self.relaxation == "envelope" and self.envelope is None:
             raise InvalidInput("--relaxation: expected --envelope FILE with envelope, got none")
         if self.relaxation == "lift" and self.envelope is not None:
@@ -174,18 +161,7 @@ class PlanCourse:
         for _, target in targets:
             if target is not None:
                 check_writable(target)
-        if self.picture is not None:
-            from stancekit.views.sheet import check_picture
-
-            check_picture(self.picture)
-        if self.video is not None:
-            from stancekit.views.film import check_film
-
-            check_film(self.video)
-        if self.html is not None:
-            from stancekit.views.page import check_page
-
-            check_page(self.html)
+        check_drawn(self.picture, self.video, self.html)
         targets += [("--picture", self.picture), ("--video", self.video), ("--html", self.html)]
         taken: dict[Path, str] = {}
         for option, target in targets:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -25,24 +25,21 @@ from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
-from .traverse_setup import Boxes, CourseSource, TraverseWeights, course_source, offered_planners, path_length_m
+from .traverse_setup import (
+    Boxes,
+    CourseSource,
+    Executor,
+    TraverseWeights,
+    course_source,
+    offered_planners,
+    path_length_m,
+)
 
 MAX_DRAWS = 50
 """Draws until a course whose first key frame holds."""
 PICTURE_PX = (960, 720)
 NO_MODE = -1
 """In ``info``: a frame beyond the course's end, or a course that does not say its modes."""
-
-
-class Executed(Protocol):
-    """What an executor says: whether the robot did what was planned."""
-
-    @property
-    def succeeded(self) -> bool:
-        """Whether it arrived, upright and without slipping."""
-
-
-Executor = Callable[[Plan], Executed]
 
 
 class TraverseEnv(gym.Env[Features, np.int64]):
@@ -76,8 +73,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
 
     ## Action Space
 
-    ``Discrete``: 0 is the two-stage planner over the lift, 1 and up the same over the envelopes given. Several sets of
-    envelopes, for stances on different legs, may stand for one choice.
+    ``Discrete``: 0 is the two-stage planner over the lift, 1 and up over the envelopes given, or several sets of them.
 
     ## Reward
 
@@ -118,8 +114,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     | limbs | None | of the observation: how many limbs; those of the courses' robots where None |
     | regions | None | the most candidates a toe; those of the courses where None |
     | corners | 4 | the most corners a patch |
-    | robot | None | in place of the courses': a built-in name, a URDF, a YAML file |
-    | terrain | None | a mesh in place of the courses' terrain |
+    | robot, terrain | None | files in place of the courses' own: a URDF or YAML file, or a built-in name; a mesh |
     | executor | None | plays the plan of every window on a world, each from a standing start |
     | programs | None | compiled models to share with other environments of this process |
     | timing | False | put seconds into ``info`` and the reward |
@@ -160,9 +155,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
                 raise InvalidInput(f"{name}: expected {least} or more, got {value!r}")
         self.render_mode = render_mode
         sizes = {"horizon": horizon, "limbs": limbs, "regions": regions, "corners": corners}
-        self._draw, self._features = course_source(
-            courses, frames, amount, sizes=sizes, robot=robot, terrain=terrain
-        )
+        self._draw, self._features = course_source(courses, frames, amount, sizes, robot, terrain)
         programs = programs or Programs()
         self._planners = tuple(offered_planners(envelopes, programs) if planners is None else planners)
         if not self._planners:

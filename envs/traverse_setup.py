@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course import Course
@@ -28,6 +30,17 @@ from .distributions.courses import perturbed
 CourseSource = Callable[[np.random.Generator], Course]
 Boxes = EnvelopeSet | Sequence[EnvelopeSet] | Modes
 """What one choice of a planner has: envelopes, several sets of them for different legs, or modes."""
+
+
+class Executed(Protocol):
+    """What an executor says: whether the robot did what was planned."""
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether it arrived, upright and without slipping."""
+
+
+Executor = Callable[[Plan], Executed]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,7 +67,6 @@ def course_source(
     courses: Sequence[str | CourseSpec] | CourseSource,
     frames: int | None,
     amount: float,
-    *,
     sizes: Mapping[str, int | None],
     robot: str | Path | None = None,
     terrain: str | Path | None = None,

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt
 from torch import Tensor, nn
 from torch.nn import functional
 
@@ -20,7 +20,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.refusals import validated
+from stancekit.planners.files.refusals import check_fields, validated
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
@@ -42,22 +42,15 @@ class ChooserSettings:
     """
 
     architecture: Architecture = field(default_factory=lambda: Architecture(width=48, layers=2))
-    epochs: int = 20
-    batch: int = 64
-    rate: float = 1e-3
-    projection: float = 0.5
-    caution: float = 1.0
+    epochs: PositiveInt = 20
+    batch: PositiveInt = 64
+    rate: PositiveFloat = 1e-3
+    projection: Annotated[float, Field(ge=0.0, le=1.0)] = 0.5
+    caution: PositiveFloat = 1.0
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("epochs", "batch"):
-            if getattr(self, name) < 1:
-                raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)!r}")
-        for name in ("rate", "caution"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidInput(f"{name}: expected a number above 0, got {getattr(self, name)!r}")
-        if not 0.0 <= self.projection <= 1.0:
-            raise InvalidInput(f"projection: expected a number from 0 to 1, got {self.projection!r}")
+        check_fields(self)
 
 
 class Chooser(MemorylessPolicy):

@@ -5,9 +5,9 @@ from __future__ import annotations
 import reprlib
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import Any, TypeVar, cast
+from typing import Any, TypeVar, cast, get_type_hints
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, create_model
 
 from ..errors import InvalidInput
 
@@ -63,6 +63,24 @@ def validated(kind: type[Value], data: Any, where: str = "", *, key: str = "") -
         told = "; ".join(key + line for line in refusals(error))
         raise InvalidInput(f"{where}: {told}" if where else told) from None
     return value
+
+
+def check_fields(value: Any, key: str = "") -> None:
+    """Check a dataclass's fields against their annotations, as pydantic reads them; called in ``__post_init__``.
+
+    key: what every key begins with. Raises InvalidInput with every field that is wrong.
+    """
+    try:
+        _model(cast(Any, type(value))).model_validate(vars(value))
+    except ValidationError as error:
+        raise InvalidInput("; ".join(key + line for line in refusals(error))) from None
+
+
+@lru_cache(maxsize=64)
+def _model(kind: type[Any]) -> type[BaseModel]:
+    fields: dict[str, Any] = {name: (hint, ...) for name, hint in get_type_hints(kind, include_extras=True).items()}
+    strict = ConfigDict(strict=True, arbitrary_types_allowed=True, protected_namespaces=())
+    return create_model(kind.__name__, __config__=strict, **fields)
 
 
 @lru_cache(maxsize=64)

@@ -17,7 +17,7 @@ from ..robot.model_json import ModelJson, model_from_json, model_to_json
 from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 from .course import Course, Placement, StepLimits, Weights
-from .posture import ReachRowsJson
+from .posture_json import ReachRowsJson
 
 FORMAT = "stancekit/course/1"
 

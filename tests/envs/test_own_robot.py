@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.branching import LargestGap
+from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
