@@ -111,8 +111,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     | planners | None | replaces all of these |
     | weights | TraverseWeights() | what a step is worth |
     | patience | 4 | steps in vain before the end |
-    | limbs | None | of the observation: how many limbs; those of the courses' robots where None |
-    | regions | None | the most candidates a toe; those of the courses where None |
+    | limbs, regions | None | of the observation: limbs, the most candidates a toe; those of the courses where None |
     | corners | 4 | the most corners a patch |
     | robot, terrain | None | files in place of the courses' own: a URDF or YAML file, or a built-in name; a mesh |
     | executor | None | plays the plan of every window on a world, each from a standing start |
