@@ -37,7 +37,6 @@ from .traverse_setup import (
 
 MAX_DRAWS = 50
 """Draws until a course whose first key frame holds."""
-PICTURE_PX = (960, 720)
 NO_MODE = -1
 """In ``info``: a frame beyond the course's end, or a course that does not say its modes."""
 
@@ -111,9 +110,11 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     | planners | None | replaces all of these |
     | weights | TraverseWeights() | what a step is worth |
     | patience | 4 | steps in vain before the end |
-    | limbs, regions | None | of the observation: limbs, the most candidates a toe; those of the courses where None |
+    | limbs | None | of the observation: how many limbs; those of the courses' robots where None |
+    | regions | None | the most candidates a toe; those of the courses where None |
     | corners | 4 | the most corners a patch |
-    | robot, terrain | None | files in place of the courses' own: a URDF or YAML file, or a built-in name; a mesh |
+    | robot | None | in place of the courses': a built-in name, a URDF, a YAML file |
+    | terrain | None | a mesh in place of the courses' terrain |
     | executor | None | plays the plan of every window on a world, each from a standing start |
     | programs | None | compiled models to share with other environments of this process |
     | timing | False | put seconds into ``info`` and the reward |
@@ -159,9 +160,8 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         self._planners = tuple(offered_planners(envelopes, programs) if planners is None else planners)
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
-        self._start = TwoStageCoursePlanner(programs=programs)
+        self._start, self._executor = TwoStageCoursePlanner(programs=programs), executor
         self._horizon, self._weights, self._patience, self._timing = horizon, weights, patience, timing
-        self._executor = executor
         self._course: Course | None = None
         self._walked: list[Plan] = []
         self._frame = self._vain = 0
@@ -214,7 +214,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         from stancekit.views.sheet import to_rgb
 
         caption = f"{self._course.name}: key frame {self._frame} of {self._course.frames - 1}"
-        return to_rgb(draw_plan(self.walk(), caption=caption, size_px=PICTURE_PX))
+        return to_rgb(draw_plan(self.walk(), caption=caption, size_px=(960, 720)))
 
     def walk(self) -> Plan:
         """The plan of everything that was walked in this episode, from the first key frame on."""
