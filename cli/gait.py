@@ -243,10 +243,13 @@ class Gait:
         return True
 
     def _say(self, plan: GaitPlan, best: Attempted, written: bool) -> None:
-        from .gait_answer import words
+        from .gait_answer import joints, words
 
         for line in words(plan):
             out.print(line, highlight=False)
+        if (found := joints(best)) is not None:
+            told = f"{found['reached']} of {found['feet']} feet are reached by the robot's own legs"
+            out.print(f"joints: {told}, the worst within {1e3 * found['worst_m']:.2g} mm", highlight=False)
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}")

@@ -128,7 +128,9 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
     if settings.check_limits:
         _check_gait(motion, kinematics, world, hung=settings.hung)
     moving = replace(settings.feedback, **WALKING)
-    tracker = Tracker(motion, kinematics, world.rate_hz, moving if sees else BLIND, settings.body)
+    fall_s = float(np.sqrt(kinematics.model.stand_height_m / accepted.gravity_m_s2))  # of an inverted pendulum
+    stepping = replace(settings.body, step_s=fall_s) if settings.body.acts else settings.body
+    tracker = Tracker(motion, kinematics, world.rate_hz, moving if sees else BLIND, stepping)
     ground = Ground(heights=trajectory.terrain, friction=trajectory.friction)
     return Prepared(
         digest=accepted.digest, source=accepted.source, name=accepted.name, motion=motion, kinematics=kinematics,

@@ -90,12 +90,16 @@ class Kinematics:
             for leg in own
         ]  # fmt: skip
         self._data = self._known.createData()
-        self._rest, self._row, self._column = self._places()
+        self._rest, rows, self._column = self._places()
+        self._row = _slice_or(rows)
+        self._own = [_slice_or(self._column[self.legs == i]) for i in range(len(own))]
+        self._even = bool(np.all(np.bincount(self.legs) == self._most))
 
-    def _places(self) -> tuple[Array, Array, Array]:
+    def _places(self) -> tuple[Array, NDArray[np.int_], NDArray[np.int_]]:
         """The base at the origin and all else at rest; where pinocchio has the angles and the velocities of joints."""
         owners = [self._known.joints[number] for number in self._number]
-        self._circles = np.array([joint.nq == 2 for joint in owners])
+        circles = [(joint.idx_q, i) for i, joint in enumerate(owners) if joint.nq == 2]
+        self._circles = np.array(circles, dtype=int).reshape(-1, 2)
         rows, columns = (np.array([getattr(joint, name) for joint in owners]) for name in ("idx_q", "idx_v"))
         return at_rest(self._known), rows, columns
 
@@ -103,9 +107,9 @@ class Kinematics:
         """Angles as pinocchio has them."""
         q = self._rest.copy()
         q[self._row] = angles
-        if self._circles.any():
-            rows, its = self._row[self._circles], np.asarray(angles)[self._circles]
-            q[rows], q[rows + 1] = np.cos(its), np.sin(its)
+        if len(self._circles):
+            rows, its = self._circles.T
+            q[rows], q[rows + 1] = np.cos(np.asarray(angles)[its]), np.sin(np.asarray(angles)[its])
         return q
 
     def joints_of(self, leg: int) -> NDArray[np.int_]:
@@ -115,6 +119,8 @@ class Kinematics:
     def by_leg(self, values: ArrayLike) -> Array:
         """Numbers of all joints leg by leg, shape (J,) to (N, n) with n joints in the longest; zeros behind shorter
         ones."""
+        if self._even:
+            return np.asarray(values, dtype=np.float64).reshape(-1, self._most)
         table = np.zeros((len(self._feet), self._most))
         table[self.legs, self._nth] = values
         return table
@@ -201,7 +207,8 @@ class Kinematics:
             inverse = jacobian.transpose(0, 2, 1) @ np.linalg.inv(damped)
             drawn = pull * self.by_leg(wished - angles)[:, :, None]
             pull *= 0.7
-            step = (inverse @ (gap[:, :, None] - jacobian @ drawn) + drawn)[self.legs, self._nth, 0]
+            step = (inverse @ (gap[:, :, None] - jacobian @ drawn) + drawn)[:, :, 0]
+            step = step.ravel() if self._even else step[self.legs, self._nth]
             angles = angles + np.clip(step, -LONGEST_STEP_RAD, LONGEST_STEP_RAD)
             if limits:
                 angles = np.clip(angles, self._lowest, self._highest)
@@ -274,9 +281,14 @@ class Kinematics:
         pin.updateFramePlacements(self._known, self._data)
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         found = np.zeros((len(self._feet), 3, self._most))
-        for i, foot in enumerate(self._feet):
-            own = self.legs == i
-            found[i, :, : np.count_nonzero(own)] = pin.getFrameJacobian(self._known, self._data, foot, frame)[
-                :3, self._column[own]
-            ]
+        for i, (foot, own) in enumerate(zip(self._feet, self._own, strict=True)):
+            its = pin.getFrameJacobian(self._known, self._data, foot, frame)[:3, own]
+            found[i, :, : its.shape[1]] = its
         return np.array([self._data.oMf[foot].translation for foot in self._feet]), found
+
+
+def _slice_or(numbers: NDArray[np.int_]) -> slice | NDArray[np.int_]:
+    """Numbers that follow each other as a slice, which is quicker; others as they are."""
+    first = int(numbers[0])
+    follow = np.array_equal(numbers, np.arange(first, first + len(numbers)))
+    return slice(first, first + len(numbers)) if follow else numbers

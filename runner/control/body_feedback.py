@@ -30,7 +30,8 @@ class BodyFeedback:
     """How a body is pulled to its place; all in units of its own mass and inertia.
 
     position_s2, velocity_s, rotation_s2, turn_s: k_p, k_v, k_R, k_ω; all 0 for no feedback. cone_share: of μ that
-    forces may use. least_share: of the weight that a foot which stands presses with, at least.
+    forces may use. least_share: of the weight that a foot which stands presses with, at least. step_s: feet in the air
+    step aside by what the body's velocity error makes in this time; for walks it is set by how high the robot stands.
     """
 
     position_s2: float = 80.0
@@ -39,6 +40,7 @@ class BodyFeedback:
     turn_s: float = 30.0
     cone_share: float = 0.8
     least_share: float = 0.03
+    step_s: float = 0.0
 
     def __post_init__(self) -> None:
         gathered(*(lambda n=n: checked(getattr(self, n), f"body.{n}", least=0.0) for n in self.__annotations__))

@@ -30,6 +30,10 @@ DRAWN_S = 0.1
 """Time constant with which joints come back to the posture chosen for them, where feet that feel led them off it."""
 SMOOTH_HZ = 60.0
 """How fast [1/s] a foot's target goes to where the foot was found to have landed."""
+EARLY = 0.05
+"""A foot that comes down and feels this share of the weight has landed."""
+STEP = 0.2
+"""Feet step aside by no more than this share of the height at which the robot stands."""
 STUCK_M = 1e-3
 """A foot in the air that inverse kinematics leaves farther than this from its path is looked for anew."""
 
@@ -96,8 +100,10 @@ class Tracker:
         self._placed: tuple[Array, Array] | None = None
         self._rates = np.zeros(len(kinematics.joints))
         limbs = len(kinematics.robot.limbs)
-        self._touched = np.array(motion.at(0.0).placement) >= 0
-        self._offset, self._moved, self._drift = (np.zeros((limbs, 3)) for _ in range(3))
+        self._step_s, self._most_step = body.step_s, STEP * model.stand_height_m
+        self._velocity = np.zeros(6)
+        self._touched, self._landed = np.array(motion.at(0.0).placement) >= 0, motion.at(0.0).feet_m
+        self._stepped, self._moved, self._drift = (np.zeros((limbs, 3)) for _ in range(3))
         self._wished = RedundancyResolution(motion, kinematics, near_of(kinematics))
         self._time_s = 0.0
         self._depth, self._pressed, self._rolled = np.zeros(limbs), np.zeros((limbs, 3)), np.zeros((limbs, 3))
@@ -129,26 +135,39 @@ class Tracker:
         landing = missing & lands & self._feedback.waits
         self._depth = np.where(missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth)
         self._depth = np.where(stands, self._depth, 0.9 * self._depth)
-        self._anchor(then, stands, felt)
+        self._anchor(now, then, felt)
         self._press(then, forces_n, stands)
         if not landing.any():
             self._time_s += self._period_s
         return self._target(now if landing.any() else then)
 
-    def _anchor(self, sample: MotionSample, stands: NDArray[np.bool_], felt: Array) -> None:
-        """Feet that have landed stay where they are, where the body is measured, and not where they should have landed;
-        those that have not are lowered. What is commanded moves there smoothly."""
-        found, before = self._found, self._touched
-        self._touched = stands if found is None else stands & (before | (felt >= self._feedback.touch_n))
+    def _anchor(self, now: MotionSample, then: MotionSample, felt: Array) -> None:
+        """Where the body is measured, feet that have landed, early or late, stay where they are, and not where they
+        should have landed; those that are late are lowered, and those in the air step to where the body falls. What is
+        commanded moves there smoothly."""
+        found, before, stands = self._found, self._touched, np.array(then.placement) >= 0
+        self._touched, goal = stands, np.zeros_like(self._moved)
         if found is not None:
+            comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
+            early = comes & (felt >= EARLY * self._kinematics.robot.mass_kg * self._kinematics.gravity_m_s2)
+            self._touched = (stands & (before | (felt >= self._feedback.touch_n))) | (
+                ~stands & comes & (before | early)
+            )
             feet = found.position_m + self._kinematics.feet(found.angles_rad) @ found.rotation.T
-            landed = (self._touched & ~before)[:, None]
-            self._offset = np.where(landed, feet - sample.feet_m - self._rolled, self._offset)
-            self._depth = np.where(landed[:, 0], 0.0, self._depth)
-        self._offset = np.where(stands[:, None], self._offset, 0.0)
-        away = self._offset - self._depth[:, None] * sample.normals - self._moved
+            landed = self._touched & ~before
+            self._landed = np.where(landed[:, None], feet - self._rolled, self._landed)
+            self._depth = np.where(landed, 0.0, self._depth)
+            self._stepped = np.where((stands | self._touched)[:, None], self._stepped, self._step(found, then))
+            goal = np.where(self._touched[:, None], self._landed - then.feet_m, self._stepped)
+        away = goal - self._depth[:, None] * then.normals - self._moved
         self._drift = self._drift + self._period_s * SMOOTH_HZ * (SMOOTH_HZ * away - 2.0 * self._drift)
         self._moved = self._moved + self._period_s * self._drift
+
+    def _step(self, found: State, sample: MotionSample) -> Array:
+        """How far feet step aside, along their surfaces, for a body that moves otherwise than planned, (N, 3) [m]."""
+        late = self._step_s * (found.velocity[:3] - self._velocity[:3])
+        late = late * min(1.0, self._most_step / max(float(np.linalg.norm(late)), 1e-9))
+        return np.asarray(late - (sample.normals @ late)[:, None] * sample.normals)
 
     def _press(self, sample: MotionSample, forces_n: Array, stands: NDArray[np.bool_]) -> None:
         """Sum up what is missing, less its share that moves or turns the body as a whole."""
@@ -187,12 +206,11 @@ class Tracker:
         placed, self._placed = self._placed, (origin, rotation)
         if found is None:
             return self._kinematics.torques(angles, rotation, pressed)
-        velocity = np.zeros(6)
         if placed is not None:
             turn = Rotation.from_matrix(rotation @ placed[1].T).as_rotvec()
-            velocity = np.concatenate([origin - placed[0], turn]) / self._period_s
+            self._velocity = np.concatenate([origin - placed[0], turn]) / self._period_s
         pressed = np.where(self._touched[:, None], pressed, 0.0)
-        wanted = BodyPose(origin_m=origin, rotation=rotation, velocity=velocity)
+        wanted = BodyPose(origin_m=origin, rotation=rotation, velocity=self._velocity)
         seen = BodyPose(origin_m=found.position_m, rotation=found.rotation, velocity=found.velocity)
         arms = found.feet_m - found.position_m - found.rotation @ self._shift
         forces = self._body.forces(self._body.wrench(wanted, seen), sample, arms, pressed, self._touched)
