@@ -22,14 +22,14 @@ from ..terrain.heightfield import HeightField
 from .task import GaitSettings, GaitTask
 
 FRICTION_ROOM = 0.02
-"""Friction is taken to be this much more than it is, so that nothing is forbidden that the verifier tolerates."""
+"""Friction is taken to be this much more than it is: nothing is forbidden that the verifier tolerates."""
 TURNS = np.deg2rad(5.0) * np.arange(72)
 BELOW = np.array([1e-3, 0.01, 0.05])
 """Directions about the vertical, and below the horizon, in which w is looked for [rad]."""
 
 
 def forbidden(task: GaitTask, settings: GaitSettings) -> str:
-    """Why there is no such walk, in one sentence; empty where this does not prove it. Feet that stick are not judged."""
+    """Why there is no such walk, in one sentence; empty where this proves nothing, as with feet that stick."""
     if any(task.adhesive):
         return ""
     boxes = GradientBoxes(task.terrain)

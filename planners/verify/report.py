@@ -141,6 +141,7 @@ class Report:
             "digest": self.digest,
             **{name: or_null(getattr(self, name)) for name in numbers},
             **({"proved": self.proved, "joints": dict(self.joints)} if of_plan else {}),
+            "checked": [group.group for group in self.groups],
             "groups": [group.to_json() for group in self.groups],
         }
 
