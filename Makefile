@@ -19,6 +19,9 @@ BENCHMARKS := $(filter-out benchmarks/_%,$(wildcard benchmarks/*.py))
 test demo bench: export OMP_NUM_THREADS = 1
 test demo bench: export OPENBLAS_NUM_THREADS = 1
 
+# Tests start hundreds of processes: without bytecode each of them compiles the package again.
+test: export PYTHONDONTWRITEBYTECODE =
+
 .PHONY: help setup lint test demo bench wheel clean
 
 help:  ## list these targets
@@ -52,7 +55,7 @@ lint: setup  ## ruff, mypy --strict, and the direction of imports
 
 test: lint  ## lint, then every test
 	@echo "pytest"
-	@$(BIN)/python -m pytest -n $(WORKERS)
+	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
 demo: setup  ## plan on sampled terrain and write pictures and files to out/demo
 	@$(BIN)/stancekit demo --out out/demo

@@ -65,7 +65,7 @@ def verify(
         case (PostureProblem() | Course()), Certificate():
             return check_certificate(subject, answer)
         case Plan(), None:
-            return check_plan(subject, tolerance=tolerance)
+            return check_plan(subject, tolerance=tolerance, joints=True)
         case Trajectory(), None:
             return check_trajectory(subject)
         case Dataset(), None:

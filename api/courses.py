@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -73,4 +74,9 @@ def plan(
             chosen, relaxation=relaxation, envelopes=envelopes, projection=projection, time_limit_s=time_limit_s,
             programs=Programs(engine=engine),
         )  # fmt: skip
-    return plan_with_reserve(chosen, course) if reserve and planner == "two-stage" else chosen.solve(course)
+    outcome = plan_with_reserve(chosen, course) if reserve and planner == "two-stage" else chosen.solve(course)
+    if outcome.plan is None or course.robot.model is None:
+        return outcome
+    from stancekit.planners.projection.whole_body import with_joints  # slow to import
+
+    return replace(outcome, plan=with_joints(outcome.plan))

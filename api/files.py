@@ -26,7 +26,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
-from stancekit.planners.robot.single_body import GaitRobot
+from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.verify import check_plan
 from stancekit.planners.verify.trajectories import check_trajectory
 
@@ -62,8 +62,8 @@ def load(path: str | Path, kind: type[Any] = object) -> Any:
     Returns:
         PostureProblem, or a list of them where the file holds JSON lines or an array (``stancekit/posture/1``); Course
         (``stancekit/course/1``, or YAML); EnvelopeSet; Modes; Plan; the pair (PostureProblem or Course, Certificate) of
-        a proof; Trajectory of a gait; Dataset; GaitRobot (YAML); what a safetensors file of a neural selector, chooser
-        or policy holds, as ``Learned``. Nothing is unpickled.
+        a proof; Trajectory of a gait; Dataset; GaitRobot (YAML or URDF); what a safetensors file of a neural
+        selector, chooser or policy holds, as ``Learned``. Nothing is unpickled.
     Raises:
         InvalidInput: for a file that is missing, damaged or foreign, or of another kind.
     Source:
@@ -111,7 +111,7 @@ def save(
         case EnvelopeSet() | Modes():
             write_boxes(path, thing)
         case Plan():
-            plan_file.write_plan(path, thing, check_plan(thing))
+            plan_file.write_plan(path, thing, check_plan(thing, joints=thing.joints_rad is not None))
         case Trajectory():
             trajectory_file.write_trajectory(path, thing, check_trajectory(thing))
         case Learned():
@@ -131,7 +131,9 @@ def _read(path: Path) -> Any:
     if path.suffix == ".safetensors":
         return load_selector(path)
     if path.suffix in (".yaml", ".yml"):
-        return read_course(path) if "terrain" in read_yaml(path) else GaitRobot.from_yaml(path)
+        return read_course(path) if "terrain" in read_yaml(path) else named_walker(path)
+    if path.suffix == ".urdf":
+        return named_walker(path)
     if path.suffix == ".npz":
         return plan_file.read_plan(path)[0]
     if path.suffix != ".json":

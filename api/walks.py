@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -12,7 +13,8 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.gait.method.attempt import Attempt
 from stancekit.planners.gait.method.portfolio import Caps, GaitPlan, plan_gait
 from stancekit.planners.gait.task import GaitTask
-from stancekit.planners.robot.single_body import GaitRobot, anymal
+from stancekit.planners.robot.single_body import GaitRobot
+from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import named_terrain
 
@@ -26,7 +28,7 @@ def walk(
     *,
     start_xy_m: Array | Sequence[float] = (0.0, 0.0),
     heading_rad: float = 0.0,
-    robot: GaitRobot | None = None,
+    robot: GaitRobot | str | Path | None = None,
     gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] = "trot",
     duration_s: float = 10.0,
     friction: float = 0.75,
@@ -42,7 +44,8 @@ def walk(
             (family, difficulty, seed), a file of heights, or a function of x and y as "FILE.py:NAME".
         goal_xy_m, start_xy_m: where the torso ends and begins, shape (2,) [m].
         heading_rad: which way the robot faces at the start, from x towards y [rad].
-        robot: a walker, e.g. ``stancekit.load("anymal.yaml")``; ANYmal where there is none.
+        robot: "anymal", "hexapod", a .urdf file, a .yaml file that names one or has a walker's numbers, or what
+            ``load`` gives of such a file; ANYmal where there is none.
         gait: order of the steps; tripod is for six feet, the others are for four.
         duration_s: time to walk [s].
         friction: Coulomb coefficient ν of the ground.
@@ -66,7 +69,7 @@ def walk(
         >>> found.verified, found.trajectory.feet_m.shape[1:]
         (True, (4, 3))
     """
-    body = robot or anymal()
+    body = robot if isinstance(robot, GaitRobot) else named_walker(robot or "anymal")
     if strange := [name for name in adhesive if name not in body.foot_names]:
         raise InvalidInput(f"adhesive: expected some of {', '.join(body.foot_names)}, got {', '.join(strange)}")
     task = GaitTask(

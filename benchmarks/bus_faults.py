@@ -12,25 +12,24 @@ packets that reached the bus more than 2 ms after that. state: what the servos w
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
+from typing import Annotated, Any, Literal
 
 import numpy as np
+import tyro
+from _bench import Options, launch, resting, servos
 
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
+from stancekit.runner.worlds.dynamixel.calibration import Calibration
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.bus_faults import KINDS, WRONG_CALIBRATION, BusFaults, spoiled
 from tests.emulators.servo_bus import BusProcess
@@ -38,16 +37,18 @@ from tests.emulators.servo_bus import BusProcess
 RUN_S, AFTER_S = 3.0, 1.0
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which faults, and how often. host, ending: of the process that moves the joints."""
+
+    kinds: tuple[str, ...] = KINDS
+    count: int = 20
+    host: Annotated[Path | None, tyro.conf.arg(help="")] = None
+    ending: Literal["hold", "torque off"] = "hold"
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
-    parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
-    parser.add_argument("--host", type=Path, default=None, help=argparse.SUPPRESS)
-    parser.add_argument("--ending", choices=("hold", "torque off"), default="hold", help=argparse.SUPPRESS)
-    asked = parser.parse_args()
     if asked.host is not None:
         host(asked.host, asked.ending)
         return
@@ -55,7 +56,7 @@ def main() -> None:
         rng = np.random.default_rng([asked.seed, KINDS.index(kind)])
         runs = [run(kind, ("hold", "torque off")[k % 2], rng) for k in range(asked.count)]
         for found in runs if asked.json else ():
-            print(json.dumps(found), flush=True)
+            asked.say(found)
         if not asked.json:
             print(table(kind, runs), flush=True)
 
@@ -90,11 +91,7 @@ def run(kind: str, ending: str, rng: np.random.Generator) -> dict[str, Any]:
     joints = joint_names(hexapod())
     start = np.tile([0.4, 0.6, 0.3, 1.2], len(joints) // 4)
     with BusProcess(start.tolist(), seed=int(rng.integers(1 << 30))) as bus, tempfile.TemporaryDirectory() as folder:
-        calibration = nominal(joints, port=bus.path)
-        rest = {
-            name: replace(each, rest_rad=float(start[i])) for i, (name, each) in enumerate(calibration.joints.items())
-        }
-        calibration = replace(calibration, joints=rest)
+        calibration = resting(joints, start, bus.path)
         if kind == WRONG_CALIBRATION:
             calibration, _ = spoiled(calibration, rng)
         calibration.write(Path(folder) / "servos.yaml")
@@ -118,27 +115,9 @@ def run(kind: str, ending: str, rng: np.random.Generator) -> dict[str, Any]:
     return {
         "kind": kind, "ending": ending, "message": said["message"], "why_not": said["ending"], "after": after,
         "noticed_s": said["noticed_s"] - happened_s if said["message"] else None,
-        "stop_s": max(0.0, state["still_s"] - happened_s) if said["message"] else None, "state": left(state),
+        "stop_s": max(0.0, state["still_s"] - happened_s) if said["message"] else None, "state": servos(state),
         "moved": "began_s" in first,
     }  # fmt: skip
-
-
-def left(state: dict[str, Any]) -> str:
-    """The state of the servos in a few words."""
-    kinds = Counter[str]()
-    for torque, watchdog, error, powered in zip(
-        state["torque"], state["watchdog"], state["hardware_error"], state["powered"], strict=True
-    ):
-        if not powered:
-            kinds["no power"] += 1
-        elif error:
-            kinds["shut down"] += 1
-        elif not torque:
-            kinds["torque off"] += 1
-        else:
-            kinds["held by its watchdog" if watchdog == 255 else "held"] += 1
-    moving = max(abs(rate) for rate in state["rate_rad_s"]) > 0.02
-    return ", ".join(f"{count} {what}" for what, count in sorted(kinds.items())) + (", MOVING" if moving else "")
 
 
 def table(kind: str, runs: list[dict[str, Any]]) -> str:
@@ -161,4 +140,4 @@ def table(kind: str, runs: list[dict[str, Any]]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

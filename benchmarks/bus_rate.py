@@ -16,17 +16,13 @@ those.
 
 from __future__ import annotations
 
-import argparse
-import json
-import os
-import sys
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import numpy as np
+from _bench import Options, launch, realtime
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.plan_file import read_plan
@@ -41,26 +37,28 @@ from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.servo_bus import BusProcess
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which plans, and how they are forwarded."""
+
+    courses: tuple[str, ...] = builtin_courses()
+    plan: Path | None = None
+    rate: float = 50.0
+    pace: float = 0.9
+    seconds: float = 0.0
+    realtime: bool = False
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--courses", nargs="+", choices=builtin_courses(), default=list(builtin_courses()))
-    parser.add_argument("--plan", type=Path, default=None)
-    parser.add_argument("--rate", type=float, default=50.0)
-    parser.add_argument("--pace", type=float, default=0.9)
-    parser.add_argument("--seconds", type=float, default=0.0)
-    parser.add_argument("--realtime", action="store_true")
-    parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
     if asked.plan is not None:
         plans = {asked.plan.name: read_plan(asked.plan)[0]}
     else:
         plans = {name: planned(name) for name in asked.courses}
-    if asked.realtime:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+    realtime(asked.realtime)
     for name, plan in plans.items():
         found = {"plan": name} | forward(plan, asked.rate, asked.pace, asked.seconds or float("inf"))
-        print(json.dumps(found) if asked.json else line(found), flush=True)
+        asked.say(found, line)
 
 
 def planned(name: str) -> Plan:
@@ -121,4 +119,4 @@ def line(found: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

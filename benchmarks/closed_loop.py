@@ -21,21 +21,18 @@ no loop can be expected to exceed by much. The interval is Wilson's, 95 %.
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from collections.abc import Sequence
-from pathlib import Path
-from typing import Any
-
-sys.path.insert(0, str(Path(__file__).parents[1]))
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
+from _bench import Options, launch
 
 from stancekit.envs.distributions.courses import perturbed
+from stancekit.learners.evaluation.evaluate import Share
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course import Course
-from stancekit.planners.problem.course_file import builtin_courses, read_course
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import SHARES, slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
@@ -45,28 +42,29 @@ from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.world import World
 from tests.emulators.slipping import SlippingWorld
 
-MODES = ("once", "anew", "anew-unlearned")
 LATE_S = (0.5, 12.0)
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which courses, how slippery, and which loops."""
+
+    courses: tuple[str, ...] = ("walls",)
+    shares: tuple[float, ...] = (1.0, 0.7, 0.5)
+    modes: tuple[Literal["once", "anew", "anew-unlearned"], ...] = ("once", "anew", "anew-unlearned")
+    world: str = "mujoco"
+    count: int = 5
+    amount: float = 1.0
+    replan_m: float = LoopSettings.replan_m
+    late: bool = False
+    reserve: bool = True
+
+
+def main(arguments: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--courses", nargs="+", choices=builtin_courses(), default=["walls"])
-    parser.add_argument("--shares", nargs="+", type=float, default=[1.0, 0.7, 0.5])
-    parser.add_argument("--modes", nargs="+", choices=MODES, default=list(MODES))
-    parser.add_argument("--world", default="mujoco")
-    parser.add_argument("--count", type=int, default=5)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--amount", type=float, default=1.0)
-    parser.add_argument("--replan-m", type=float, default=LoopSettings.replan_m)
-    parser.add_argument("--late", action="store_true")
-    parser.add_argument("--no-reserve", action="store_true")
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
     if arguments.late and arguments.world != "mujoco":
-        parser.error("--late: only in mujoco")
-    shares = (1.0,) if arguments.no_reserve else SHARES
+        raise SystemExit("--late: only in mujoco")
+    shares = SHARES if arguments.reserve else (1.0,)
     for name in arguments.courses:
         refused = dict[int, str]()  # what cannot be begun cannot be begun with any friction under it
         courses = [course_of(name, arguments.seed, index, arguments.amount) for index in range(arguments.count)]
@@ -90,7 +88,7 @@ def main() -> None:
                     "late": arguments.late,
                 }
                 record |= {"solvable": solvable} | summary(runs)
-                print(json.dumps(record) if arguments.json else line(record), flush=True)
+                arguments.say(record, line)
                 for index, run in enumerate(runs):
                     if (why := run if isinstance(run, str) else run.message) and not arguments.json:
                         print(f"    {index}: {why}", flush=True)
@@ -145,21 +143,12 @@ def summary(runs: Sequence[LoopReport | str]) -> dict[str, Any]:
         return float(np.median([getattr(run, key) for run in begun])) if begun else None
 
     return {
-        "runs": len(begun), "refused": len(runs) - len(begun), "succeeded": good, "interval": wilson(good, len(begun)),
+        "runs": len(begun), "refused": len(runs) - len(begun), "succeeded": good,
+        "interval": Share(hits=good, of=len(begun)).interval if begun else (0.0, 1.0),
         "replans": median("replans"), "share_estimated": median("friction_share"), "frames": median("frames"),
         "deviation_mm": None if not begun else 1e3 * (median("deviation_m") or 0.0), "seconds": median("seconds"),
         "plan_s": median("plan_s"),
     }  # fmt: skip
-
-
-def wilson(good: int, all_: int, z: float = 1.96) -> tuple[float, float]:
-    """Wilson's score interval of a share; the whole of [0, 1] of nothing."""
-    if all_ == 0:
-        return (0.0, 1.0)
-    share = good / all_
-    middle = share + z * z / (2 * all_)
-    half = z * float(np.sqrt(share * (1.0 - share) / all_ + z * z / (4.0 * all_ * all_)))
-    return (max(middle - half, 0.0) / (1.0 + z * z / all_), min((middle + half) / (1.0 + z * z / all_), 1.0))
 
 
 def line(record: dict[str, Any]) -> str:
@@ -176,4 +165,4 @@ def line(record: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

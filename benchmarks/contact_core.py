@@ -14,7 +14,6 @@ and stands beside every table. ``--against`` names a checkout of another version
 from __future__ import annotations
 
 import json
-import os
 import resource
 import subprocess
 import sys
@@ -26,11 +25,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import clarabel
 import numpy as np
-import scipy.sparse as sp
 import tyro
-from threadpoolctl import threadpool_limits
+from _bench import Options, checkouts, launch, of_checkout
+from _yardstick import yardstick
 
 from stancekit.envs.distributions.courses import icy_walls
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
@@ -50,7 +48,7 @@ WINDOWS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class Asked(Options):
     """Which table, and how much of it."""
 
     table: Annotated[
@@ -67,32 +65,11 @@ class Options:
     seed: int = 2026
     time_limit_s: float = 4.0
     """Of a course (ice)."""
-    json: bool = False
-    """One object a line on standard output."""
 
 
-def yardstick(solves: int = 1000) -> float:
-    """CPU time [s] of cold solves of one cone program of a posture's size: nothing of ours is in it."""
-    rng = np.random.default_rng(0)
-    n, cones = 45, 24
-    a = sp.csc_matrix(np.vstack([rng.normal(size=(6, n)), rng.normal(size=(3 * cones, n))]))
-    x = rng.normal(size=n)
-    b = a @ x
-    b[6::3] += 4.0
-    kinds = [clarabel.ZeroConeT(6), *[clarabel.SecondOrderConeT(3)] * cones]
-    settings = clarabel.DefaultSettings()
-    settings.verbose, settings.max_threads = False, 1
-    hessian, q = sp.csc_matrix(np.eye(n)), rng.normal(size=n)
-    begin = time.process_time()
-    for _ in range(solves):
-        clarabel.DefaultSolver(hessian, q, a, b, kinds, settings).solve()
-    return time.process_time() - begin
-
-
-def start(options: Options) -> Iterator[dict[str, Any]]:
+def start(options: Asked) -> Iterator[dict[str, Any]]:
     """Process start to verified file: the whole command, imports included."""
-    ours = Path(__file__).resolve().parent.parent
-    sides = {"ours": ours} | ({} if options.against is None else {"other": options.against.resolve()})
+    sides = checkouts(options.against)
     for course in options.courses:
         found: dict[str, list[float]] = {name: [] for name in sides}
         for _ in range(options.count):
@@ -100,8 +77,8 @@ def start(options: Options) -> Iterator[dict[str, Any]]:
                 found[name].append(_command(folder, course, options.frames))
         row: dict[str, Any] = {"course": course, "frames": options.frames, "pairs": options.count}
         row |= {f"{name}_cpu_s": float(np.median(times)) for name, times in found.items()}
-        if "other" in found:
-            ratios = np.array(found["ours"]) / np.array(found["other"])
+        if "before" in found:
+            ratios = np.array(found["after"]) / np.array(found["before"])
             row["ratio"] = float(np.median(ratios))
         yield row
 
@@ -110,19 +87,18 @@ def _command(folder: Path, course: str, frames: int) -> float:
     """CPU time [s] of ``stancekit plan`` of one checkout."""
     path = str(Path(course).resolve()) if Path(course).suffix else course
     with tempfile.TemporaryDirectory() as place:
-        paths = f"{folder / '.editable'}{os.pathsep}{folder / 'typings'}"  # typings: in older checkouts
-        environment = os.environ | {"PYTHONPATH": paths, "OMP_NUM_THREADS": "1"}
         words = ["-m", "stancekit.cli.main", "plan", path, "--out", str(Path(place) / "plan.json")]
         words += [] if Path(course).suffix else ["--frames", str(frames)]
         before = resource.getrusage(resource.RUSAGE_CHILDREN)
-        done = subprocess.run([sys.executable, *words], env=environment, cwd=place, capture_output=True, check=False)
+        quiet: dict[str, Any] = {"env": of_checkout(folder), "cwd": place, "capture_output": True, "check": False}
+        done = subprocess.run([sys.executable, *words], **quiet)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         if done.returncode:
             raise SystemExit(f"{folder}: {course}: {done.stderr.decode().strip()}")
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def windows(options: Options) -> Iterator[dict[str, Any]]:
+def windows(options: Asked) -> Iterator[dict[str, Any]]:
     """Re-planning over a horizon: one frame is executed, its toes stay, everything else is new."""
     for name in options.courses:
         spec, horizon = read_spec(name), options.frames - 1
@@ -152,7 +128,7 @@ def _reached(plan: Any) -> Standing:
     )  # fmt: skip
 
 
-def ice(options: Options) -> Iterator[dict[str, Any]]:
+def ice(options: Asked) -> Iterator[dict[str, Any]]:
     """Walls of panels that are ice by a chance of .55, three candidates a toe."""
     planner, rows = TwoStageCoursePlanner(time_limit_s=options.time_limit_s), list[tuple[str, float]]()
     for index in range(options.count):
@@ -180,7 +156,7 @@ def refuted(name: str, seed: int) -> Iterator[PostureProblem]:
             yield problem
 
 
-def cuts(options: Options, frames: tuple[int, ...] = (1,)) -> Iterator[dict[str, Any]]:
+def cuts(options: Asked, frames: tuple[int, ...] = (1,)) -> Iterator[dict[str, Any]]:
     """Postures that cuts refute, as courses: refuted, certificates accepted, and the time beside the posture's."""
     for name in DISTRIBUTIONS:
         for copies in frames:
@@ -212,7 +188,7 @@ def repeated(course: Course, frames: int) -> Course:
     )  # fmt: skip
 
 
-def foreign(options: Options) -> Iterator[dict[str, Any]]:
+def foreign(options: Asked) -> Iterator[dict[str, Any]]:
     """Certificates put to problems that have a posture: other problems, or trees and multipliers that were changed."""
     for name in DISTRIBUTIONS:
         rng, exact, source = np.random.default_rng(options.seed), ExactPlanner(), distribution(name)
@@ -244,20 +220,18 @@ def _changed(proof: Certificate, rng: np.random.Generator) -> Certificate:
     return Certificate(tree=tree, multipliers=multipliers)
 
 
-TABLES: dict[str, Callable[[Options], Iterator[dict[str, Any]]]] = {
+TABLES: dict[str, Callable[[Asked], Iterator[dict[str, Any]]]] = {
     "start": start, "replan": windows, "ice": ice, "cuts": cuts, "foreign": foreign,
     "copies": lambda options: cuts(options, (2, 3)),
 }  # fmt: skip
 
 
-def main(options: Options) -> None:
+def main(options: Asked) -> None:
     """Print the table and the yardstick."""
-    with threadpool_limits(1):
-        print(json.dumps({"yardstick_cpu_s": round(yardstick(), 3)}))
-        for row in TABLES[options.table](options):
-            shown = {name: round(value, 3) if isinstance(value, float) else value for name, value in row.items()}
-            print(json.dumps(shown) if options.json else "  ".join(f"{k} {v}" for k, v in shown.items()), flush=True)
+    print(json.dumps({"yardstick_cpu_s": round(yardstick(), 3)}))
+    for row in TABLES[options.table](options):
+        options.say({name: round(value, 3) if isinstance(value, float) else value for name, value in row.items()})
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Options, description=__doc__))
+    launch(main, Asked, __doc__)

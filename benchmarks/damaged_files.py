@@ -8,7 +8,6 @@ What was wrong is kept.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
@@ -17,12 +16,12 @@ import sys
 import time
 import zlib
 from collections import Counter
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import numpy as np
+from _bench import Options, launch
 
 from stancekit.cli.main import main, parse, run
 from tests.damage.cases import Case, cases, command, fault, said
@@ -125,22 +124,25 @@ def as_processes(every: list[Case], count: int, seed: int, out: Path) -> dict[st
             "slowest_s": round(slowest, 2), "grown_mb": round(grown)}  # fmt: skip
 
 
-def main_() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """How many files, of which readers."""
+
+    in_process: int = 1500
+    processes: int = 80
+    only: tuple[str, ...] = ()
+    out: Path = Path("out/damage")
+
+
+def table(given: Asked) -> None:
     """Make the files, damage them, and print a row a reader."""
-    asked = argparse.ArgumentParser(description=__doc__)
-    asked.add_argument("--in-process", type=int, default=1500)
-    asked.add_argument("--processes", type=int, default=80)
-    asked.add_argument("--seed", type=int, default=0)
-    asked.add_argument("--only", default="")
-    asked.add_argument("--out", type=Path, default=Path("out/damage"))
-    given = asked.parse_args()
     out = given.out.resolve()
     folder = out / "files"
     folder.mkdir(parents=True, exist_ok=True)
     os.chdir(folder)
     if not (folder / "terrain.glb").exists():
         make_files(folder)
-    every = [case for case in cases() if not given.only or case.name in given.only.split(",")]
+    every = [case for case in cases() if not given.only or case.name in given.only]
     for case in every if given.in_process else ():
         whole = Path(case.file).read_bytes()
         child = os.fork()
@@ -156,4 +158,4 @@ def main_() -> None:
 
 
 if __name__ == "__main__":
-    main_()
+    launch(table, Asked, __doc__)

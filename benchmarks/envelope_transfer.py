@@ -1,6 +1,6 @@
 """A flat-ground envelope on curved ground: through the warp map, or as it is.
 
-    python benchmarks/envelope_transfer.py [--count 200] [--samples 500] [--terrains ripple,cone] [--json]
+    python benchmarks/envelope_transfer.py [--count 200] [--samples 500] [--terrains ripple cone] [--json]
 
 Envelope: learned once from solved ground-3 postures. Posture problems of the same distribution are drawn in warped
 space, at random places, and pushed forward to the terrain. `chart` pushes the envelope with them, `direct`
@@ -10,11 +10,11 @@ exact planner does; P1 → P2 ends on the bilinear surface.
 
 from __future__ import annotations
 
-import argparse
-import json
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from _bench import Options, launch
 
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.selectors.modes import solved_postures
@@ -37,21 +37,22 @@ HEIGHT_M = 0.2
 """Of the bodies over the ground, as in ground-3."""
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which terrains, and how many problems."""
+
+    count: int = 200
+    samples: int = 500
+    terrains: tuple[str, ...] = ("ripple", "cone")
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=200)
-    parser.add_argument("--samples", type=int, default=500)
-    parser.add_argument("--terrains", default="ripple,cone")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
-    rng, planner = np.random.default_rng(arguments.seed), ExactPlanner()
-    envelope = quantile_box(solved_postures("ground-3", arguments.samples, planner, rng)[1])
-    for name in arguments.terrains.split(","):
-        warp = flatten(reference_terrain(name))
-        for row in transfer(name, warp, envelope, planner, arguments.count, rng):
-            print(json.dumps(row) if arguments.json else "  ".join(f"{key} {value}" for key, value in row.items()))
+    rng, planner = np.random.default_rng(asked.seed), ExactPlanner()
+    envelope = quantile_box(solved_postures("ground-3", asked.samples, planner, rng)[1])
+    for name in asked.terrains:
+        for row in transfer(name, flatten(reference_terrain(name)), envelope, planner, asked.count, rng):
+            asked.say(row)
 
 
 def transfer(
@@ -100,4 +101,4 @@ def _percent(flags: np.ndarray[Any, np.dtype[np.bool_]]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

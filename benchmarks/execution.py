@@ -13,13 +13,13 @@ Times to compute are shown as simulated seconds a second ("real_time"); --worker
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
+from _bench import Options, launch
 from joblib import Parallel, delayed
 
 from stancekit.envs.distributions.courses import perturbed
@@ -34,34 +34,36 @@ from stancekit.runner.run import simulate
 from stancekit.runner.settings import RunSettings
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which courses, in which worlds, and how."""
+
+    courses: tuple[str, ...] = builtin_courses()
+    worlds: tuple[str, ...] = ("bullet", "mujoco")
+    count: int = 20
+    pace: float = 1.0
+    workers: int = 1
+    planned_forces: bool = False
+    reserve: bool = True
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--courses", nargs="+", choices=builtin_courses(), default=list(builtin_courses()))
-    parser.add_argument("--worlds", nargs="+", default=["bullet", "mujoco"])
-    parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--pace", type=float, default=1.0)
-    parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--planned-forces", action="store_true")
-    parser.add_argument("--no-reserve", action="store_true")
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
-    forces = "planned" if arguments.planned_forces else "shared"
-    for name in arguments.courses:
+    forces: Literal["planned", "shared"] = "planned" if asked.planned_forces else "shared"
+    for name in asked.courses:
         begin = time.perf_counter()
-        plans, refused = planned(name, arguments.count, arguments.seed, reserve=not arguments.no_reserve)
+        plans, refused = planned(name, asked.count, asked.seed, reserve=asked.reserve)
         seconds = time.perf_counter() - begin
-        for world in arguments.worlds:
-            timing = Timing().at_pace(arguments.pace)
+        for world in asked.worlds:
+            timing = Timing().at_pace(asked.pace)
             settings = RunSettings(forces=forces, timing=timing, check_limits=False)
             jobs = (delayed(simulate)(plan, world, settings=settings) for plan in plans)
-            runs: list[RunReport] = list(Parallel(n_jobs=arguments.workers)(jobs))
+            runs: list[RunReport] = list(Parallel(n_jobs=asked.workers)(jobs))
             record = {"course": name, "planned": len(plans), "refused": refused, "planning_s": seconds, "world": world}
             record |= summary(runs)
-            print(json.dumps(record) if arguments.json else line(record), flush=True)
+            asked.say(record, line)
             for index, run in enumerate(runs):
-                if not run.succeeded and not arguments.json:
+                if not run.succeeded and not asked.json:
                     print(f"    plan {index}: {run.message}", flush=True)
 
 
@@ -116,4 +118,4 @@ def line(record: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import numpy as np
+from _bench import resting, servos
 
 from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import Array
@@ -25,7 +21,6 @@ from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
 from stancekit.runner.safety.latch import Stopped
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds.dynamixel.calibration import nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.world import State
 from tests.emulators.bus_faults import BusFaults, spoiled
@@ -84,9 +79,7 @@ def on_bus(kind: str, path: Path, ending: Any, rng: np.random.Generator) -> dict
     joints = joint_names(accepted.plan.course.robot)
     start = first_pose(accepted)
     with BusProcess(start.tolist(), seed=int(rng.integers(1 << 30))) as bus:
-        calibration = nominal(joints, port=bus.path)
-        rest = {name: replace(calibration.joints[name], rest_rad=float(start[i])) for i, name in enumerate(joints)}
-        calibration = replace(calibration, joints=rest)
+        calibration = resting(joints, start, bus.path)
         if kind == "wrong calibration":
             calibration, _ = spoiled(calibration, rng)
         runner = FaultyRunner(
@@ -211,7 +204,7 @@ def bridgeless(path: Path, ending: Any, rng: np.random.Generator) -> dict[str, A
 
 def ask_on(runner: Runner) -> None:
     """Ten commands more than a stopped runner should send."""
-    for _ in range(ASKED_ON if runner.latch.tripped and runner.begun else 0):
+    for _ in range(ASKED_ON if runner.latch.tripped and runner.world.armed else 0):
         try:
             runner.world.step(runner.world.last_rad)
         except Stopped:
@@ -229,14 +222,3 @@ def controlled(state: dict[str, Any]) -> str:
 def first_pose(accepted: Accepted) -> Array:
     """Angles at the beginning of the plan's motion."""
     return Runner(MemoryWorld()).prepare(accepted).first.angles_rad
-
-
-def servos(state: dict[str, Any]) -> str:
-    """The state of the servos in a few words."""
-    kinds = Counter[str]()
-    for torque, watchdog, powered in zip(state["torque"], state["watchdog"], state["powered"], strict=True):
-        kinds[
-            "no power" if not powered else "torque off" if not torque else "watchdog" if watchdog == 255 else "held"
-        ] += 1
-    moving = max(abs(rate) for rate in state["rate_rad_s"]) > STILL_RAD_S
-    return ", ".join(f"{count} {what}" for what, count in sorted(kinds.items())) + (", MOVING" if moving else "")

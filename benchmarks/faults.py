@@ -21,19 +21,16 @@ devices a real-time priority (SCHED_FIFO, as root): on a machine that is busy wi
 
 from __future__ import annotations
 
-import argparse
 import json
-import os
-import sys
 import tempfile
 from collections import Counter
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import numpy as np
+from _bench import Options, launch, realtime
 from fault_runs import FAULTS, bridgeless, edited, first_pose, on_bus, slipped
 from stop_runs import STOPS, stopped
 
@@ -47,18 +44,19 @@ from stancekit.runner.acceptance import Accepted
 KINDS = (*FAULTS, *STOPS)
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which faults, and how often."""
+
+    kinds: tuple[str, ...] = KINDS
+    count: int = 20
+    log: Path | None = None
+    realtime: bool = False
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
-    parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--log", type=Path, default=None)
-    parser.add_argument("--realtime", action="store_true")
-    parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
-    if asked.realtime:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(10))
+    realtime(asked.realtime)
     done = finished(asked.log)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "plan.json"
@@ -76,7 +74,7 @@ def main() -> None:
                     with asked.log.open("a") as file:
                         file.write(json.dumps(runs[-1]) + "\n")
                 if asked.json:
-                    print(json.dumps(runs[-1]), flush=True)
+                    asked.say(runs[-1])
             if not asked.json:
                 print(table(kind, runs), flush=True)
 
@@ -124,8 +122,8 @@ def table(kind: str, runs: list[dict[str, Any]]) -> str:
         told = [run["written_s"] for run in runs if run["written"]]
         lines += [
             f"  when: {', '.join(f'{count} {phase}' for phase, count in phases.most_common())}",
-            f"  late: {1e3 * max(run['late_s'] for run in runs):.1f} ms at most at the device; written: {len(told)}, "
-            f"{1e3 * max(told, default=0.0):.1f} ms at most",
+            f"  late: {1e3 * max(run['late_s'] for run in runs):.1f} ms at most at the device; "
+            f"written: {len(told)}, {1e3 * max(told, default=0.0):.1f} ms at most",
             f"  left as asked for: {sum(run['as_asked'] for run in runs)} of {len(runs)}",
         ]
     lines += [f"  left: {count} × {state}" for state, count in left.most_common(5)]
@@ -134,4 +132,4 @@ def table(kind: str, runs: list[dict[str, Any]]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

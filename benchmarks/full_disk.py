@@ -14,7 +14,6 @@ runs, and nothing else is there then. What is new is read back, plans, walks and
 
 from __future__ import annotations
 
-import argparse
 import io
 import json
 import os
@@ -28,9 +27,8 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppres
 from dataclasses import dataclass, field
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import numpy as np
+from _bench import Options, launch
 
 from stancekit.cli.main import main as stancekit
 from tests.emulators.disk_cases import CASES, Case, made_inputs
@@ -53,18 +51,21 @@ class Found:
     wrong: list[str] = field(default_factory=list)
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which cases, and how many calls of each."""
+
+    case: tuple[str, ...] = tuple(case.name for case in CASES)
+    most: int = 16
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--case", nargs="+", choices=[case.name for case in CASES])
-    parser.add_argument("--most", type=int, default=16)
-    parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
     tried, wrong = 0, 0
     with tempfile.TemporaryDirectory() as spare, disk() as (root, limited):
         inputs = made_inputs(Path(spare) / "inputs")
         for case in CASES:
-            if asked.case is None or case.name in asked.case:
+            if case.name in asked.case:
                 found = Trial(case, root, inputs, Path(spare) / case.name).found(asked.most, limited)
                 tried, wrong = tried + sum(found.tried.values()), wrong + len(found.wrong)
                 said = ", ".join(f"{count} {fault}" for fault, count in found.tried.items())
@@ -254,4 +255,4 @@ def sized(room: int) -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

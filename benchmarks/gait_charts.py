@@ -12,21 +12,21 @@ CPU seconds, the force residual between the nodes [m·g] and the peak accelerati
 
 from __future__ import annotations
 
-import argparse
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
+from _bench import Options, launch
 
 from stancekit.planners.errors import PlanningFailed
-from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import Costs, GaitProgram, GaitSolution
 from stancekit.planners.gait.method.subprocess import solve_in_subprocess
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import anymal
-from stancekit.planners.terrain.reference import TERRAINS, reference_tasks, reference_terrain
+from stancekit.planners.terrain.reference import reference_tasks, reference_terrain
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
 from stancekit.planners.warp.conformal import flatten
 
@@ -62,9 +62,27 @@ class Cell:
         return said + f"F rms {self.report.figures['force_rms']:.3f}  {self.report.message[:110]}"
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which solves, and with what."""
+
+    terrains: tuple[str, ...] = ("ripple", "cone", "hill", "pit")
+    charts: tuple[str, ...] = ("decoupled", "warped-exact", "warped", "ambient")
+    tasks: tuple[int, ...] = (0, 5, 10)
+    seeds: int = 3
+    noise: float = 0.02
+    iterations: int = 200
+    seconds: float = 60.0
+    """CPU time of one solve."""
+    proximal: float = Costs.proximal
+    settings: tuple[str, ...] = ()
+    """NAME=NUMBER."""
+    ipopt: tuple[str, ...] = ()
+    """NAME=VALUE."""
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    asked = arguments()
     settings, ipopt = pairs(asked.settings), pairs(asked.ipopt)
     lines = []
     for terrain in asked.terrains:
@@ -87,7 +105,7 @@ def main() -> None:
     print("\n".join(lines))
 
 
-def solved(program: GaitProgram, seed: int | None, asked: argparse.Namespace, ipopt: dict[str, Any]) -> Cell:
+def solved(program: GaitProgram, seed: int | None, asked: Asked, ipopt: dict[str, Any]) -> Cell:
     """One solve in a child process, and the verifier's word."""
     guess = None if seed is None else program.perturbed(np.random.default_rng(seed), asked.noise)
     try:
@@ -123,24 +141,7 @@ def summary(terrain: str, chart: str, cells: list[Cell]) -> str:
     )
 
 
-def arguments() -> argparse.Namespace:
-    """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--terrains", nargs="+", choices=TERRAINS.names(), default=["ripple", "cone", "hill", "pit"])
-    parser.add_argument("--charts", nargs="+", choices=CHARTS.names(),
-                        default=["decoupled", "warped-exact", "warped", "ambient"])  # fmt: skip
-    parser.add_argument("--tasks", nargs="+", type=int, default=[0, 5, 10])
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--noise", type=float, default=0.02)
-    parser.add_argument("--iterations", type=int, default=200)
-    parser.add_argument("--seconds", type=float, default=60.0, help="CPU time of one solve")
-    parser.add_argument("--proximal", type=float, default=Costs.proximal)
-    parser.add_argument("--settings", nargs="*", default=[], metavar="NAME=NUMBER")
-    parser.add_argument("--ipopt", nargs="*", default=[], metavar="NAME=VALUE")
-    return parser.parse_args()
-
-
-def pairs(words: list[str]) -> dict[str, Any]:
+def pairs(words: Iterable[str]) -> dict[str, Any]:
     """NAME=VALUE words; values that are numbers become numbers."""
     found: dict[str, Any] = {}
     for word in words:
@@ -154,4 +155,4 @@ def pairs(words: list[str]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

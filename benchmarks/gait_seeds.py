@@ -1,6 +1,6 @@
 """Three first guesses of a gait: the terrain-following one, key frames of the flat chart, key frames of the world.
 
-    python benchmarks/gait_seeds.py [--terrains ripple,cone] [--walks 6] [--charts decoupled,warped-exact] [--json]
+    python benchmarks/gait_seeds.py [--terrains ripple cone] [--walks 6] [--charts decoupled warped-exact] [--json]
 
 The hexapod walks PATH_M m in several directions, in the tripod gait. `guess`: the terrain-following guess. `flat`: key
 frames that the two-stage planner made once on level ground, pushed forward by the warp map. `world`: key frames that
@@ -13,13 +13,13 @@ verifier accepted, and the median iterations and CPU time of those solved from a
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from _bench import Options, launch
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.outcome import Status
@@ -50,27 +50,30 @@ PATCH_M = 0.12
 GUESSES = ("guess", "flat", "world")
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which walks, in which charts."""
+
+    terrains: tuple[str, ...] = ("ripple", "cone")
+    walks: int = 6
+    charts: tuple[str, ...] = ("decoupled", "warped-exact")
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--terrains", default="ripple,cone")
-    parser.add_argument("--walks", type=int, default=6)
-    parser.add_argument("--charts", default="decoupled,warped-exact")
-    parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
     began = time.process_time()
     flat = planned(flat_course())
-    say({"course": "level ground", "plan": round(time.process_time() - began, 2)}, asked.json)
+    asked.say({"course": "level ground", "plan": round(time.process_time() - began, 2)})
     rows: list[dict[str, Any]] = []
-    for name in asked.terrains.split(","):
+    for name in asked.terrains:
         field = reference_terrain(name)
         warp = flatten(field)
         for start, yaw in directions(name, asked.walks):
-            for row in walk(field, warp, flat, start, yaw, asked.charts.split(",")):
+            for row in walk(field, warp, flat, start, yaw, asked.charts):
                 rows.append(row)
-                say(row, asked.json)
+                asked.say(row)
     for row in summary(rows):
-        say(row, asked.json)
+        asked.say(row)
 
 
 def directions(name: str, count: int) -> Iterator[tuple[Array, float]]:
@@ -82,7 +85,7 @@ def directions(name: str, count: int) -> Iterator[tuple[Array, float]]:
 
 
 def walk(
-    field: HeightField, warp: SplineMap, flat: Plan, start: Array, yaw: float, charts: list[str]
+    field: HeightField, warp: SplineMap, flat: Plan, start: Array, yaw: float, charts: Sequence[str]
 ) -> Iterator[dict[str, Any]]:
     """One row a chart and guess."""
     frames, plan_s = dict[str, KeyFrames](), {"guess": 0.0}
@@ -204,10 +207,5 @@ def tangent_squares(field: HeightField, way_m: Array, turn: Array, home: Array) 
     return np.concatenate([xy[:, None] + corners, z[..., None]], axis=2)
 
 
-def say(row: dict[str, Any], as_json: bool) -> None:
-    """One line."""
-    print(json.dumps(row) if as_json else "  ".join(f"{key} {value}" for key, value in row.items()), flush=True)
-
-
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

@@ -11,18 +11,16 @@ expert. Times are wall clock and processor seconds of one process on one thread,
 
 from __future__ import annotations
 
-import argparse
-import json
 import tempfile
 import time
 from collections.abc import Callable
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _bench import Options, launch
 
-from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.labelling import label
 from stancekit.learners.data.ledger import LabelPlan
@@ -39,17 +37,23 @@ PLAIN, CACHED = "GA, plain loop", "GA, cached"
 Evolve = Callable[..., GeneticResult]
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which problems, and how long the searches are."""
+
+    problem: str = "wall-3"
+    population: int = 40
+    generations: int = 45
+    terrains: int = 100
+    rows: int = 500
+    held_out: int = 500
+    delta: float = 0.1
+    picture: Path | None = None
+    """Paper E's Fig. 4 of all searches."""
+
+
+def main(arguments: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--problem", choices=list(DISTRIBUTIONS), default="wall-3")
-    for name, value in (("population", 40), ("generations", 45), ("terrains", 100), ("rows", 500), ("seed", 0)):
-        parser.add_argument(f"--{name}", type=int, default=value)
-    parser.add_argument("--held-out", type=int, default=500)
-    parser.add_argument("--delta", type=float, default=0.1)
-    parser.add_argument("--picture", type=Path, help="write paper E's Fig. 4 of all searches here")
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
     settings = GeneticSettings(
         population=arguments.population, generations=arguments.generations, terrains=arguments.terrains,
         delta=arguments.delta, seed=arguments.seed,
@@ -63,7 +67,7 @@ def main() -> None:
         pictured = {name: history for name, history in histories.items() if name != PLAIN}
         draw_convergence(pictured, f"{arguments.problem}: fitness of the population").savefig(arguments.picture)
     if arguments.json:
-        print(json.dumps({"problem": arguments.problem, "settings": asdict(settings), "runs": runs}))
+        arguments.say({"problem": arguments.problem, "settings": asdict(settings), "runs": runs})
     else:
         show(runs)
 
@@ -150,4 +154,4 @@ def show(runs: dict[str, dict[str, Any]]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

@@ -24,7 +24,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 import tyro
-from threadpoolctl import threadpool_limits
+from _bench import Options, launch
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.learners.data.dataset import Dataset
@@ -51,14 +51,13 @@ CONFIG = Path(__file__).resolve().parents[1] / "configs" / "bench-envelopes.yaml
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class Asked(Options):
     """Which study, and how much of it."""
 
     study: Annotated[Literal["same", "seeds", "table", "fresh"], tyro.conf.Positional] = "same"
     problems: tuple[str, ...] = tuple(DISTRIBUTIONS)
     count: int = 1000
     """Natural samples a class (same), rows of each label (fresh)."""
-    seed: int = 0
     seeds: int = 8
     """How many (seeds)."""
     method: Literal["ga", "neural"] = "ga"
@@ -67,7 +66,7 @@ class Options:
     """Folders of `bench envelopes --quick` (seeds, table, fresh)."""
 
 
-def same(options: Options) -> Iterator[str]:
+def same(options: Asked) -> Iterator[str]:
     """Rows labelled in other ways."""
     for name in options.problems:
         batch = distribution(name).batch(np.random.default_rng(options.seed), options.count)
@@ -142,7 +141,7 @@ def apart(mine: Points, theirs: Points, *, keys: bool = True) -> str:
     return f"{len(both)} rows{only}; {farthest}"
 
 
-def seeds(options: Options) -> Iterator[str]:
+def seeds(options: Asked) -> Iterator[str]:
     """One method of ``--quick`` with many seeds on each bench's own data: is it the data or the seed?"""
     fit = Experiment.from_yaml(CONFIG, quick=True).fit
     knobs = {"ga": "genetic", "neural": "neural"}[options.method]
@@ -164,7 +163,7 @@ def seeds(options: Options) -> Iterator[str]:
             )
 
 
-def table(options: Options) -> Iterator[str]:
+def table(options: Asked) -> Iterator[str]:
     """Every cell of the other benches beside the interval of the first."""
     tables = [
         {(row["problem_class"], row["selector"]): row for row in json.loads((bench / "table.json").read_text())}
@@ -186,7 +185,7 @@ def table(options: Options) -> Iterator[str]:
         yield f"{bench}: {cells - outside} of {cells} cells within the 95 % intervals of {options.benches[0]}"
 
 
-def fresh(options: Options) -> Iterator[str]:
+def fresh(options: Asked) -> Iterator[str]:
     """The selectors that the benches learned, on rows that neither has seen: kept, refused, projected by fix-p."""
     for name in options.problems:
         with TemporaryDirectory() as folder:
@@ -207,15 +206,14 @@ def fresh(options: Options) -> Iterator[str]:
                 yield f"{name} {file.split('.')[0]}: {', '.join(found)} of {options.count} each"
 
 
-STUDIES: dict[str, Callable[[Options], Iterator[str]]] = {"same": same, "seeds": seeds, "table": table, "fresh": fresh}
+STUDIES: dict[str, Callable[[Asked], Iterator[str]]] = {"same": same, "seeds": seeds, "table": table, "fresh": fresh}
 
 
-def main(options: Options) -> None:
+def main(options: Asked) -> None:
     """Print the study."""
-    with threadpool_limits(1):
-        for line in STUDIES[options.study](options):
-            print(line, flush=True)
+    for line in STUDIES[options.study](options):
+        print(line, flush=True)
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Options, description=__doc__))
+    launch(main, Asked, __doc__)

@@ -3,70 +3,60 @@
     python benchmarks/labels.py                                  # this tree alone
     python benchmarks/labels.py --against ../before --pairs 15   # in turns with another checkout, and row by row
 
-Every figure is one process that labels after a warm-up. A yardstick is what 1,000 cold solves of one fixed cone
+Every figure is one process that labels after a warm-up. A yardstick is what 100 cold solves of one fixed cone
 program take in the same process: divide by it to compare machines and hours.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
 import sys
 import tempfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
-HERE = Path(__file__).resolve().parents[1]
-KINDS = ("wall-3", "wall-5", "ground-3")
+from _bench import Options, checkouts, launch, of_checkout, spread
 
 CHILD = """
 import json, sys, time
-import clarabel, numpy as np, scipy.sparse as sp
 from pathlib import Path
+from _yardstick import yardstick
 from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
-
-def yardstick():
-    rng = np.random.default_rng(0)
-    cones = [clarabel.ZeroConeT(6)] + [clarabel.SecondOrderConeT(4)] * 10
-    a, x = rng.normal(size=(46, 20)), rng.normal(size=20)
-    inside = np.concatenate([np.zeros(6), np.tile([2.0, 0.1, 0.1, 0.1], 10)])
-    settings = clarabel.DefaultSettings()
-    settings.verbose, settings.max_threads = False, 1
-    q = a.T @ np.concatenate([np.ones(6), np.tile([2.0, 0.5, 0.5, 0.5], 10)])
-    args = (sp.csc_matrix((20, 20)), -q, sp.csc_matrix(a), a @ x + inside, cones, settings)
-    begin = time.process_time()
-    for _ in range(1000):
-        answer = clarabel.DefaultSolver(*args).solve()
-    return time.process_time() - begin, str(answer.status)
 
 kind, rows, balanced, folder = json.loads(sys.argv[1])
 many = dict(feasible=rows // 2, infeasible=rows - rows // 2) if balanced else dict(feasible=rows, infeasible=0)
 label(LabelPlan(distribution=kind, feasible=60, infeasible=0, natural=True, seed=12345), Path(folder) / "warm")
-first = yardstick()
+first = yardstick(100)
 begin = time.process_time()
 plan = LabelPlan(distribution=kind, natural=not balanced, seed=0, shard_size=500, **many)
 summary = label(plan, Path(folder) / "set")
 cpu = time.process_time() - begin
-second = yardstick()
-print(json.dumps({"cpu": cpu, "yard": 0.5 * (first[0] + second[0]), "drawn": summary.drawn.total,
-                  "counts": summary.to_json()["drawn"], "status": first[1]}))
+second = yardstick(100)
+print(json.dumps({"cpu": cpu, "yard": 0.5 * (first + second), "drawn": summary.drawn.total,
+                  "counts": summary.to_json()["drawn"]}))
 """
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """What is labelled."""
+
+    against: Path | None = None
+    """Another checkout, to be measured in turns."""
+    pairs: int = 3
+    rows: int = 1000
+    balanced: bool = False
+    """Half feasible, half infeasible, as for training."""
+    kinds: tuple[str, ...] = ("wall-3", "wall-5", "ground-3")
+
+
+def main(given: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--against", type=Path, help="another checkout, to be measured in turns")
-    parser.add_argument("--pairs", type=int, default=3)
-    parser.add_argument("--rows", type=int, default=1000)
-    parser.add_argument("--balanced", action="store_true", help="half feasible, half infeasible, as for training")
-    parser.add_argument("--kinds", nargs="+", default=KINDS, choices=KINDS)
-    given = parser.parse_args()
-    trees = {"after": HERE} if given.against is None else {"before": given.against.resolve(), "after": HERE}
+    trees = checkouts(given.against)
     for kind in given.kinds:
         runs: dict[str, list[dict[str, float]]] = {name: [] for name in trees}
         for pair in range(given.pairs):
@@ -85,18 +75,12 @@ def main() -> None:
             print(f"{kind} pairs : before / after {spread(cpu['before'] / cpu['after'])}", flush=True)
 
 
-def spread(values: np.ndarray) -> str:
-    """Median, least and most."""
-    return f"{np.median(values):.3f} ({values.min():.3f} to {values.max():.3f})"
-
-
 def child(tree: Path, task: list[object]) -> dict[str, float]:
     """Label in a process of its own, with the packages of this tree."""
-    paths = f"{tree / '.editable'}{os.pathsep}{tree / 'typings'}"  # typings: in older checkouts
-    environment = {**os.environ, "PYTHONPATH": paths}
-    environment |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, "-c", CHILD, json.dumps(task)]
-    run = subprocess.run(command, capture_output=True, text=True, env=environment, check=False)
+    environment = of_checkout(tree)
+    environment["PYTHONPATH"] += f"{os.pathsep}{Path(__file__).parent}"
+    words = [sys.executable, "-c", CHILD, json.dumps(task)]
+    run = subprocess.run(words, capture_output=True, text=True, env=environment, check=False)
     assert run.returncode == 0, run.stderr
     return dict(json.loads(run.stdout.splitlines()[-1]))
 
@@ -123,4 +107,4 @@ def compare(kind: str, before: Path, after: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

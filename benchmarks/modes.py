@@ -8,10 +8,10 @@ where the plan is accepted and z of every frame is the mode of the terrain under
 
 from __future__ import annotations
 
-import argparse
-import json
+from dataclasses import dataclass
 
 import numpy as np
+from _bench import Options, launch
 
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.learners.selectors.modes import learn_modes
@@ -19,22 +19,20 @@ from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.methods import make_course_planner
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which courses, and what modes are learned from."""
+
+    courses: int = 20
+    seed: int = 2
+    samples: int = 500
+    share: float = 0.0
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--courses", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=2)
-    parser.add_argument("--samples", type=int, default=500)
-    parser.add_argument("--share", type=float, default=0.0)
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
-    modes = learn_modes(rng=np.random.default_rng(0), count=arguments.samples, share=arguments.share)
-    record = measure(modes, arguments.courses, np.random.default_rng(arguments.seed))
-    if arguments.json:
-        print(json.dumps(record))
-        return
-    for name, value in record.items():
-        print(f"{name:44} {value:.4g}")
+    modes = learn_modes(rng=np.random.default_rng(0), count=asked.samples, share=asked.share)
+    asked.list(measure(modes, asked.courses, np.random.default_rng(asked.seed)))
 
 
 def measure(modes: Modes, courses: int, rng: np.random.Generator) -> dict[str, float]:
@@ -65,4 +63,4 @@ def measure(modes: Modes, courses: int, rng: np.random.Generator) -> dict[str, f
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

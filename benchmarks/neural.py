@@ -12,13 +12,12 @@ after both. With ``--quick`` everything is small, and so are the figures.
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import tyro
+from _bench import Options, launch
 from rich.console import Console
 from rich.table import Table
 
@@ -41,7 +40,7 @@ PROJECTIONS: tuple[Projection, ...] = ("fix-p", "fix-toes", "scp")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class Asked(Options):
     """How much data, and which selectors."""
 
     problems: tuple[str, ...] = ("wall-3", "wall-5", "ground-3")
@@ -74,16 +73,14 @@ class Options:
     """Where data sets, checkpoints and selectors are kept; what is there is gone on from."""
     quick: bool = False
     """A few hundred rows and epochs: does it run?"""
-    json: bool = False
-    """One object a row on standard output."""
 
 
-def small(options: Options) -> Options:
+def small(options: Asked) -> Asked:
     """The same in a minute or so."""
     return replace(options, rows=600, held=150, test=150, epochs=15, margin_epochs=2, box_rows=150, steps=20)
 
 
-def main(options: Options) -> None:
+def main(options: Asked) -> None:
     """Train and evaluate everything on every class."""
     options = small(options) if options.quick else options
     console = Console(soft_wrap=True)
@@ -93,12 +90,12 @@ def main(options: Options) -> None:
         for score in compare(problem, options):
             scores.append(score)
             if options.json:
-                print(json.dumps({"problem": problem, **score.to_json()}), flush=True)
+                options.say({"problem": problem, **score.to_json()})
         if not options.json:
             console.print(table_of(problem, scores))
 
 
-def compare(problem: str, options: Options) -> Iterator[Score]:
+def compare(problem: str, options: Asked) -> Iterator[Score]:
     """Score every selector on one class."""
     train = data(problem, "train", options.rows, (3 * options.rows) // 10, options.seed + 1003, options)
     held = data(problem, "calibration", options.held, options.held, options.seed + 1002, options)
@@ -165,7 +162,7 @@ def judged(name: str, selector: Selector, scenes: list[Scene], problem: str, box
     return replace(score, notes={"train_seconds": seconds})
 
 
-def data(problem: str, part: str, feasible: int, infeasible: int, seed: int, options: Options) -> Dataset:
+def data(problem: str, part: str, feasible: int, infeasible: int, seed: int, options: Asked) -> Dataset:
     """Label a data set, or what is missing of it."""
     folder = options.folder / f"{problem}-{part}-{feasible}-{infeasible}-{seed}"
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -181,4 +178,4 @@ def counted(bar: Callable[[int, int], None], rows: int) -> Callable[..., None]:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Options, description=__doc__, config=(tyro.conf.OmitArgPrefixes,)))
+    launch(main, Asked, __doc__)

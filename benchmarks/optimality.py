@@ -10,45 +10,40 @@ and with a gap, which goes on over the choices of patches and descends. Finished
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tyro
+from _bench import Options, kept, launch
 from rich.console import Console
 from rich.table import Table
-from threadpoolctl import threadpool_limits
 
 from stancekit.envs.distributions.courses import SMALL, perturbed
 from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.documents import read_text
-from stancekit.planners.files.writing import write_text
 from stancekit.planners.problem.course import Course, Placement, StepLimits
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.model import Limb, Robot
+from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.exact import ExactCoursePlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class Asked(Options):
     """Which courses, and for how long."""
 
     count: int = 40
-    seed: int = 0
     gap: float = 1e-3
     """Relative gap at which the exact planner stops."""
     time_limit_s: float = 30.0
     """Of every planner, a course."""
     out: Path = Path("out/optimality")
     """Folder of finished courses; another run goes on from them."""
-    json: bool = False
-    """One object a line on standard output, a course each."""
 
 
 def course_of(index: int, seed: int) -> tuple[str, Course]:
@@ -112,25 +107,27 @@ def _tilted_patch(rng: np.random.Generator, com: Array, limb: Limb) -> Patch:
     )  # fmt: skip
 
 
-def main(options: Options) -> None:
+def main(options: Asked) -> None:
     """Solve, print and keep."""
     programs = Programs()
     first = TwoStageCoursePlanner(programs=programs, time_limit_s=options.time_limit_s)
     best = TwoStageCoursePlanner(programs=programs, time_limit_s=options.time_limit_s, gap=options.gap)
     exact = ExactCoursePlanner(programs=programs, time_limit_s=options.time_limit_s, gap=options.gap)
+    planners: dict[str, CoursePlanner] = {"first": first, "best": best, "exact": exact}
     rows = []
     for index in range(options.count):
         path = options.out / f"{options.seed}-{index}-{options.gap:g}-{options.time_limit_s:g}.json"
-        if not path.exists():
-            kind, course = course_of(index, options.seed)
-            said = {name: summary(p.solve(course)) for name, p in (("first", first), ("best", best), ("exact", exact))}
-            options.out.mkdir(parents=True, exist_ok=True)
-            write_text(path, json.dumps({"index": index, "kind": kind, "frames": course.frames} | said))
-        rows.append(json.loads(read_text(path)))
+        kind, course = course_of(index, options.seed)
+        rows.append(kept(path, partial(measured, {"index": index, "kind": kind}, course, planners)))
         if options.json:
-            print(json.dumps(rows[-1]), flush=True)
+            options.say(rows[-1])
     if not options.json:
         show(rows)
+
+
+def measured(head: dict[str, Any], course: Course, planners: dict[str, CoursePlanner]) -> dict[str, Any]:
+    """What every planner answers."""
+    return head | {"frames": course.frames} | {name: summary(one.solve(course)) for name, one in planners.items()}
 
 
 def summary(outcome: PlanOutcome) -> dict[str, Any]:
@@ -196,5 +193,4 @@ def _text(value: float | None, form: str) -> str:
 
 
 if __name__ == "__main__":
-    with threadpool_limits(1):
-        main(tyro.cli(Options))
+    launch(main, Asked, __doc__)

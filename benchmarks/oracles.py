@@ -10,7 +10,6 @@ clock on busy cores.
 
 from __future__ import annotations
 
-import json
 import time
 from collections import Counter
 from collections.abc import Callable
@@ -20,11 +19,10 @@ from typing import Any
 
 import bilinear
 import numpy as np
-import tyro
+from _bench import Options, launch
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
-from threadpoolctl import threadpool_limits
 
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.answer.outcome import Status
@@ -42,21 +40,18 @@ from stancekit.planners.verify import check_posture
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class Asked(Options):
     """Which postures, and for how long."""
 
     problem: str = "wall-3"
     """Distribution of the postures."""
     count: int = 60
     """How many postures, half of them feasible."""
-    seed: int = 0
     time_limit_s: float = 10.0
     """Of every solver, a posture."""
     solvers: tuple[str, ...] = ("exact", "gurobi", "gurobi-paper", "scip", "scip-paper", "highs-micp", "ipopt")
     intervals: int = 4
     """Pieces of each p_j and f_k in the mixed-integer grid."""
-    json: bool = False
-    """One object a line on standard output, a solver each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,7 +118,7 @@ class Score:
 Ask = Callable[[PostureProblem], Said]
 
 
-def solver(name: str, options: Options) -> Ask:
+def solver(name: str, options: Asked) -> Ask:
     """The solver of this name. Raises InvalidInput where there is none or it is not installed."""
     limit = options.time_limit_s
     if name == "exact":
@@ -186,7 +181,7 @@ def ask_bilinear(
     )
 
 
-def hard_postures(options: Options) -> tuple[list[tuple[PostureProblem, Status]], Counter[str]]:
+def hard_postures(options: Asked) -> tuple[list[tuple[PostureProblem, Status]], Counter[str]]:
     """Draw until both halves are full; also what was drawn and left out."""
     planner, rng = ExactPlanner(time_limit_s=options.time_limit_s), np.random.default_rng(options.seed)
     drawn, out = distribution(options.problem), Counter[str]()
@@ -207,7 +202,7 @@ def hard_postures(options: Options) -> tuple[list[tuple[PostureProblem, Status]]
     return postures, out
 
 
-def run(options: Options, solvers: dict[str, Ask]) -> tuple[dict[str, dict[str, Any]], Counter[str]]:
+def run(options: Asked, solvers: dict[str, Ask]) -> tuple[dict[str, dict[str, Any]], Counter[str]]:
     """Every solver's row. The solvers take turns on each posture, and who begins rotates."""
     postures, out = hard_postures(options)
     names = list(solvers)
@@ -222,7 +217,7 @@ def run(options: Options, solvers: dict[str, Ask]) -> tuple[dict[str, dict[str, 
     return {name: score.summary(base_ms) for name, score in scores.items()}, out
 
 
-def table(options: Options, rows: dict[str, dict[str, Any]]) -> Table:
+def table(options: Asked, rows: dict[str, dict[str, Any]]) -> Table:
     """The rows for people. CPU times in ms; a peer's ratio is that of its solver alone to our whole call."""
     shown = Table(title=f"{options.problem}, {options.count} hard postures, seed {options.seed}, one thread, CPU ms")
     titles = "solver|call median|p90|max|solver alone|on feas.|on infeas.|ratio|feas./infeas./unknown|contra-|refuted"
@@ -242,7 +237,7 @@ def table(options: Options, rows: dict[str, dict[str, Any]]) -> Table:
     return shown
 
 
-def main(options: Options) -> None:
+def main(options: Asked) -> None:
     """Run and print."""
     solvers: dict[str, Ask] = {}
     errors = Console(stderr=True)
@@ -251,12 +246,11 @@ def main(options: Options) -> None:
             solvers[name] = solver(name, options)
         except InvalidInput as error:
             errors.print(f"left out: {error}")
-    with threadpool_limits(1):
-        rows, out = run(options, solvers)
+    rows, out = run(options, solvers)
     if options.json:
         for name, row in rows.items():
             head = {"problem": options.problem, "count": options.count, "seed": options.seed, "solver": name}
-            print(json.dumps(head | row))
+            options.say(head | row)
         return
     console = Console(width=max(Console().width, 150))
     console.print(table(options, rows))
@@ -273,4 +267,4 @@ def _median(values: list[float]) -> float:
 
 
 if __name__ == "__main__":
-    main(tyro.cli(Options))
+    launch(main, Asked, __doc__)

@@ -9,16 +9,15 @@ pays. Our total is everything from the scaled problem to the margin, gap and poi
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import clarabel
 import numpy as np
+from _bench import Options, launch
 
-from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
+from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.equilibrium.rows import solver_settings
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files.arrays import Array
@@ -30,22 +29,19 @@ ROUNDS = 6
 """Every problem is timed so often, and its fastest counts: other work on the machine comes in bursts."""
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which problems, and how many."""
+
+    problem: str = "wall-3"
+    count: int = 400
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--problem", choices=list(DISTRIBUTIONS), default="wall-3")
-    parser.add_argument("--count", type=int, default=400)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
-    rng = np.random.default_rng(arguments.seed)
-    problems = [distribution(arguments.problem).sample(rng) for _ in range(arguments.count)]
-    record = measure(lambda: [Scaled.of(problem) for problem in problems])
-    if arguments.json:
-        print(json.dumps({"problem": arguments.problem, **record}))
-        return
-    for name, value in record.items():
-        print(f"{name:44} {value:.4g}")
+    rng = np.random.default_rng(asked.seed)
+    problems = [distribution(asked.problem).sample(rng) for _ in range(asked.count)]
+    asked.list(measure(lambda: [Scaled.of(problem) for problem in problems]), problem=asked.problem)
 
 
 def measure(scenes: Callable[[], list[Scaled]]) -> dict[str, float]:
@@ -108,4 +104,4 @@ def middle_box(scenes: list[Scaled]) -> Envelope:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

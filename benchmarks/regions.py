@@ -10,18 +10,17 @@ and SCIP only claim. Times are wall times. Finished courses are kept in the fold
 
 from __future__ import annotations
 
-import json
 import time
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import region_peers
-import tyro
+from _bench import Options, kept, launch
 from rich.console import Console
 from rich.table import Table
-from threadpoolctl import threadpool_limits
 
 from stancekit.envs.distributions.courses import icy_walls
 from stancekit.planners.answer.outcome import Status
@@ -30,8 +29,6 @@ from stancekit.planners.equilibrium.layout import Index
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.documents import read_text
-from stancekit.planners.files.writing import write_text
 from stancekit.planners.problem.course import Course
 from stancekit.planners.projection.project import SURFACE, project
 from stancekit.planners.relaxation.lift import LiftProgram
@@ -42,7 +39,7 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 
 @dataclass(frozen=True, kw_only=True)
-class Options:
+class Asked(Options):
     """Which courses, and for how long."""
 
     frames: tuple[int, ...] = (4, 8)
@@ -50,14 +47,11 @@ class Options:
     """Candidate patches a toe."""
     count: int = 30
     """Courses of every size."""
-    seed: int = 0
     planners: tuple[str, ...] = ("two-stage", "decoupled", "highs", "scip")
     time_limit_s: float = 20.0
     """Of every planner, a course."""
     out: Path = Path("out/regions")
     """Folder of finished courses; another run goes on from them."""
-    json: bool = False
-    """One object a line on standard output, a size and planner each."""
 
 
 class Peer:
@@ -118,7 +112,7 @@ def rounded(mixed: region_peers.Mixed, scaled: Scaled, x: Array) -> tuple[Index,
     return choice, start
 
 
-def main(options: Options) -> None:
+def main(options: Asked) -> None:
     """Solve, print and keep."""
     programs = Programs()
     planners: dict[str, Any] = {
@@ -130,11 +124,11 @@ def main(options: Options) -> None:
         for regions in options.regions:
             rows = [course_row(planners, options, frames, regions, index) for index in range(options.count)]
             cells = [cell(rows, name) | {"frames": frames, "regions": regions} for name in options.planners]
-            show(cells, options.json)
+            show(cells, options)
 
 
 def course_row(
-    planners: dict[str, Any], options: Options, frames: int, regions: int, index: int
+    planners: dict[str, Any], options: Asked, frames: int, regions: int, index: int
 ) -> dict[str, dict[str, Any]]:
     """Every planner's answer to one course, from the folder where it is there."""
     rng = np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=(frames, regions, index)))
@@ -143,18 +137,19 @@ def course_row(
     for turn in range(len(options.planners)):
         name = options.planners[(turn + index) % len(options.planners)]
         path = options.out / f"{options.seed}-{frames}-{regions}-{index}-{name}-{options.time_limit_s:g}.json"
-        if not path.exists():
-            begin = time.perf_counter()
-            outcome = planners[name].solve(course)
-            answer = {
-                "status": outcome.status.value, "claim": outcome.claim, "message": outcome.message,
-                "seconds": outcome.seconds, "solver_seconds": outcome.solver_seconds, "solves": outcome.solves,
-                "wall_s": time.perf_counter() - begin, "compile_s": outcome.compile_s, **outcome.details,
-            }  # fmt: skip
-            options.out.mkdir(parents=True, exist_ok=True)
-            write_text(path, json.dumps(answer))
-        row[name] = json.loads(read_text(path))
+        row[name] = kept(path, partial(measured, planners[name], course))
     return row
+
+
+def measured(planner: Any, course: Course) -> dict[str, Any]:
+    """One planner's answer to one course."""
+    begin = time.perf_counter()
+    outcome = planner.solve(course)
+    return {
+        "status": outcome.status.value, "claim": outcome.claim, "message": outcome.message,
+        "seconds": outcome.seconds, "solver_seconds": outcome.solver_seconds, "solves": outcome.solves,
+        "wall_s": time.perf_counter() - begin, "compile_s": outcome.compile_s, **outcome.details,
+    }  # fmt: skip
 
 
 def cell(rows: list[dict[str, dict[str, Any]]], name: str) -> dict[str, Any]:
@@ -186,11 +181,11 @@ def cell(rows: list[dict[str, dict[str, Any]]], name: str) -> dict[str, Any]:
     }
 
 
-def show(cells: list[dict[str, Any]], as_json: bool) -> None:
+def show(cells: list[dict[str, Any]], options: Asked) -> None:
     """One size's table."""
-    if as_json:
+    if options.json:
         for found in cells:
-            print(json.dumps(found), flush=True)
+            options.say(found)
         return
     first = cells[0]
     table = Table(
@@ -211,5 +206,4 @@ def show(cells: list[dict[str, Any]], as_json: bool) -> None:
 
 
 if __name__ == "__main__":
-    with threadpool_limits(1):
-        main(tyro.cli(Options))
+    launch(main, Asked, __doc__)

@@ -12,18 +12,20 @@ stopped go on. The curves are drawn to <out>/<name>.png.
 
 from __future__ import annotations
 
-import argparse
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Literal
 
 import numpy as np
+import tyro
+from _bench import Options, launch
 from gymnasium import spaces
 from matplotlib.figure import Figure
+from numpy.typing import NDArray
 
-from stancekit.envs.refinement import LargestGap, RandomDimension, WidestDimension
+from stancekit.envs.branching import LargestGap, RandomDimension, WidestDimension
+from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.selectors.selector import FixedSelector, Selector
 from stancekit.learners.training.envelope_methods import fit
@@ -41,35 +43,36 @@ class Row:
     figures: Mapping[str, list[float]]
 
 
-class RandomBox:
+class RandomBox(MemorylessPolicy):
     """Bounds drawn uniformly from the whole domain."""
 
     def __init__(self, space: spaces.Box, seed: int) -> None:
         self._space, self._rng = space, np.random.default_rng(seed)
 
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: bool = True
-    ) -> tuple[Any, Any]:
-        """Return (action, state)."""
-        return self._rng.uniform(self._space.low, self._space.high).astype(np.float32), state
+    def action(self, observation: Observation) -> NDArray[np.float32]:
+        """The bounds."""
+        return self._rng.uniform(self._space.low, self._space.high).astype(np.float32)
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which environment, and how much of it."""
+
+    name: Annotated[Literal["selection", "refinement"], tyro.conf.Positional]
+    seeds: int = 3
+    steps: int | None = None
+    out: Path = Path("out/reinforce")
+
+
+def main(arguments: Asked) -> None:
     """Train, compare, print, draw."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("name", choices=["selection", "refinement"])
-    parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--steps", type=int, default=None)
-    parser.add_argument("--out", type=Path, default=Path("out/reinforce"))
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
     config = TrainConfig.from_yaml(CONFIGS / f"train-{arguments.name}.yaml")
     config = replace(config, steps=arguments.steps or config.steps)
     folder = arguments.out / arguments.name
     scenes = TrainingScenes.label(config, folder / "data")
     rows = [Row(agent=name, figures=figures(config, scenes, agents)) for name, agents in others(config, folder).items()]
     for row in rows:
-        show(row, json_lines=arguments.json)
+        arguments.say({"agent": row.agent, **row.figures}, lambda _, row=row: line(row))
     curves = []
     for seed in range(arguments.seeds):
         where = folder / f"seed-{seed}"
@@ -81,7 +84,7 @@ def main() -> None:
         ends = [point_figures(curve[index]) for curve in curves]
         row = Row(agent=f"PPO {when}", figures={name: [end[name] for end in ends] for name in ends[0]})
         rows.append(row)
-        show(row, json_lines=arguments.json)
+        arguments.say({"agent": row.agent, **row.figures}, lambda _, row=row: line(row))
     draw(rows, curves, arguments.out / f"{arguments.name}.png")
 
 
@@ -117,13 +120,10 @@ def point_figures(point: CurvePoint) -> dict[str, float]:
     return {"reward": point.reward, **point.figures}
 
 
-def show(row: Row, *, json_lines: bool) -> None:
-    """Print a row."""
-    if json_lines:
-        print(json.dumps({"agent": row.agent, **row.figures}), flush=True)
-        return
+def line(row: Row) -> str:
+    """A row for people."""
     cells = [f"{name} {np.mean(values):.3f} ± {error(values):.3f}" for name, values in row.figures.items()]
-    print(f"{row.agent:18} " + "   ".join(cells), flush=True)
+    return f"{row.agent:18} " + "   ".join(cells)
 
 
 def error(values: list[float]) -> float:
@@ -148,4 +148,4 @@ def draw(rows: list[Row], curves: list[tuple[CurvePoint, ...]], path: Path) -> N
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

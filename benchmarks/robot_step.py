@@ -1,7 +1,8 @@
 """Quadrupeds over a step, and how many of their postures are decided: ``benchmarks/robots.py --step``.
 
 Robots with four legs walk over a step of 5 cm, or 8 cm where their legs are longer than .6 m, in 24 key frames;
-every foot's distance from its toe is pinocchio's, from the URDF and the plan's joint angles. Natural postures: every
+every foot's distance from its toe is pinocchio's, from the URDF and the plan's joint angles, and the verdict is that on
+the plan's file alone. Natural postures: every
 toe on a leaning square about where the robot stands; decided over inner sets, over outer ones where those say no. What
 is neither found over the first nor refuted over the second, within a second each, is open.
 """
@@ -10,7 +11,8 @@ from __future__ import annotations
 
 import re
 import time
-from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -18,13 +20,14 @@ from numpy.typing import NDArray
 
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_file import check_file, read_plan, write_plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import lay_out
 from stancekit.planners.problem.posture import Contact, PostureProblem
+from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
 from stancekit.planners.robot.model import Robot
-from stancekit.planners.robot.plan_postures import plan_postures
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.rotation import rotation_of
@@ -62,8 +65,18 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
     outcome = plan_with_reserve(make_course_planner("two-stage"), course)
     found: dict[str, Any] = {"name": name, "plan_s": time.process_time() - started, "status": outcome.status.value}
     if outcome.plan is not None:
-        errors = urdf_errors(model, outcome.plan, plan_postures(model, outcome.plan).angles)
-        found |= {"accepted": check_plan(outcome.plan).accepted, "feet": errors.size, "worst_m": float(errors.max())}
+        started = time.process_time()
+        plan = with_joints(outcome.plan)
+        found["joints_s"] = time.process_time() - started
+        with TemporaryDirectory() as folder:
+            path = Path(folder) / "plan.json"
+            write_plan(path, plan, check_plan(plan, joints=True))
+            checked, (plan, _) = check_file(path), read_plan(path)
+        errors = urdf_errors(model, plan)
+        found |= {
+            "accepted": checked.accepted, "message": checked.message, "feet": errors.size,
+            "worst_m": float(errors.max()), "torque_share": checked.report.torque.get("share"),
+        }  # fmt: skip
     return found | decided(model, natural)
 
 
@@ -96,18 +109,18 @@ def step_course(model: RobotModel, file: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def urdf_errors(model: RobotModel, plan: Plan, angles: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+def urdf_errors(model: RobotModel, plan: Plan) -> NDArray[np.float64]:
     """How far pinocchio has the toes of a plan's joint angles from where the plan has them, shape (M, N) [m]."""
     pin = pinocchio()
     known = pin.buildModelFromXML(model.urdf)
     data, errors = known.createData(), np.empty((plan.course.frames, len(model.legs)))
     for k in range(plan.course.frames):
         q = pin.neutral(known)
-        for leg, its in zip(model.legs, angles, strict=True):
-            for name, angle in zip(leg.joint_names, its[k], strict=True):
-                joint = known.joints[known.getJointId(name)]
-                turns = angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
-                q[joint.idx_q : joint.idx_q + joint.nq] = turns
+        assert plan.joints_rad is not None
+        for name, angle in zip(model.joint_names, plan.joints_rad[k], strict=True):
+            joint = known.joints[known.getJointId(name)]
+            turns = angle if joint.nq == 1 else (np.cos(angle), np.sin(angle))
+            q[joint.idx_q : joint.idx_q + joint.nq] = turns
         pin.forwardKinematics(known, data, q)
         turn = pin.exp3(np.array(plan.rotation_rad[k]))
         for i, leg in enumerate(model.legs):
@@ -146,6 +159,6 @@ def step_line(row: dict[str, Any]) -> str:
     told = f"{row['name']:44} {row['status']}, {row['plan_s']:.1f} s"
     if "accepted" in row:
         verdict = "accepted" if row["accepted"] else "refused"
-        told += f", {verdict}, {row['feet']} feet within {1e3 * row['worst_m']:.5f} mm"
+        told += f", {verdict}, {row['feet']} feet within {1e3 * row['worst_m']:.5f} mm; {row['message']}"
     share = row["open"] / max(row["yes"] + row["no"] + row["open"], 1)
     return f"{told} | natural postures: {row['yes']} yes, {row['no']} no, {row['open']} neither ({share:.1%})"

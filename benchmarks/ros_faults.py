@@ -13,26 +13,22 @@ where that joint is. Times are wall-clock times on whatever machine this runs on
 
 from __future__ import annotations
 
-import argparse
-import json
 import multiprocessing
 import os
 import signal
-import sys
 import threading
 import time
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any, Literal
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import numpy as np
+from _bench import Options, launch, tally
 
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.runner.safety.ending import ENDINGS, Ending, end
+from stancekit.runner.safety.ending import Ending, end
 from stancekit.runner.safety.guard import SafeWorld
 from stancekit.runner.safety.latch import StopLatch, Stopped
 from stancekit.runner.worlds.ros.driver import RosWorld
@@ -47,21 +43,23 @@ KINDS = (*(kind for kind in FAULTS if kind != "rejects goals"), *HOST)
 SETTLE_S = 0.6
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which faults, and how often."""
+
+    kinds: tuple[str, ...] = KINDS
+    count: int = 20
+    ros: Literal[1, 2] = 2
+    ending: Ending = "hold"
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=list(KINDS))
-    parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--ros", type=int, choices=(1, 2), default=2)
-    parser.add_argument("--ending", choices=ENDINGS, default="hold")
-    parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
     for kind in asked.kinds:
         rng = np.random.default_rng([asked.seed, KINDS.index(kind)])
         runs = [tried(kind, float(rng.uniform(0.3, 2.0)), asked.ros, asked.ending) for _ in range(asked.count)]
         record = {"kind": kind, "ros": asked.ros, "ending": asked.ending} | summary(runs)
-        print(json.dumps(record) if asked.json else line(record), flush=True)
+        asked.say(record, line)
 
 
 def tried(kind: str, at_s: float, ros: Literal[1, 2], ending: Ending) -> dict[str, Any]:
@@ -184,25 +182,23 @@ class Moved:
 def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """Counts, medians and worst."""
     told, still = (np.array([run[key] for run in runs]) for key in ("told_s", "still_s"))
-    lefts = {run["left"] for run in runs}
     return {
         "runs": len(runs), "stopped": int(np.isfinite(told).sum()), "told_ms": 1e3 * float(np.median(told)),
         "told_worst_ms": 1e3 * float(told.max()), "still_ms": 1e3 * float(np.median(still)),
         "still_worst_ms": 1e3 * float(still.max()), "after": sum(run["after"] for run in runs),
-        "left": {left: sum(run["left"] == left for run in runs) for left in sorted(lefts)},
+        "left": tally(run["left"] for run in runs),
         "message": runs[0]["message"],
     }  # fmt: skip
 
 
 def line(record: dict[str, Any]) -> str:
     """A record for people."""
-    left = ", ".join(f"{count} × {left}" for left, count in record["left"].items())
     return (
         f"{record['kind']:16s} {record['stopped']}/{record['runs']} stopped, told {record['told_ms']:.0f} "
         f"({record['told_worst_ms']:.0f}) ms, still {record['still_ms']:.0f} ({record['still_worst_ms']:.0f}) ms, "
-        f"{record['after']} commands after, {left}: {record['message']}"
+        f"{record['after']} commands after, {record['left']}: {record['message']}"
     )
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

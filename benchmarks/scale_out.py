@@ -7,7 +7,6 @@
 
 from __future__ import annotations
 
-import argparse
 import hashlib
 import json
 import os
@@ -18,25 +17,37 @@ import tempfile
 import threading
 import time
 from collections import Counter, defaultdict
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
+from _bench import Options, launch
 
 LOOPBACK = "127.0.0.2"  # Ray replaces 127.0.0.1 by the machine's address
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """How much, and where."""
+
+    problem: str = "wall-3"
+    rows: int = 4000
+    """Natural rows to label."""
+    shard_size: int = 0
+    """Rows a shard; 0: a hundredth of the rows."""
+    workers: int = 2
+    """Processes, and Ray nodes of one processor each."""
+    kill_at: float = 40.0
+    """Per cent of the shards at which SIGKILL comes."""
+    only: Literal["memory", "cluster"] | None = None
+    folder: Path | None = None
+    """Where to work; a temporary folder where there is none."""
+
+
+def main(asked: Asked) -> None:
     """Measure, print, and fail where anything was lost or came twice."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--problem", default="wall-3")
-    parser.add_argument("--rows", type=int, default=4000, help="natural rows to label")
-    parser.add_argument("--shard-size", type=int, default=0, help="rows a shard; 0: a hundredth of the rows")
-    parser.add_argument("--workers", type=int, default=2, help="processes, and Ray nodes of one processor each")
-    parser.add_argument("--kill-at", type=float, default=40.0, help="per cent of the shards at which SIGKILL comes")
-    parser.add_argument("--only", choices=("memory", "cluster"))
-    parser.add_argument("--folder", type=Path, help="where to work; a temporary folder where there is none")
-    given = parser.parse_args()
-    given.shard_size = given.shard_size or max(given.rows // 100, 1)
+    given = replace(asked, shard_size=asked.shard_size or max(asked.rows // 100, 1))
     with tempfile.TemporaryDirectory() as spare:
         folder = given.folder or Path(spare)
         folder.mkdir(parents=True, exist_ok=True)
@@ -51,14 +62,14 @@ def main() -> None:
             cluster_run(given, folder)
 
 
-def start(given: argparse.Namespace, folder: Path, *options: str) -> subprocess.Popen[str]:
+def start(given: Asked, folder: Path, *options: str) -> subprocess.Popen[str]:
     """Label natural rows by the command line, in a process of its own."""
     command = [sys.executable, "-m", "stancekit.cli.main", "label", given.problem, str(folder), "--natural", "--json"]
     command += ["--feasible", str(given.rows), "--infeasible", "0", "--shard-size", str(given.shard_size), *options]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def long_run(given: argparse.Namespace, folder: Path) -> None:
+def long_run(given: Asked, folder: Path) -> None:
     """Throughput, memory over time, kill -9 and resume."""
     workers = ("--workers", str(given.workers))
     memory: dict[str, list[tuple[float, float]]] = defaultdict(list)
@@ -91,7 +102,7 @@ def long_run(given: argparse.Namespace, folder: Path) -> None:
               f"{', '.join(f'{part.mean():.0f}' for part in parts)} MB")  # fmt: skip
 
 
-def cluster_run(given: argparse.Namespace, folder: Path) -> None:
+def cluster_run(given: Asked, folder: Path) -> None:
     """Two nodes of one processor each and a head without any; one node is killed mid-run."""
     from ray.cluster_utils import Cluster
 
@@ -180,4 +191,4 @@ def digests(folder: Path) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

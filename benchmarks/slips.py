@@ -10,36 +10,34 @@ joints; told: simulated time from the fault to the stop, median and worst.
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
-sys.path.insert(0, str(Path(__file__).parents[1]))
-
 import numpy as np
+from _bench import Options, launch, tally
 
-from stancekit.planners.problem.course_file import builtin_courses, read_course
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
-from stancekit.runner.safety.ending import ENDINGS
+from stancekit.runner.safety.ending import Ending
 from stancekit.runner.settings import RunSettings
 from tests.emulators.slipping import FAULTS, SlippingWorld
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which course, and how slippery it gets."""
+
+    course: str = "walls"
+    share: float = 0.5
+    count: int = 20
+    ending: Ending = "hold"
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--course", choices=builtin_courses(), default="walls")
-    parser.add_argument("--share", type=float, default=0.5)
-    parser.add_argument("--count", type=int, default=20)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--ending", choices=ENDINGS, default="hold")
-    parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
     plan = plan_with_reserve(TwoStageCoursePlanner(), read_course(asked.course)).plan
     if plan is None:
         raise SystemExit(f"no plan for {asked.course}")
@@ -48,10 +46,10 @@ def main() -> None:
         rng = np.random.default_rng([asked.seed, FAULTS.index(kind)])
         runs = [tried(accepted, kind, rng, asked.share, asked.ending) for _ in range(asked.count)]
         record = {"course": asked.course, "kind": kind, "ending": asked.ending} | summary(runs)
-        print(json.dumps(record) if asked.json else line(record), flush=True)
+        asked.say(record, line)
 
 
-def tried(accepted: Accepted, kind: str, rng: np.random.Generator, share: float, ending: Any) -> dict[str, Any]:
+def tried(accepted: Accepted, kind: str, rng: np.random.Generator, share: float, ending: Ending) -> dict[str, Any]:
     """One run with one fault at a random time of the plan."""
     robot = accepted.plan.course.robot
     world = SlippingWorld(robot, limb=int(rng.integers(len(robot.limbs))), share=share)
@@ -72,24 +70,22 @@ def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """Counts, and times of those that were stopped."""
     stopped = [run for run in runs if run["stopped"] and run["happened"]]
     told = [run["told_s"] for run in stopped] or [float("nan")]
-    lefts = sorted({run["left"] for run in runs})
     return {
         "runs": len(runs), "as_planned": sum(run["good"] for run in runs), "stopped": len(stopped),
         "told_s": float(np.median(told)), "told_worst_s": float(np.max(told)),
-        "left": {left: sum(run["left"] == left for run in runs) for left in lefts},
+        "left": tally(run["left"] for run in runs),
         "message": next((run["message"] for run in runs if run["message"]), ""),
     }  # fmt: skip
 
 
 def line(record: dict[str, Any]) -> str:
     """A record for people."""
-    left = ", ".join(f"{count} × {left}" for left, count in record["left"].items())
     return (
         f"{record['course']} {record['kind']:17s} {record['as_planned']}/{record['runs']} as planned, "
         f"{record['stopped']} stopped, told {record['told_s']:.2f} ({record['told_worst_s']:.2f}) s, "
-        f"{left}: {record['message']}"
+        f"{record['left']}: {record['message']}"
     )
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

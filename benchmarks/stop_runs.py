@@ -19,18 +19,18 @@ import tempfile
 import time
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from _bench import resting
 
 from stancekit.cli.main import main as command
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.safety.latch import StopLatch
-from stancekit.runner.worlds.dynamixel.calibration import nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
@@ -179,11 +179,7 @@ def stopped(kind: str, path: Path, start: Array, index: int, rng: np.random.Gene
             setup.write(folder / "setup.yaml")
             device.inject("controller off")  # as it is found, so that an interrupted arming must leave it
         else:
-            calibration = nominal(joints, port=device.path)
-            rest = {
-                joint: replace(calibration.joints[joint], rest_rad=float(start[i])) for i, joint in enumerate(joints)
-            }
-            replace(calibration, joints=rest).write(folder / "setup.yaml")
+            resting(joints, start, device.path).write(folder / "setup.yaml")
         host = forked(kind, arguments, folder / "errors")
         try:
             begun_s = host.said("arming")

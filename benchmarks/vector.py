@@ -10,16 +10,15 @@ clock, in turns, with the same seeds and actions.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 from dataclasses import dataclass, field
 
 import gymnasium
 import numpy as np
+from _bench import Options, launch
 from gymnasium.vector import AutoresetMode, VectorEnv
 
-from stancekit.envs.distributions.postures import DISTRIBUTIONS, PostureDistribution, distribution
+from stancekit.envs.distributions.postures import PostureDistribution, distribution
 from stancekit.envs.scenes import SampledScenes, Scene
 from stancekit.envs.selection_task import ADMITTED
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
@@ -36,22 +35,19 @@ from stancekit.planners.search.exact import ExactPlanner
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which problems, and for how long."""
+
+    problem: str = "wall-3"
+    envs: int = 8
+    steps: int = 40
+    rounds: int = 5
+
+
+def main(asked: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--problem", choices=list(DISTRIBUTIONS), default="wall-3")
-    parser.add_argument("--envs", type=int, default=8)
-    parser.add_argument("--steps", type=int, default=40)
-    parser.add_argument("--rounds", type=int, default=5)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
-    record = overhead(arguments) | rates(arguments)
-    if arguments.json:
-        print(json.dumps({"problem": arguments.problem, "envs": arguments.envs, **record}))
-        return
-    for name, value in record.items():
-        print(f"{name:44} {value:.4g}")
+    asked.list(overhead(asked) | rates(asked), problem=asked.problem, envs=asked.envs)
 
 
 @dataclass(frozen=True)
@@ -85,30 +81,30 @@ class RecordedScenes(SampledScenes):
         return self  # one list for all sub-environments
 
 
-def overhead(arguments: argparse.Namespace) -> dict[str, float]:
+def overhead(asked: Asked) -> dict[str, float]:
     """Processor time of environment and bare loop on the same problems, scenes and actions, in turns."""
-    plain = distribution(arguments.problem)
+    plain = distribution(asked.problem)
     names = ("name", "terrain", "legs", "friction", "robot")
     recorded = RecordedDistribution(**{name: getattr(plain, name) for name in names})
     scenes = RecordedScenes(recorded)
-    env = EnvelopeSelectionVectorEnv(arguments.envs, arguments.problem, scenes=scenes)
+    env = EnvelopeSelectionVectorEnv(asked.envs, asked.problem, scenes=scenes)
     bare = BareLoop()
-    actions = actions_for(arguments.problem, arguments.envs)
-    env.reset(seed=arguments.seed)
+    actions = actions_for(asked.problem, asked.envs)
+    env.reset(seed=asked.seed)
     env.step(actions)  # compiles
     bare.run(recorded.drawn, scenes.kept, actions[0])
     ours, theirs, sampling, steps = 0.0, 0.0, 0.0, 0
-    for _ in range(arguments.rounds):
+    for _ in range(asked.rounds):
         recorded.drawn.clear()
         recorded.seconds.clear()
-        scenes.kept[:] = scenes.kept[-arguments.envs :]  # drawn by the last step, judged by the next
+        scenes.kept[:] = scenes.kept[-asked.envs :]  # drawn by the last step, judged by the next
         begin = time.process_time()
-        for _ in range(arguments.steps):
+        for _ in range(asked.steps):
             env.step(actions)
         middle = time.process_time()
-        bare.run(recorded.drawn, scenes.kept[: -arguments.envs], actions[0])
+        bare.run(recorded.drawn, scenes.kept[: -asked.envs], actions[0])
         end = time.process_time()
-        ours, theirs, steps = ours + middle - begin, theirs + end - middle, steps + arguments.steps * arguments.envs
+        ours, theirs, steps = ours + middle - begin, theirs + end - middle, steps + asked.steps * asked.envs
         sampling += sum(recorded.seconds)
     return {
         "bare planner loop [ms a step, processor]": 1e3 * theirs / steps,
@@ -142,9 +138,9 @@ class BareLoop:
                     self._acceptance.outcome(scene.problem, method="fix-p", begin=0.0, posture=found)
 
 
-def rates(arguments: argparse.Namespace) -> dict[str, float]:
+def rates(asked: Asked) -> dict[str, float]:
     """Wall-clock steps per second, a step being one of one sub-environment; median of the rounds."""
-    given = {"problem": arguments.problem, "num_envs": arguments.envs}
+    given = {"problem": asked.problem, "num_envs": asked.envs}
     same = {"autoreset_mode": AutoresetMode.SAME_STEP}
     envs: dict[str, VectorEnv] = {
         "Gymnasium Sync": gymnasium.make_vec(NAME, **given, vectorization_mode="sync", vector_kwargs=same),
@@ -152,23 +148,23 @@ def rates(arguments: argparse.Namespace) -> dict[str, float]:
         "ours, 1 process": gymnasium.make_vec(NAME, **given),
         "ours, 2 processes": gymnasium.make_vec(NAME, **given, workers=2),
     }
-    actions = actions_for(arguments.problem, arguments.envs)
+    actions = actions_for(asked.problem, asked.envs)
     first: dict[str, float] = {}
     for name, env in envs.items():
         begin = time.perf_counter()
-        env.reset(seed=arguments.seed)
+        env.reset(seed=asked.seed)
         env.step(actions)
         first[f"{name}: first step with compiling [s]"] = time.perf_counter() - begin
     seconds: dict[str, list[float]] = {name: [] for name in envs}
-    for _ in range(arguments.rounds):
+    for _ in range(asked.rounds):
         for name, env in envs.items():
             begin = time.perf_counter()
-            for _ in range(arguments.steps):
+            for _ in range(asked.steps):
                 env.step(actions)
             seconds[name].append(time.perf_counter() - begin)
     for env in envs.values():
         env.close()
-    steps = arguments.steps * arguments.envs
+    steps = asked.steps * asked.envs
     rate = {f"{name} [steps/s]": steps / float(np.median(taken)) for name, taken in seconds.items()}
     one, two = (float(np.median(seconds[f"ours, {count}"])) for count in ("1 process", "2 processes"))
     return first | rate | {"1 to 2 processes": one / two}
@@ -182,4 +178,4 @@ def actions_for(problem: str, envs: int) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

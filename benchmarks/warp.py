@@ -10,37 +10,40 @@ between the terrain's nodes, conformal errors. --picture writes one convergence 
 
 from __future__ import annotations
 
-import argparse
-import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
-from stancekit.planners.terrain.reference import TERRAINS, reference_terrain
+from _bench import Options, launch
+
+from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.warp.conformal import CELLS, Method, fit_map
 from stancekit.planners.warp.report import MapReport
 from stancekit.views.maps import draw_map_convergence
 from stancekit.views.sheet import save
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Asked(Options):
+    """Which maps."""
+
+    terrains: tuple[str, ...] = ("ripple", "cone", "hill", "pit")
+    cells: tuple[int, int, int] = CELLS
+    methods: tuple[Method, ...] = get_args(Method)
+    iterations: int = 100
+    picture: Path | None = None
+
+
+def main(arguments: Asked) -> None:
     """Measure and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--terrains", nargs="+", choices=TERRAINS.names(), default=["ripple", "cone", "hill", "pit"])
-    parser.add_argument("--cells", nargs=3, type=int, default=CELLS)
-    parser.add_argument("--methods", nargs="+", choices=get_args(Method), default=list(get_args(Method)))
-    parser.add_argument("--iterations", type=int, default=100)
-    parser.add_argument("--picture", type=Path)
-    parser.add_argument("--json", action="store_true")
-    arguments = parser.parse_args()
     for terrain in arguments.terrains:
         field = reference_terrain(terrain)
         fits = [
-            fit_map(field, cells=tuple(arguments.cells), method=method, iterations=arguments.iterations)
+            fit_map(field, cells=arguments.cells, method=method, iterations=arguments.iterations)
             for method in arguments.methods
         ]
         for fit in fits:
-            record = fit.report.to_json()
-            print(json.dumps(record) if arguments.json else line(record), flush=True)
+            arguments.say(fit.report.to_json(), line)
         if arguments.picture is not None:
             save(draw_map_convergence([fit.report for fit in fits]), named(arguments.picture, fits[0].report))
 
@@ -61,4 +64,4 @@ def named(picture: Path, report: MapReport) -> Path:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Asked, __doc__)

@@ -13,6 +13,7 @@ from stancekit.planners.files.refusals import shown
 
 from . import gait_options
 from .console import as_options, emit, err, out
+from .options import check_drawn
 from .terrain import TerrainFile
 from .watch import interruptible, watching
 
@@ -49,7 +50,7 @@ class Gait:
     """Which way the robot faces, from x towards y [rad], or goal. It walks in any direction; out of a pit it has to
     face its goal, for the feet that stick are in front."""
     robot: Annotated[str, tyro.conf.arg(metavar="NAME|FILE")] = "anymal"
-    """anymal, hexapod, or a robot's file (YAML)."""
+    """anymal, hexapod, a .urdf file, or a .yaml file that names one (extra kin) or has a walker's numbers."""
     chart: Annotated[str, tyro.conf.arg(metavar="CHART|FILE.py:NAME")] = "portfolio"
     """In which coordinates to solve: ambient, shear, decoupled, warped, warped-exact, or a chart of your own; portfolio
     tries one after another until the verifier accepts."""
@@ -146,14 +147,7 @@ class Gait:
         if twice:
             raise InvalidInput(f"{twice[0]}: expected a file of its own for each picture, got it twice")
         check_pictures(self.picture, self.convergence)
-        if self.html is not None:
-            from stancekit.views.page import check_page
-
-            check_page(self.html)
-        if self.video is not None:
-            from stancekit.views.film import check_film
-
-            check_film(self.video)
+        check_drawn(video=self.video, html=self.html)
         if self.chart != "portfolio":
             with as_options():
                 CHARTS.get(self.chart)
@@ -253,10 +247,13 @@ class Gait:
         return True
 
     def _say(self, plan: GaitPlan, best: Attempted, written: bool) -> None:
-        from .gait_answer import words
+        from .gait_answer import joints, words
 
         for line in words(plan):
             out.print(line, highlight=False)
+        if (found := joints(best)) is not None:
+            told = f"{found['reached']} of {found['feet']} feet are reached by the robot's own legs"
+            out.print(f"joints: {told}, the worst within {1e3 * found['worst_m']:.2g} mm", highlight=False)
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}")

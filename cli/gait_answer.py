@@ -92,6 +92,7 @@ def record(plan: GaitPlan, best: Attempted, terrain: str, written: Path | None) 
         "out": None if written is None else str(written),
         "cpu_seconds": plan.seconds,
         "figures": dict(best.report.figures),
+        "joints": joints(best),
         "attempts": [_attempt_record(plan, index) for index in range(len(plan.attempts))],
         "failures": list(plan.failures),
     }
@@ -148,6 +149,20 @@ def words(plan: GaitPlan) -> list[str]:
             parts.append(f"peak {before:.2f} g" + (f" → {after:.2f} g" if round(after - before, 2) else ""))
         lines.append(f"{one.attempt.name}: {'; '.join([*parts, verdict(one)])}")
     return [*lines, *plan.failures]
+
+
+def joints(one: Attempted) -> dict[str, Any] | None:
+    """How many feet of a walk the robot's own legs bring where they should be, over all samples; None without legs."""
+    if one.trajectory.robot.model is None:
+        return None
+    from stancekit.planners.robot.walk_joints import walk_joints
+
+    found = walk_joints(one.trajectory)
+    return {
+        "feet": int(found.reached.size),
+        "reached": int(found.reached.sum()),
+        "worst_m": float(found.error_m.max()),
+    }
 
 
 def verdict(one: Attempted) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stancekit.planners.errors import InvalidInput
@@ -13,7 +12,6 @@ if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
     from stancekit.planners.robot.single_body import GaitRobot
 
-ROBOTS = ("anymal", "hexapod")
 
 
 def place(text: str, option: str) -> Array:
@@ -39,13 +37,13 @@ def heading(text: str, way: Array) -> float:
 
 def robot(name: str) -> GaitRobot:
     """A robot by its name or its file. Raises InvalidInput."""
-    from stancekit.planners.robot.single_body import GaitRobot, anymal, hexapod_walker
+    from stancekit.planners.robot.walker import named_walker
 
-    if name in ROBOTS:
-        return anymal() if name == "anymal" else hexapod_walker()
-    if not Path(name).exists():
-        raise InvalidInput(f"--robot: expected {', '.join(ROBOTS)} or a robot's file, got {name!r}")
-    return GaitRobot.from_yaml(name)
+    try:
+        return named_walker(name)
+    except InvalidInput as error:
+        message = str(error)
+        raise InvalidInput(f"--{message}" if message.startswith("robot: ") else message) from None
 
 
 def in_options(message: str) -> str:

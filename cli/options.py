@@ -1,10 +1,53 @@
-"""Options that may be left out. tyro knows ``Optional``; for ``X | None`` it imports typeguard, which takes .1 s."""
+"""Options that several verbs have: those that may be left out, of a planner, and files of pictures.
+
+tyro knows ``Optional``; for ``X | None`` it imports typeguard, which takes .1 s.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Optional, TypeAlias
+from typing import Any, Optional, TypeAlias
+
+from stancekit.planners.errors import InvalidInput
 
 OptionalPath: TypeAlias = Optional[Path]  # noqa: UP045
 OptionalInt: TypeAlias = Optional[int]  # noqa: UP045
 OptionalText: TypeAlias = Optional[str]  # noqa: UP045
+LONGEST_S = 1e6
+MOST_INTERVALS = 64
+"""A finer grid takes minutes to write down and more memory than most machines have."""
+
+
+def check_planner(verb: Any, by: str, known: Collection[str], uses: Mapping[str, Sequence[str]]) -> None:
+    """Raise InvalidInput for a limit that is out of range, or an option that the planner does not know.
+
+    verb: has time_limit_s, intervals, and under ``by`` its planner. uses: which planners of those known an option is
+    for, where it is not for all.
+    """
+    if not 0.0 < verb.time_limit_s <= LONGEST_S:
+        raise InvalidInput(f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got {verb.time_limit_s:g}")
+    if verb.intervals > MOST_INTERVALS:
+        raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {verb.intervals}")
+    chosen = getattr(verb, by)
+    for field in fields(verb):
+        planners = uses.get(field.name, (chosen,))
+        if chosen in known and chosen not in planners and getattr(verb, field.name) != field.default:
+            raise InvalidInput(f"--{field.name}: expected --{by} {' or '.join(planners)} with it, got {chosen}")
+
+
+def check_drawn(picture: Path | None = None, video: Path | None = None, html: Path | None = None) -> None:
+    """Raise InvalidInput for a picture, film or page that cannot be written, or lacks a package."""
+    if picture is not None:
+        from stancekit.views.sheet import check_picture
+
+        check_picture(picture)
+    if video is not None:
+        from stancekit.views.film import check_film
+
+        check_film(video)
+    if html is not None:
+        from stancekit.views.page import check_page
+
+        check_page(html)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -13,9 +13,9 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
 from .names import named
-from .options import OptionalInt, OptionalPath, OptionalText
+from .options import OptionalInt, OptionalPath, OptionalText, check_drawn, check_planner
 from .plan_table import message_of, row, table_of
-from .robot_plan import joints_of, refuted
+from .robot_plan import refuted, with_its_joints
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from stancekit.planners.search.answer import CoursePlanner
     from stancekit.planners.verify import Report
 
-LONGEST_S = 1e6
-MOST_INTERVALS = 64
 OF_PLANNERS = {
     "reserve": ("two-stage",),
     "relaxation": ("two-stage",),
@@ -105,38 +103,39 @@ class PlanCourse:
     def run(self) -> int:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.planners.answer.proof_file import write_proof
-        from stancekit.planners.problem.course_file import read_course, read_robot
+        from stancekit.planners.problem.course_file import read_course
         from stancekit.planners.search.friction_margin import plan_with_reserve
 
         self._check()
         planner = self._planner()
-        course, model = read_course(self.course, self.frames, self.robot), read_robot(self.course, self.robot)
+        course = read_course(self.course, self.frames, self.robot)
         with progress(f"plan {course.name} by {self.planner}") as bar:
             outcome = plan_with_reserve(planner, course) if self._reserved() else planner.solve(course)
-            if model is not None and outcome.certificate is not None:
+            if self._has_sets(course) and outcome.certificate is not None:
                 around = read_course(self.course, self.frames, self.robot, "outer")
                 course, outcome = refuted(course, outcome, around, planner.solve(around))
+            outcome = with_its_joints(outcome)
             bar(1, 1)
         report = None if outcome.plan is None else self._write(outcome.plan)
-        joints = None if outcome.plan is None or model is None else joints_of(model, outcome.plan)
         proved = outcome.certificate is not None
         message = message_of(course, outcome)
         if self.proof is not None and outcome.certificate is not None:
             write_proof(self.proof, course, outcome.certificate)
         if self.json:
-            record = self._record(course, outcome, report, message)
-            emit(record if joints is None else record | {"joints": joints.to_json()})
+            emit(self._record(course, outcome, report, message))
         else:
             out.print(table_of(course, outcome))
             for line in [] if outcome.plan is None or report is None else self._said(outcome.plan, report):
                 out.print(line, highlight=False)
-            if joints is not None:
-                out.print(joints.message, highlight=False)
         if report is None:
             complain(f"stancekit: no plan: {course.name}: {message or outcome.claim or outcome.status.value}")
             if self.proof is not None:
                 complain(f"wrote {self.proof}" if proved else f"{self.proof}: not written, since nothing is proved")
-        return int(report is None or not report.accepted or (joints is not None and not joints.reached))
+        return int(report is None or not report.accepted)
+
+    def _has_sets(self, course: Course) -> bool:
+        """Whether the course has inner and outer sets of a robot's own legs; one in JSON has what it has."""
+        return course.robot.model is not None and not self.course.endswith(".json")
 
     def _reserved(self) -> bool:
         return self.reserve and self.planner == "two-stage"
@@ -149,18 +148,7 @@ class PlanCourse:
         from stancekit.planners.files.writing import check_writable
         from stancekit.planners.search.methods import COURSE_METHODS
 
-        if not 0.0 < self.time_limit_s <= LONGEST_S:
-            raise InvalidInput(
-                f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got {self.time_limit_s:g}"
-            )
-        if self.intervals > MOST_INTERVALS:
-            raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {self.intervals}")
-        for field in fields(self):
-            planners = OF_PLANNERS.get(field.name, (self.planner,))
-            without = self.planner in COURSE_METHODS and self.planner not in planners
-            if without and getattr(self, field.name) != field.default:
-                wanted = " or ".join(planners)
-                raise InvalidInput(f"--{field.name}: expected --planner {wanted} with it, got {self.planner}")
+        check_planner(self, "planner", COURSE_METHODS, OF_PLANNERS)
         if self.relaxation == "envelope" and self.envelope is None:
             raise InvalidInput("--relaxation: expected --envelope FILE with envelope, got none")
         if self.relaxation == "lift" and self.envelope is not None:
@@ -173,18 +161,7 @@ class PlanCourse:
         for _, target in targets:
             if target is not None:
                 check_writable(target)
-        if self.picture is not None:
-            from stancekit.views.sheet import check_picture
-
-            check_picture(self.picture)
-        if self.video is not None:
-            from stancekit.views.film import check_film
-
-            check_film(self.video)
-        if self.html is not None:
-            from stancekit.views.page import check_page
-
-            check_page(self.html)
+        check_drawn(self.picture, self.video, self.html)
         targets += [("--picture", self.picture), ("--video", self.video), ("--html", self.html)]
         taken: dict[Path, str] = {}
         for option, target in targets:
@@ -214,7 +191,7 @@ class PlanCourse:
         """Verify the plan once more, and write the files that were asked for."""
         from stancekit.planners.verify import check_plan
 
-        report = check_plan(plan)
+        report = check_plan(plan, joints=plan.joints_rad is not None)
         if self.out is not None:
             from stancekit.planners.answer.plan_file import write_plan
 
@@ -243,6 +220,7 @@ class PlanCourse:
         if share != 1.0:
             yield f"planned with {100 * share:.0f} % of the friction"
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.goal_m:.0f} mm from the goal"
+        yield report.joints_message or "not checked here: joints, torque; `stancekit verify` checks them"
         if plan.modes is not None:
             terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"
             yield f"modes z: {row(plan.modes.tolist())}{terrain}"

@@ -7,17 +7,20 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from stancekit.planners.answer.plan import Plan, PlanOutcome
+    from stancekit.planners.answer.plan import PlanOutcome
     from stancekit.planners.problem.course import Course
-    from stancekit.planners.robot.plan_postures import PlanPostures
-    from stancekit.planners.robot.robot_model import RobotModel
 
 
-def joints_of(model: RobotModel, plan: Plan) -> PlanPostures:
-    """Postures of every key frame; what finds them is imported only here."""
-    from stancekit.planners.robot.plan_postures import plan_postures
+def with_its_joints(outcome: PlanOutcome) -> PlanOutcome:
+    """The same with joint angles in its plan, where the robot has legs of its own; what finds them is slow to import.
 
-    return plan_postures(model, plan)
+    For legs that are drawn up, `stancekit verify` finds them: that takes about as long as the whole plan does.
+    """
+    if outcome.plan is None or outcome.plan.course.robot.model is None:
+        return outcome
+    from stancekit.planners.projection.whole_body import with_joints
+
+    return replace(outcome, plan=with_joints(outcome.plan))
 
 
 def refuted(course: Course, outcome: PlanOutcome, around: Course, second: PlanOutcome) -> tuple[Course, PlanOutcome]:

@@ -274,11 +274,11 @@ class Run:
     @contextmanager
     def _sources(self, stack: ExitStack) -> Iterator[list[Source]]:
         """Keys, the stop file, the stop topic."""
-        from stancekit.runner.safety.estop import file_source, key_source, raw_keys, reader_source
+        from stancekit.runner.safety.estop import file_source, is_open, key_source, raw_keys, reader_source
 
         sources: list[Source] = [] if self.stop_file is None else [file_source(self.stop_file)]
         if self.arm:
-            sources.append(reader_source(*(stream for stream in (1, 2) if _is_open(stream))))
+            sources.append(reader_source(*(stream for stream in (1, 2) if is_open(stream))))
         if self.stop_topic is not None:
             from stancekit.runner.safety.stop_topic import StopTopic
 
@@ -291,12 +291,3 @@ class Run:
         err.print("any key stops the robot")
         with raw_keys(sys.stdin.fileno()):
             yield [*sources, key_source(sys.stdin.fileno())]
-
-
-def _is_open(stream: int) -> bool:
-    """Whether the process began with this file descriptor."""
-    try:
-        os.fstat(stream)
-    except OSError:
-        return False
-    return True

@@ -32,7 +32,12 @@ def run_table(report: RunReport) -> Table:
         table.add_row(
             "body", f"{1e3 * run.com_final_m:.1f} mm from the plan at the end, {1e3 * run.com_worst_m:.1f} mm at most"
         )
-        table.add_row("feet", f"slid {1e3 * float(run.slip_m.max()):.1f} mm at most")
+        table.add_row("", f"its origin {1e3 * run.body_rms_m:.1f} mm (RMS), {1e3 * run.body_worst_m:.1f} mm at most")
+        late_ms = 1e3 * float(run.late_s.max())
+        table.add_row(
+            "feet", f"slid {1e3 * float(run.slip_m.max()):.1f} mm at most, touched up to {late_ms:.0f} ms late"
+        )
+        table.add_row("torque", f"{float(run.torque_share.max()):.0%} of its joint's limit at most")
         table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
     median, late = (1e3 * value for value in report.cycle_s)
     if np.isfinite(median):

@@ -13,6 +13,7 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out
+from .options import check_drawn
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan
@@ -84,13 +85,8 @@ class Simulate:
     def _check_files(self) -> None:
         """Raise InvalidInput for a file that cannot be written."""
         from stancekit.planners.files.writing import check_writable
-        from stancekit.views.film import check_film
-        from stancekit.views.sheet import check_picture
 
-        if self.picture is not None:
-            check_picture(self.picture)
-        if self.video is not None:
-            check_film(self.video)
+        check_drawn(self.picture, self.video)
         if self.out is not None:
             if self.out.suffix != ".npz":
                 raise InvalidInput(f"--out: expected a name that ends in .npz, got {self.out}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
@@ -15,16 +15,13 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress, text_of
 from .names import named
-from .options import OptionalPath
+from .options import OptionalPath, check_planner
 
 if TYPE_CHECKING:
     from stancekit.planners.problem import PostureProblem
     from stancekit.planners.relaxation.envelope import EnvelopeSet
     from stancekit.planners.search.answer import Planner
 
-LONGEST_S = 1e6
-MOST_INTERVALS = 64
-"""A finer grid takes minutes to write down and more memory than most machines have."""
 OF_METHODS = {
     "envelope": ("p1", "two-stage", "micp"),
     "project": ("p1", "lift", "two-stage"),
@@ -118,18 +115,7 @@ class Solve:
 
         if not self.files:
             raise InvalidInput("FILE: expected one or more problem files, got none (- is standard input)")
-        if not 0.0 < self.time_limit_s <= LONGEST_S:
-            raise InvalidInput(
-                f"--time-limit-s: expected a number above 0, up to {LONGEST_S:g}, got {self.time_limit_s:g}"
-            )
-        if self.intervals > MOST_INTERVALS:
-            raise InvalidInput(f"--intervals: expected {MOST_INTERVALS} or less, got {self.intervals}")
-        for field in fields(self):
-            methods = OF_METHODS.get(field.name, (self.method,))
-            if self.method in METHODS and self.method not in methods and getattr(self, field.name) != field.default:
-                raise InvalidInput(
-                    f"--{field.name}: expected --method {' or '.join(methods)} with it, got {self.method}"
-                )
+        check_planner(self, "method", METHODS, OF_METHODS)
 
     def _answer(
         self, where: str, problem: PostureProblem | InvalidInput, planner: Planner, envelopes: EnvelopeSet | None

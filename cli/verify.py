@@ -14,7 +14,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.refusals import shown
 
 from .console import complain, emit, out, text_of
-from .options import OptionalPath
+from .options import OptionalPath, OptionalText
 
 TOLERANCE = 1e-6
 EVIDENCE = {"feasible": "posture", "infeasible": "certificate"}
@@ -43,6 +43,8 @@ class Verify:
     """File of answers, or - for standard input; none for a data set, a plan or a gait."""
     tolerance: float = TOLERANCE
     """Largest violation of an accepted posture (non-dimensional)."""
+    robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE")] = None
+    """The robot that a plan is for, a .urdf or a .yaml file: a plan whose own copy of it differs is refused."""
     explain: bool = False
     """Say for every proof what would have to give, and by how much at least."""
     json: bool = False
@@ -52,6 +54,8 @@ class Verify:
         """Verify and print the verdicts."""
         if not 0.0 < self.tolerance < 1.0:
             raise InvalidInput(f"--tolerance: expected a number between 0 and 1, got {self.tolerance:g}")
+        if self.robot is not None and not (self.answers is None and self.problems.is_file()):
+            raise InvalidInput("--robot: expected a plan's file with it")
         if self.answers is None:
             return self._file() if self.problems.is_file() else self._dataset()
         refused = 0
@@ -82,8 +86,11 @@ class Verify:
             data = None  # problems come as JSON lines, too
         if self.explain and not proof_file.is_proof(data):
             raise InvalidInput(f"--explain: expected a file of answers with it, got {name} alone")
-        if plan_file.is_plan_file(self.problems):
-            checked = plan_file.check_file(self.problems, tolerance=self.tolerance)
+        of_plan = plan_file.is_plan_file(self.problems)
+        if self.robot is not None and not of_plan:
+            raise InvalidInput(f"--robot: expected a plan with it, got {name}")
+        if of_plan:
+            checked = plan_file.check_file(self.problems, tolerance=self.tolerance, robot=self._robot())
             accepted, message, found = checked.accepted, checked.message, checked.to_json()
         elif proof_file.is_proof(data):
             if self.tolerance != TOLERANCE:
@@ -106,6 +113,14 @@ class Verify:
         else:
             out.print(f"{name}: {message}")
         return int(not accepted)
+
+    def _robot(self) -> Any:
+        """The model of --robot; what reads it is slow to import."""
+        if self.robot is None:
+            return None
+        from stancekit.planners.robot.robot_file import named_robot
+
+        return named_robot(self.robot)
 
     def _dataset(self) -> int:
         from stancekit.learners.data.dataset import Dataset

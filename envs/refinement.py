@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -190,57 +189,6 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
             "verdict": verdicts[search.verdict],
             "label": int(scene.feasible),
         }
-
-
-class LargestGap:
-    """Branch where P1's answer is farthest off the bilinear surface: the textbook rule for bilinear problems."""
-
-    def predict(
-        self,
-        observation: Mapping[str, NDArray[Any]],
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.int64], Any]:
-        """Return (dimension, state): of the largest gap the wider dimension, or the widest where there is no gap.
-
-        Both factors of the worst product have its gap as their score; the width tells which of them to cut.
-        """
-        gap, width = observation["gap"], observation["high"] - observation["low"]
-        worst = gap >= gap.max(axis=-1, keepdims=True)
-        return np.asarray(np.argmax(np.where(worst, width, -1.0), axis=-1)), state
-
-
-class WidestDimension:
-    """Bisect the longest edge of the box."""
-
-    def predict(
-        self,
-        observation: Mapping[str, NDArray[Any]],
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.int64], Any]:
-        """Return (dimension, state)."""
-        return np.asarray(np.argmax(observation["high"] - observation["low"], axis=-1)), state
-
-
-class RandomDimension:
-    """Any dimension, each as likely."""
-
-    def __init__(self, rng: np.random.Generator) -> None:
-        self._rng = rng
-
-    def predict(
-        self,
-        observation: Mapping[str, NDArray[Any]],
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.int64], Any]:
-        """Return (dimension, state)."""
-        shape = np.shape(observation["gap"])
-        return np.asarray(self._rng.integers(shape[-1], size=shape[:-1])), state
 
 
 def gap_by_dimension(gaps: Array) -> Array:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from gymnasium import spaces
@@ -51,6 +51,18 @@ class Verdict:
     info: dict[str, Any]
     posture: Posture | None
     envelope: Envelope
+
+
+class SelectionOptions(TypedDict, total=False):
+    """What ``SelectionTask`` takes beside its problem; the page of ``EnvelopeSelectionEnv`` has their meaning."""
+
+    boxes: int
+    library: EnvelopeSet | str | Path | None
+    projections: tuple[Projection, ...]
+    weights: RewardWeights
+    balanced: bool
+    scenes: SceneSource | None
+    timing: bool
 
 
 class SelectionTask:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -26,24 +26,13 @@ from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
-from .traverse_setup import CourseSource, TraverseWeights, course_source, offered_planners, path_length_m
+from .traverse_setup import CourseSource, Executor, TraverseWeights, course_source, offered_planners, path_length_m
 
 MAX_DRAWS = 50
 """Draws until a course whose first key frame holds."""
 PICTURE_PX = (960, 720)
 NO_MODE = -1
 """In ``info``: a frame beyond the course's end, or a course that does not say its modes."""
-
-
-class Executed(Protocol):
-    """What an executor says: whether the robot did what was planned."""
-
-    @property
-    def succeeded(self) -> bool:
-        """Whether it arrived, upright and without slipping."""
-
-
-Executor = Callable[[Plan], Executed]
 
 
 class TraverseEnv(gym.Env[Features, np.int64]):

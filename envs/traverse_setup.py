@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course import Course
@@ -23,6 +25,17 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from .distributions.courses import perturbed
 
 CourseSource = Callable[[np.random.Generator], Course]
+
+
+class Executed(Protocol):
+    """What an executor says: whether the robot did what was planned."""
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether it arrived, upright and without slipping."""
+
+
+Executor = Callable[[Plan], Executed]
 
 
 @dataclass(frozen=True, kw_only=True)

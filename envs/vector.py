@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import copy
 import multiprocessing
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
-from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -25,11 +24,9 @@ from numpy.typing import NDArray
 from stancekit.planners.equilibrium.features import observe_batch
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, StancekitError
-from stancekit.planners.projection.project import Projection
-from stancekit.planners.relaxation.envelope import EnvelopeSet
 
-from .scenes import Scene, SceneSource
-from .selection_task import RewardWeights, SelectionTask
+from .scenes import Scene
+from .selection_task import SelectionOptions, SelectionTask
 
 Observation = dict[str, NDArray[np.float32]]
 Seeds = Sequence[int | None]
@@ -54,15 +51,9 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         num_envs: int = 1,
         problem: str = "wall-3",
         *,
-        boxes: int = 1,
-        library: EnvelopeSet | str | Path | None = None,
-        projections: tuple[Projection, ...] = ("fix-p",),
-        weights: RewardWeights = RewardWeights(),
-        balanced: bool = True,
-        scenes: SceneSource | None = None,
-        timing: bool = False,
         workers: int = 1,
         render_mode: str | None = None,
+        **options: Unpack[SelectionOptions],
     ) -> None:
         if render_mode is not None:
             raise InvalidInput(f"render_mode: expected None for a batch of environments, got {render_mode!r}")
@@ -70,11 +61,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
             raise InvalidInput(f"num_envs: expected 1 or more, got {num_envs}")
         if not 1 <= workers <= num_envs:
             raise InvalidInput(f"workers: expected 1 to num_envs = {num_envs}, got {workers}")
-        arguments: dict[str, Any] = {
-            "problem": problem, "boxes": boxes, "library": library, "projections": projections, "weights": weights,
-            "balanced": balanced, "scenes": scenes, "timing": timing,
-        }  # fmt: skip
-        task = SelectionTask(**arguments)
+        task = SelectionTask(problem, **options)
         self.num_envs = num_envs
         self.single_observation_space = task.observation_space
         self.single_action_space = task.action_space
@@ -84,7 +71,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         self._cuts = [round(k * num_envs / workers) for k in range(workers + 1)]
         sizes = np.diff(self._cuts).tolist()
         self._parts: list[_Batch | _Worker] = (
-            [_Batch(task, num_envs)] if workers == 1 else [_Worker(arguments, size) for size in sizes]
+            [_Batch(task, num_envs)] if workers == 1 else [_Worker(problem, options, size) for size in sizes]
         )
 
     def reset(
@@ -203,10 +190,10 @@ class _Batch:
 class _Worker:
     """A ``_Batch`` in a process of its own, which ends with this one."""
 
-    def __init__(self, arguments: Mapping[str, Any], size: int) -> None:
+    def __init__(self, problem: str, options: SelectionOptions, size: int) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
-        self._process: BaseProcess = context.Process(target=_serve, args=(theirs, arguments, size), daemon=True)
+        self._process: BaseProcess = context.Process(target=_serve, args=(theirs, problem, options, size), daemon=True)
         self._process.start()
         theirs.close()
 
@@ -233,9 +220,9 @@ class _Worker:
             self._process.terminate()
 
 
-def _serve(pipe: Connection, arguments: Mapping[str, Any], size: int) -> None:
+def _serve(pipe: Connection, problem: str, options: SelectionOptions, size: int) -> None:
     """A worker's life: answer until None comes or the other end is gone."""
-    batch = _Batch(SelectionTask(**arguments), size)
+    batch = _Batch(SelectionTask(problem, **options), size)
     with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
         while (request := pipe.recv()) is not None:
             batch.begin(*request)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -16,6 +17,8 @@ from stancekit.planners.files.refusals import shown
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.robot.single_body import GaitRobot
+from stancekit.planners.robot.walker import named_walker
 
 from .distributions.walks import SampledTasks, Tasks
 
@@ -91,7 +94,8 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
     | argument | default | meaning |
     |---|---|---|
     | terrain | 'mixed' | a family, "mixed" for all of them, a terrain of `TERRAINS`, or "FILE.py:NAME" |
-    | tasks | None | a function that draws a walk from a generator, in place of ``terrain`` |
+    | robot | None | a built-in name, a URDF, a YAML file, or a ``GaitRobot``; ANYmal where None |
+    | tasks | None | a function that draws a walk from a generator, in place of ``terrain`` and ``robot`` |
     | charts | None | coordinates to choose from, all of `planners.gait.charts.CHARTS` if None, or "FILE.py:NAME" |
     | settings | GaitSettings(max_iterations=50) | of the optimiser; its limit is that of every stage |
     | weights | GaitRewardWeights() | what a step is worth |
@@ -109,6 +113,7 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         self,
         terrain: str = "mixed",
         *,
+        robot: GaitRobot | str | Path | None = None,
         tasks: Tasks | None = None,
         charts: Sequence[str] | None = None,
         settings: GaitSettings = GaitSettings(max_iterations=50),
@@ -126,7 +131,10 @@ class WarpedGaitEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.int64]]):
         if weights.seconds and not timing:
             raise InvalidInput(f"weights: expected timing with seconds, whose weight is {weights.seconds:g}")
         self.render_mode = render_mode
-        self._tasks: Tasks = SampledTasks(terrain=terrain) if tasks is None else tasks
+        if robot is not None and tasks is not None:
+            raise InvalidInput("robot: expected none where tasks are given, which have their own")
+        walker = robot if isinstance(robot, GaitRobot) else named_walker(robot or "anymal")
+        self._tasks: Tasks = SampledTasks(terrain=terrain, robot=walker) if tasks is None else tasks
         self._charts, self._settings, self._weights, self._timing = charts, settings, weights, timing
         feet = len(self._tasks.robot.feet) if isinstance(self._tasks, SampledTasks) else self._feet_of()
         self.observation_space: spaces.Space[Any] = _task_space(feet)

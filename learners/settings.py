@@ -6,10 +6,8 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
-
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.refusals import refusals
+from stancekit.planners.files.refusals import validated
 
 Settings = TypeVar("Settings")
 
@@ -21,7 +19,4 @@ def typed(kind: type[Settings], given: Mapping[str, Any], where: str) -> Setting
     for name in given:
         if name not in known:
             raise InvalidInput(f"{prefix}{name}: expected one of {', '.join(known)}, got an unknown key")
-    try:
-        return TypeAdapter(kind).validate_python(dict(given))
-    except ValidationError as error:
-        raise InvalidInput("; ".join(prefix + line for line in refusals(error))) from None
+    return validated(kind, dict(given), key=prefix)

@@ -19,10 +19,11 @@ from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.gait.trajectory_file import copied, read_trajectory
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.robot import Robot, hexapod
-from stancekit.planners.robot.kinematics import joint_report
+from stancekit.planners.robot.model import Limb
 from stancekit.planners.robot.single_body import GRAVITY_M_S2, GaitRobot
 from stancekit.planners.robot.urdf import joint_names
-from stancekit.planners.verify import check_plan
+from stancekit.planners.verify import Report, check_plan
+from stancekit.planners.verify.joints import joint_report
 from stancekit.planners.verify.report import plan_arrays
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
 
@@ -49,9 +50,9 @@ class Accepted:
     @classmethod
     def verified(cls, plan: Plan, source: str) -> Accepted:
         """Verify a plan now. Raises InvalidInput for one that is rejected."""
-        report = check_plan(plan)
+        report = _judged(plan)
         if not report.accepted:
-            raise InvalidInput(f"{source}: expected a plan that the verifier accepts, {report.message}")
+            raise InvalidInput(f"{source}: expected a plan that the verifier accepts, {_said(report)}")
         return cls(plan=plan, digest=report.digest, source=source)
 
     def check_fits(self, world: World) -> None:
@@ -103,8 +104,15 @@ class AcceptedGait:
 def walker(robot: GaitRobot) -> Robot:
     """The robot with limbs and joints that a gait was planned for. Raises InvalidInput where none is known.
 
-    A gait's robot is a body with reach boxes; of the robots that come with the package the hexapod has joints, too.
+    A gait's robot is a body with reach boxes, which may carry the model of its legs; of the robots that come with the
+    package the hexapod has joints, too.
     """
+    if (model := robot.model) is not None:
+        limbs = tuple(
+            Limb(name=leg.name, shoulder_m=leg.hip_m - model.body.com_m, reach_m=leg.chain.length_m + leg.radius_m)
+            for leg in model.legs
+        )
+        return Robot(name=model.name, mass_kg=model.body.mass_kg, limbs=limbs, model=model)
     known = hexapod()
     shoulders = {limb.name: limb.shoulder_m for limb in known.limbs}
     same = robot.foot_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)
@@ -131,10 +139,10 @@ def proven(content: Plan | Trajectory, digest: str, source: str) -> Plan | Traje
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise InvalidInput(f"{source}: expected a plan or a gait, got what is none: {error!s:.80}") from None
     gait = isinstance(plain, Trajectory)
-    report = check_trajectory(plain) if isinstance(plain, Trajectory) else check_plan(plain)
+    report = check_trajectory(plain) if isinstance(plain, Trajectory) else _judged(plain)
     if not report.accepted:
         raise InvalidInput(
-            f"{source}: expected a {'gait' if gait else 'plan'} that the verifier accepts, {report.message}"
+            f"{source}: expected a {'gait' if gait else 'plan'} that the verifier accepts, {_said(report)}"
         )
     if isinstance(report, GaitReport) and report.unchecked:
         raise InvalidInput(f"{source}: expected a gait of which all groups are checked: {report.message}")
@@ -145,6 +153,16 @@ def proven(content: Plan | Trajectory, digest: str, source: str) -> Plan | Traje
             f"{source}: expected what digest {digest!s:.12} is of, got {report.digest:.12}: changed since"
         )
     return plain
+
+
+def _judged(plan: Plan) -> Report:
+    """The verifier on a plan; on its joints, too, where the robot has legs of its own: nobody else may drive them."""
+    return check_plan(plan, joints=plan.course.robot.model is not None)
+
+
+def _said(report: Report | GaitReport) -> str:
+    joints = report.joints_message if isinstance(report, Report) else ""
+    return f"{report.message}; {joints}" if joints else report.message
 
 
 def _copied_plan(plan: Plan) -> Plan:
@@ -176,6 +194,9 @@ def _differs(plan: Robot, world: Robot) -> str:
     """The first number in which two robots differ; empty where there is none."""
     if not np.isclose(plan.mass_kg, world.mass_kg, rtol=1e-6):
         return f"{plan.mass_kg:g} kg and {world.mass_kg:g} kg"
+    models = [None if robot.model is None else robot.model.digest for robot in (plan, world)]
+    if models[0] != models[1]:
+        return "their legs are of different files" if all(models) else "only one of them has legs of its own"
     for mine, other in zip(plan.limbs, world.limbs, strict=True):
         if not np.isclose(mine.reach_m, other.reach_m, rtol=1e-6):
             return f"limb {mine.name} reaches {mine.reach_m:g} m and {other.reach_m:g} m"

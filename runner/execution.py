@@ -13,7 +13,7 @@ from stancekit.planners.files.arrays import Array, checked, gathered
 from stancekit.planners.robot.kinematics import Kinematics
 
 from .record import Record, Trace
-from .worlds.world import World
+from .safety.guard import SafeWorld
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,15 +37,17 @@ class Tolerance:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Execution:
-    """How a motion was followed.
+    """How a motion was followed; P placements, J joints.
 
     succeeded: by ``Tolerance``; message: why not. fallen_s: when it fell, None if it did not. com_final_m: distance of
-    the final centre of mass from the plan's; com_worst_m, tilt_worst_rad: largest on the path. slip_m: of every
-    placement, shape (P,). force_rms_n: root mean square, over time and the feet that should stand, of the difference
-    between measured and planned forces. torque_worst_nm, planned_torque_nm: largest of any joint, measured and as
-    planned; torque_limit_nm: the servo's. error_m: worst of the inverse kinematics. shift_m: largest distance of the
-    centre of mass from the body's origin, zero in paper E. bump_s: how long the terrain pressed on anything but feet.
-    seconds: of the world's time; wall_s: what that took.
+    the final centre of mass from the plan's; com_worst_m, tilt_worst_rad: largest on the path. body_rms_m,
+    body_worst_m, body_final_m: distance of the body's origin from where it should be. slip_m: of every placement since
+    it touched, and late_s: how long after it should have that was, shape (P,). force_rms_n: root mean square, over time
+    and the feet that should stand, of the difference between measured and planned forces. torque_worst_nm,
+    planned_torque_nm: largest of any joint, measured and as planned; torque_limit_nm: the strongest joint's.
+    torque_share: largest measured torque of every joint in units of its own limit, shape (J,). error_m: worst of the
+    inverse kinematics. shift_m: largest distance of the centre of mass from the body's origin. bump_s: how long
+    anything but feet was touched. seconds: of the world's time; wall_s: what that took.
     """
 
     world: str
@@ -55,11 +57,16 @@ class Execution:
     com_final_m: float
     com_worst_m: float
     tilt_worst_rad: float
+    body_rms_m: float
+    body_worst_m: float
+    body_final_m: float
     slip_m: Array
+    late_s: Array
     force_rms_n: float
     torque_worst_nm: float
     planned_torque_nm: float
     torque_limit_nm: float
+    torque_share: Array
     error_m: float
     shift_m: float
     bump_s: float
@@ -72,7 +79,7 @@ class Execution:
         cls,
         record: Record,
         kinematics: Kinematics,
-        world: World,
+        world: SafeWorld,
         *,
         goal_m: Array,
         stances: Sequence[str],
@@ -92,6 +99,7 @@ class Execution:
         fallen_s = float(trace.time_s[down[0]]) if len(down) else None
         final = float(np.linalg.norm(trace.com_m[-1] - goal_m))
         slip = trace.slips(len(stances))
+        limits_nm = world.capabilities.torque_nm
         between = trace.forces_n - trace.planned_forces_n
         wrong = _wrong(stances, tolerance, trace, fallen_s, final, slip)
         return cls(
@@ -102,11 +110,16 @@ class Execution:
             com_final_m=final,
             com_worst_m=float(np.linalg.norm(trace.com_m - trace.planned_com_m, axis=1).max()),
             tilt_worst_rad=float(turned.max()),
+            body_rms_m=float(np.sqrt(np.mean(away**2))),
+            body_worst_m=float(away.max()),
+            body_final_m=float(away[-1]),
             slip_m=slip,
+            late_s=trace.late(len(stances)),
             force_rms_n=float(np.sqrt(np.mean(np.sum(between[trace.placement >= 0] ** 2, axis=-1)))),
             torque_worst_nm=float(np.abs(trace.torques_nm).max()),
             planned_torque_nm=float(np.abs(trace.planned_torques_nm).max()),
-            torque_limit_nm=world.servo.torque_nm,
+            torque_limit_nm=float(limits_nm.max()),
+            torque_share=np.abs(trace.torques_nm).max(axis=0) / limits_nm,
             error_m=max(float(target.error_m.max()) for target, _ in record.pairs),
             shift_m=max(float(np.linalg.norm(target.shift_m)) for target, _ in record.pairs),
             bump_s=float(np.count_nonzero(trace.bump_n > 0.0) / world.rate_hz),
@@ -118,7 +131,7 @@ class Execution:
     def to_json(self) -> dict[str, Any]:
         """The figures without their trace, JSON-ready."""
         found = {item.name: getattr(self, item.name) for item in fields(self) if item.name != "trace"}
-        return found | {"slip_m": self.slip_m.tolist()}
+        return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in found.items()}
 
 
 def _wrong(

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
+
+import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.projection.force_distribution import distribute_forces
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.legged import foot_radii
 
 from .acceptance import Accepted, AcceptedGait, check_joints, proven, walker
-from .control.force_distribution import distribute_forces
 from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.gait_motion import GaitMotion
 from .motion.motion import Motion
 from .motion.time_parametrization import (
+    ACCELERATION_RAD_S2,
     BLIND,
     LIMIT_SHARE,
     check_static,
@@ -28,9 +32,11 @@ from .motion.timeline import PlanMotion
 from .record import Record
 from .safety.guard import SafeWorld
 from .settings import RunSettings
-from .worlds.world import Ground, Solids, Terrain
+from .worlds.world import Ground, Solids, State, Terrain
 
 PlannedMotion = PlanMotion | GaitMotion
+WALKING: dict[str, Any] = {"seek_m_s": 0.3, "seek_m": 0.03, "waits": False}
+"""A foot of a gait that is late is looked for at once, and not waited for: its body moves on."""
 M_co = TypeVar("M_co", bound=Motion, covariant=True)
 P_co = TypeVar("P_co", bound=PlannedMotion, covariant=True)
 
@@ -44,9 +50,12 @@ class Tracked(Generic[M_co]):
     first: Target
     sees: bool
 
-    def next(self, felt: Array, time_s: float) -> Target | None:
-        """The target of the period that ends at a time, None at the end. felt: by the feet just now, (N, 3) [N]."""
-        return self.tracker.next(felt if self.sees else expected(self.motion.at(time_s)))
+    def next(self, felt: Array, time_s: float, state: State | None = None) -> Target | None:
+        """The target of the period that ends at a time, None at the end.
+
+        felt: by the feet just now, (N, 3) [N]. state: the world's, from its last period on.
+        """
+        return self.tracker.next(felt, state) if self.sees else self.tracker.next(expected(self.motion.at(time_s)))
 
     def sendable(self, target: Target) -> Array:
         """What is sent of a target, shape (J,): where nothing is felt nothing is pressed, either."""
@@ -100,7 +109,7 @@ def prepare_plan(
             plan, kinematics, world.capabilities, settings.timing, forces_n=forces_n, hung=settings.hung
         )
         motion, pace, bound_by = timed.motion, timed.pace, timed.bound_by
-    tracker = Tracker(motion, kinematics, world.rate_hz, settings.feedback if sees else BLIND)
+    tracker = Tracker(motion, kinematics, world.rate_hz, settings.feedback if sees else BLIND, settings.body)
     return Prepared(
         digest=accepted.digest, source=accepted.source, name=course.name, motion=motion, kinematics=kinematics,
         tracker=tracker, first=tracker.start(), sees=sees, pace=pace, bound_by=bound_by,
@@ -114,11 +123,14 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
     trajectory = proven(accepted.trajectory, accepted.digest, accepted.source)
     accepted = replace(accepted, trajectory=trajectory, robot=walker(trajectory.robot))
     check_joints(accepted.source, accepted.robot, world)
-    motion, sees = GaitMotion(trajectory), sees_feet(world)
+    motion, sees = GaitMotion(trajectory, foot_radii(accepted.robot)), sees_feet(world)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
-    _check_gait(motion, kinematics, world, hung=settings.hung)
-    moving = replace(settings.feedback, seek_m=0.0)  # it waits for no foot: its body moves on
-    tracker = Tracker(motion, kinematics, world.rate_hz, moving if sees else BLIND)
+    if settings.check_limits:
+        _check_gait(motion, kinematics, world, hung=settings.hung)
+    moving = replace(settings.feedback, **WALKING)
+    fall_s = float(np.sqrt(kinematics.model.stand_height_m / accepted.gravity_m_s2))  # of an inverted pendulum
+    stepping = replace(settings.body, step_s=fall_s) if settings.body.acts else settings.body
+    tracker = Tracker(motion, kinematics, world.rate_hz, moving if sees else BLIND, stepping)
     ground = Ground(heights=trajectory.terrain, friction=trajectory.friction)
     return Prepared(
         digest=accepted.digest, source=accepted.source, name=accepted.name, motion=motion, kinematics=kinematics,
@@ -141,10 +153,12 @@ def check_settings(settings: RunSettings, world: SafeWorld) -> None:
 
 
 def _check_gait(motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *, hung: bool) -> None:
-    """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down."""
+    """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down. What a robot's own joints can
+    accelerate follows from their torques; servos are given a limit of their own."""
+    most = ACCELERATION_RAD_S2 if kinematics.robot.model is None else np.inf
     profile, can = joint_profile(motion, kinematics, hung=hung), world.capabilities
     check_static(profile, kinematics, can, LIMIT_SHARE)
-    for name, (use, joint) in limit_use(profile, can, share=LIMIT_SHARE).items():
+    for name, (use, joint) in limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE).items():
         if use > 1.0:
             raise InvalidInput(
                 f"gait: joint {can.joints[joint]}: it would take {use:.2g} times the {name} that it may have; a gait "

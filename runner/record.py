@@ -6,15 +6,20 @@ There is one record. Reports, figures of tracking, estimates of friction and pic
 from __future__ import annotations
 
 import io
+from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
 
 from .control.tracker import Target
 from .worlds.world import State
+
+TOUCH_N = 1.5
+"""A foot that feels more than this touches."""
 
 
 @dataclass
@@ -81,17 +86,29 @@ class Trace:
         )
 
     def slips(self, placements: int) -> Array:
-        """How far every placement's foot slid from where it first stood, while it should stand, shape (P,) [m].
+        """How far every placement's foot slid from where it touched, while it should stand, shape (P,) [m].
 
-        That is its centre's path less what it should have rolled.
+        That is its centre's path less what it should have rolled; of one that never touches, from where it should have.
         """
         found, feet = np.zeros(placements), self.feet_m - self.rolled_m
-        for placement in range(placements):
-            rows, limbs = np.nonzero(self.placement == placement)
+        for placement, (rows, limbs, first) in enumerate(self._stood(placements)):
             if len(rows):
-                moved = feet[rows, limbs] - feet[rows[0], limbs[0]]
+                moved = feet[rows[first:], limbs[first:]] - feet[rows[first], limbs[first]]
                 found[placement] = float(np.linalg.norm(moved, axis=1).max())
         return found
+
+    def late(self, placements: int) -> Array:
+        """How long after it should stand each placement's foot touched, shape (P,) [s]."""
+        since = [self.time_s[rows[first]] - self.time_s[rows[0]] if len(rows) else 0.0
+                 for rows, _, first in self._stood(placements)]  # fmt: skip
+        return np.array(since)
+
+    def _stood(self, placements: int) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], int]]:
+        """Rows and limbs of every placement, and at which of them its foot touches first."""
+        touches = np.linalg.norm(self.forces_n, axis=-1) > TOUCH_N
+        for placement in range(placements):
+            rows, limbs = np.nonzero(self.placement == placement)
+            yield rows, limbs, int(np.argmax(touches[rows, limbs])) if len(rows) else 0
 
     def to_npz(self) -> bytes:
         """All arrays by their names, as a NumPy archive."""

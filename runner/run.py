@@ -164,9 +164,10 @@ class Runner:
     def follow(self, tracked: Tracked[Motion], record: Record, until: Until = lambda target, state: False) -> bool:
         """The motion to its end, or to where ``until`` says so. Returns whether it ended."""
         assert self.state is not None
+        seen = self.world.capabilities.has_body_pose and not self.world.dry
         felt, total = tracked.first.sample.forces_n, 0.0 if self._prepared is None else self._prepared.motion.last_frame
         for k in count(1):
-            target = tracked.next(felt, k / self.world.rate_hz)
+            target = tracked.next(felt, k / self.world.rate_hz, self.state if seen else None)
             if target is None:
                 break
             began = time.perf_counter()

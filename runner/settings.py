@@ -7,6 +7,7 @@ from typing import Literal
 
 from stancekit.planners.files.arrays import checked
 
+from .control.body_feedback import BodyFeedback
 from .control.tracker import ContactFeedback
 from .execution import Tolerance
 from .motion.timeline import Timing
@@ -18,7 +19,8 @@ from .safety.guard import Limits
 class RunSettings:
     """How a plan, or a gait, is run.
 
-    timing: of a plan's phases. feedback: what the feet do with the forces that they feel. limits: what is let through
+    timing: of a plan's phases. feedback: what the feet do with the forces that they feel; body: what
+    they do about a body that is measured and not where it should be. limits: what is let through
     to the world. tolerance: when it is stopped, and when it is a success. speed_rad_s: of the soft start, and of the
     path home. ending: the state to leave the robot in. hung: the robot hangs in a stand, level and off the ground: its
     feet carry nothing and meet nothing; for what is real only. forces: press with a plan's forces "shared" anew among
@@ -28,6 +30,7 @@ class RunSettings:
 
     timing: Timing = field(default_factory=Timing)
     feedback: ContactFeedback = field(default_factory=ContactFeedback)
+    body: BodyFeedback = field(default_factory=BodyFeedback)
     limits: Limits = field(default_factory=Limits)
     tolerance: Tolerance = field(default_factory=Tolerance)
     speed_rad_s: float = 0.4

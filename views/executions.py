@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M
+from stancekit.planners.robot.legged import foot_radii
 from stancekit.runner.execution import Execution
 
 from .film import film_frames
@@ -42,21 +42,24 @@ class ExecutionView(PlanView):
         return Kinematics(self.plan.course.robot)
 
     def instant(self, row: int) -> tuple[Moment, Sequence[Array]]:
-        """What the world had after a control period, and the joints of its limbs, shape (4, 3) [m] each."""
-        trace = self.execution.trace
+        """What the world had after a control period, and what moves its limbs (``PlanView.limbs``)."""
+        trace, robot = self.execution.trace, self.plan.course.robot
+        turn, angles = trace.rotation[row], trace.angles_rad[row]
         frame = min(round(float(trace.frame[row])), self.plan.course.frames - 1)
         normals = np.array([self.chosen[int(p)].normal for p in self.plan.course.holds[frame]])
         moment = Moment(
-            frame=frame, com_m=trace.origin_m[row], rotation_rad=Rotation.from_matrix(trace.rotation[row]).as_rotvec(),
-            toes_m=trace.feet_m[row] - FOOT_RADIUS_M * normals, forces_n=trace.forces_n[row],
+            frame=frame, com_m=trace.origin_m[row] + turn @ robot.origin_m,
+            rotation_rad=Rotation.from_matrix(turn).as_rotvec(),
+            toes_m=trace.feet_m[row] - foot_radii(robot)[:, None] * normals, forces_n=trace.forces_n[row],
         )  # fmt: skip
-        chains = trace.origin_m[row] + self._kinematics.chains(trace.angles_rad[row]) @ trace.rotation[row].T
-        return moment, list(chains)
+        if self.shape.links is not None:
+            return moment, self.shape.links.split(angles)
+        return moment, list(trace.origin_m[row] + self._kinematics.chains(angles) @ turn.T)
 
     def row(self, row: int, *, cone_m: float | None = None) -> Scene:
         """The robot after a control period, on the patches that it stands on."""
         moment, chains = self.instant(row)
-        return self.at(moment, chains=chains, cone_m=cone_m)
+        return self.at(moment, limbs=chains, cone_m=cone_m)
 
     def path(self, row: int) -> Scene:
         """The path that the centre of mass went, over the planned one."""

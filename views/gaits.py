@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.robot.walk_joints import walk_joints
 from stancekit.planners.verify.trajectories import GaitReport
 
 from .camera import Camera, best_view
@@ -151,8 +152,16 @@ class GaitView:
             )))  # fmt: skip
         return found
 
-    def chains(self, sample: int) -> list[Array]:
-        """Hip, knee and toe of every leg, shape (3, 3) [m]; where knees bend is a guess, for the eye."""
+    @cached_property
+    def _angles(self) -> tuple[Array, ...]:
+        """Of every leg at every sample, shape (K, n) [rad]."""
+        return walk_joints(self.trajectory).angles
+
+    def limbs(self, sample: int) -> list[Array]:
+        """Angles of every leg, where the robot is a URDF's; else hip, knee and toe, shape (3, 3) [m], and where knees
+        bend is a guess, for the eye."""
+        if self.shape.links is not None:
+            return [angles[sample] for angles in self._angles]
         torso, turn = self.trajectory.torso_m[sample], self.trajectory.rotation[sample]
         found = []
         for foot, toe in zip(self.trajectory.robot.feet, self.trajectory.feet_m[sample], strict=True):
@@ -166,7 +175,7 @@ class GaitView:
         """The robot and its contact forces at a sample; paler with less strength."""
         trajectory = self.trajectory
         bodies = self.shape.bodies(
-            trajectory.torso_m[sample], trajectory.rotation[sample], self.chains(sample), prefix=prefix
+            trajectory.torso_m[sample], trajectory.rotation[sample], self.limbs(sample), prefix=prefix
         )
         arrows = [
             self.shape.force(prefix + self.shape.limbs[k], trajectory.feet_m[sample, k],

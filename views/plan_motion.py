@@ -8,7 +8,10 @@ from functools import cached_property
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.rotation import rotation_of
+from stancekit.planners.robot.toes import ToeKinematics
 
 LOAD = 0.25
 """Share of a step in which the load goes from one stance of a frame to the next; the body moves in the rest of it."""
@@ -19,6 +22,7 @@ class Moment:
     """The robot at one moment: com_m (3,) [m], rotation_rad (3,), toes_m (N, 3) [m], forces_n (N, 3) [N].
 
     frame: the key frame it comes from. moving: the limbs that are in the air, by index.
+    joints_rad: of the robot's model, near which its posture is, shape (J,); None where nobody worked them out.
     """
 
     frame: int
@@ -27,6 +31,7 @@ class Moment:
     toes_m: Array
     forces_n: Array
     moving: tuple[int, ...] = ()
+    joints_rad: Array | None = None
 
 
 class PlanMotion:
@@ -47,7 +52,7 @@ class PlanMotion:
         plan = self.plan
         return Moment(
             frame=frame, com_m=plan.com_m[frame], rotation_rad=plan.rotation_rad[frame],
-            toes_m=plan.toes_at(frame), forces_n=plan.forces_at(frame),
+            toes_m=plan.toes_at(frame), forces_n=plan.forces_at(frame), joints_rad=self._joints(frame, 0.0),
         )  # fmt: skip
 
     def at(self, time: float) -> Moment:
@@ -72,7 +77,30 @@ class PlanMotion:
             toes_m=self._toes(k, part),
             forces_n=(1.0 - part) * before + part * after,
             moving=tuple(i for i, name in enumerate(self._names) if name in plan.course.lifts[k + 1]),
+            joints_rad=self._joints(k, part),
         )
+
+    def angles(self, moment: Moment) -> list[Array]:
+        """Of every leg of the robot's model, shape (n,) [rad]; feet face the patches of the moment's key frame."""
+        course = self.plan.course
+        normals = np.array([course.patch(int(p), self.plan.choice).normal for p in course.holds[moment.frame]])
+        turn = rotation_of(moment.rotation_rad)
+        near = None if moment.joints_rad is None else moment.joints_rad[None]
+        found = self._kinematics.solve(moment.com_m[None], turn[None], moment.toes_m[None], normals[None], near)
+        return [angles[0] for angles in found.angles]
+
+    def _joints(self, frame: int, part: float) -> Array | None:
+        """The plan's angles on the way from a key frame to the next, straight."""
+        joints = self.plan.joints_rad
+        after = min(frame + 1, self.plan.course.frames - 1)
+        return None if joints is None else np.asarray((1.0 - part) * joints[frame] + part * joints[after])
+
+    @cached_property
+    def _kinematics(self) -> ToeKinematics:
+        model = self.plan.course.robot.model
+        if model is None:
+            raise InvalidInput("robot: expected one that has a model, got balls of reach")
+        return ToeKinematics(model)
 
     def swing(self, placement: int, part: float) -> Array:
         """Where a toe is on its way to a placement: off its old patch, over, and onto the new one, shape (3,) [m]."""

@@ -21,7 +21,7 @@ from .camera import Camera, best_view
 from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
 from .plan_motion import Moment, PlanMotion
-from .robots import RobotShape, cone, cone_body, hexapod, limb_of_three
+from .robots import RobotShape, climber, cone, cone_body, limb_of_three
 from .scene import ON_M, Body, Colour, Facet, Label, Layer, Motion, Path, Scene
 from .shapes import Mesh, Sphere, dashed, hull, polyline, ring, unit
 from .sheet import (
@@ -73,9 +73,7 @@ class PlanView:
     @cached_property
     def shape(self) -> RobotShape:
         """What the robot looks like."""
-        limbs = self.plan.course.robot.limbs
-        size_m = float(np.mean([limb.reach_m for limb in limbs]))
-        return hexapod([limb.name for limb in limbs], np.array([limb.shoulder_m for limb in limbs]), size_m)
+        return climber(self.plan.course.robot)
 
     @cached_property
     def chosen(self) -> list[Patch]:
@@ -152,8 +150,10 @@ class PlanView:
             for p, patch in enumerate(self.chosen)
         ]  # fmt: skip
 
-    def chains(self, moment: Moment) -> Sequence[Array]:
-        """Joints of every limb at a moment, shape (J, 3) [m], the foot last."""
+    def limbs(self, moment: Moment) -> Sequence[Array]:
+        """What moves each limb: angles of a URDF's; else where its joints are, shape (J, 3) [m], the foot last."""
+        if self.shape.links is not None:
+            return self.motion.angles(moment)
         rotation = np.eye(3) + np.cross(np.eye(3), moment.rotation_rad)  # as the planner has it
         return [
             limb_of_three(moment.com_m + arm, toe, unit(arm), limb.reach_m)
@@ -161,9 +161,9 @@ class PlanView:
             for arm in [rotation @ limb.shoulder_m]
         ]
 
-    def at(self, moment: Moment, *, chains: Sequence[Array] | None = None, cone_m: float | None = None) -> Scene:
+    def at(self, moment: Moment, *, limbs: Sequence[Array] | None = None, cone_m: float | None = None) -> Scene:
         """The robot at a moment, and the forces of limbs that carry, in cones as high as the normal force or so."""
-        joints = self.chains(moment) if chains is None else chains
+        joints = self.limbs(moment) if limbs is None else limbs
         bodies = [
             *self.shape.bodies(moment.com_m, rotation_of(moment.rotation_rad), joints), *self.chosen_at(moment.frame),
         ]  # fmt: skip
@@ -193,7 +193,8 @@ class PlanView:
             corners_m=moment.com_m + self.shape.outline_m @ rotation.T, normal=rotation[:, 2], colour=GHOST,
             edge=(*rgb(GHOST), 0.75), width=1.0, opacity=0.16, layer=Layer.SPACE,
         )  # fmt: skip
-        pieces = np.concatenate([polyline(joints) for joints in self.chains(moment)])
+        limbs = self.shape.lines(moment.com_m, rotation, self.limbs(moment))
+        pieces = np.concatenate([polyline(joints) for joints in limbs])
         return Scene(facets=[trunk], paths=[Path(pieces_m=pieces, colour=GHOST, opacity=0.5, width=1.6)])
 
     @cached_property

@@ -3,59 +3,37 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import pairwise, product
-from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.spatial import QhullError
 
-from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.leg import Leg
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.robot.shapes import Shape
 from stancekit.planners.robot.workspace import Workspace
 
 from .camera import Camera
+from .links import Links
 from .scene import Body, Facet, Label, Layer, Scene
-from .shapes import Capsule, Sphere, along, hull
+from .shapes import Sphere, hull
 from .sheet import DEFAULT_STYLE, INK, SIZE_PX, Size, headline, leg_colour, plain_axes, sheet
-from .still import CIRCLE, Still
-
-TRUNK = "#9aa5b1"
-HEAVIEST_MESH = 3_000_000
-"""Bytes of a mesh that is still loaded for its hull."""
-MOST_POINTS = 4000
+from .still import Still
 
 
 @DEFAULT_STYLE
 def draw_robot(robot: RobotModel, workspaces: Sequence[Workspace] | None = None, *, size_px: Size = SIZE_PX) -> Figure:
-    """The robot in its standing posture. Links are drawn as the hulls of their shapes, legs without shapes as bars.
+    """The robot in its standing posture, its own links.
 
     workspaces: of its legs; the inner polytopes are drawn in the legs' colours. Raises InvalidInput below 300 pixels.
     """
     stance = [leg.stance_rad for leg in robot.legs]
     feet = np.array([leg.nominal_m for leg in robot.legs])
     size = float(np.ptp(np.vstack([feet, [leg.hip_m for leg in robot.legs]]), axis=0).max())
-    frames, bodies, drawn = robot.link_frames(stance), list[Body](), set[str]()
-    for shape in _chosen(robot):
-        mount, (turn, place) = robot.mounts[shape.link], frames[shape.link]
-        points = _points(shape)
-        if points is not None:
-            colour = TRUNK if mount.leg is None else leg_colour(mount.leg)
-            solid = _solid(shape.link, place + (shape.origin_m + points @ shape.rotation.T) @ turn.T, colour)
-            bodies += solid
-            drawn |= {body.name for body in solid}
-    for index, leg in enumerate(robot.legs):
-        colour = leg_colour(index)
-        if not any(robot.mounts[link].leg == index for link in drawn):
-            bodies += _bars(leg, colour, size)
-        ball = Sphere(max(leg.radius_m, 0.012 * size))
-        bodies.append(Body(name=leg.foot, shape=ball, position_m=leg.nominal_m, colour=colour))
+    bodies = Links(robot).bodies(robot.body.com_m, np.eye(3), stance)
     bodies.append(Body(name="com", shape=Sphere(0.018 * size), position_m=robot.body.com_m, colour=INK))
     for index, workspace in enumerate(workspaces or ()):
-        colour = leg_colour(index)
-        bodies += _solid("", workspace.inner.vertices, colour, opacity=0.1, layer=Layer.GLASS, edge=colour)
+        bodies.append(Body(
+            name="", shape=hull(workspace.inner.vertices), position_m=np.zeros(3), colour=leg_colour(index),
+            opacity=0.1, layer=Layer.GLASS, edge=leg_colour(index),
+        ))  # fmt: skip
     ground = float(feet[:, 2].min()) - max(leg.radius_m for leg in robot.legs)
     (x0, y0), (x1, y1) = feet[:, :2].min(axis=0) - 0.4 * size, feet[:, :2].max(axis=0) + 0.4 * size
     corners = np.array([[x0, y0, ground], [x1, y0, ground], [x1, y1, ground], [x0, y1, ground]])
@@ -75,59 +53,3 @@ def draw_robot(robot: RobotModel, workspaces: Sequence[Workspace] | None = None,
     Still(Scene(bodies=bodies, facets=[floor], labels=labels), camera).paint(plain_axes(figure, 20.0, 20.0, 90.0))
     return figure
 
-
-def _chosen(robot: RobotModel) -> list[Shape]:
-    """For each link the shapes that it collides with, or where there are none what it looks like."""
-    bodies = {shape.link for shape in robot.shapes if shape.collides}
-    return [shape for shape in robot.shapes if shape.collides or shape.link not in bodies]
-
-
-def _points(shape: Shape) -> Array | None:
-    """Points whose hull is the shape, in its own frame, shape (K, 3) [m]; None for a mesh that cannot be had."""
-    if shape.kind == "box":
-        return np.array(list(product((-0.5, 0.5), repeat=3))) * shape.size_m
-    if shape.kind == "mesh":
-        return _mesh_points(shape)
-    radius = float(shape.size_m[0])
-    half = 0.5 * float(shape.size_m[1]) if len(shape.size_m) > 1 else 0.0
-    rim = np.column_stack([radius * CIRCLE[::2], np.zeros(len(CIRCLE[::2]))])
-    if shape.kind == "cylinder":
-        return np.vstack([rim + np.array([0.0, 0.0, end]) for end in (-half, half)])
-    rings = [
-        rim * [np.cos(angle), np.cos(angle), 0.0] + np.array([0.0, 0.0, radius * np.sin(angle) + np.sign(angle) * half])
-        for angle in np.linspace(-0.5 * np.pi, 0.5 * np.pi, 10)
-    ]
-    return np.vstack(rings)
-
-
-def _mesh_points(shape: Shape) -> Array | None:
-    if shape.mesh is None or shape.mesh.stat().st_size > HEAVIEST_MESH:
-        return None
-    try:
-        import coal
-
-        loaded = coal.MeshLoader().load(str(shape.mesh), np.array(shape.size_m))
-        points = np.array(loaded.vertices(), dtype=np.float64)
-    except Exception:  # what assimp meets
-        return None
-    return points[:: 1 + len(points) // MOST_POINTS] if len(points) > 3 else None
-
-
-def _solid(name: str, points: Array, colour: str, **options: Any) -> list[Body]:
-    """The hull of points in the base's frame; nothing for a flat mesh."""
-    try:
-        return [Body(name=name, shape=hull(points), position_m=np.zeros(3), colour=colour, **options)]
-    except QhullError:
-        return []
-
-
-def _bars(leg: Leg, colour: str, size: float) -> list[Body]:
-    """A leg as bars from joint to joint."""
-    points = np.vstack([leg.chain.frames(leg.stance_rad[None])[1][0], leg.nominal_m])
-    return [
-        Body(
-            name="", shape=Capsule(float(np.linalg.norm(end - start)), (0.02 * size, 0.014 * size)),
-            position_m=0.5 * (start + end), rotation=along(end - start), colour=colour,
-        )
-        for start, end in pairwise(points) if np.linalg.norm(end - start) > 1e-9
-    ]  # fmt: skip

@@ -9,8 +9,11 @@ import numpy as np
 from matplotlib.colors import to_rgb as rgb
 
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.model import Robot
+from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.single_body import GaitRobot
 
+from .links import Links
 from .scene import UP, Arrow, Body, Colour, between
 from .shapes import Box, Mesh, Shape, Sphere, hull, prism, unit
 from .sheet import ACCENT, leg_colour
@@ -33,7 +36,8 @@ class RobotShape:
     """What a robot looks like.
 
     outline_m: of its trunk from above, shape (K, 3) in its frame; size_m: its size, which forces and marks are drawn
-    to; bone_m: thickness of its limbs.
+    to; bone_m: thickness of its limbs. links: its own, where it is a URDF's; what is said of limbs are then angles,
+    shape (n,) [rad], instead of the places of their joints, shape (J, 3) [m], foot last.
     """
 
     limbs: Sequence[str]
@@ -41,11 +45,18 @@ class RobotShape:
     outline_m: Array
     size_m: float
     bone_m: float
+    links: Links | None = None
 
-    def bodies(self, position_m: Array, rotation: Array, chains: Sequence[Array], *, prefix: str = "") -> list[Body]:
-        """The robot with its trunk at p_WB, R_WB, and the joints of every limb, shape (J, 3) [m] each, foot last."""
+    def lines(self, position_m: Array, rotation: Array, limbs: Sequence[Array]) -> list[Array]:
+        """Where the joints of every limb are, shape (J, 3) [m] each, foot last."""
+        return list(limbs) if self.links is None else self.links.chains(position_m, rotation, limbs)
+
+    def bodies(self, position_m: Array, rotation: Array, limbs: Sequence[Array], *, prefix: str = "") -> list[Body]:
+        """The robot with its centre of mass at p_WB, R_WB, and its limbs."""
+        if self.links is not None:
+            return self.links.bodies(position_m, rotation, limbs, prefix=prefix)
         found = self.trunk_at(position_m, rotation, prefix=prefix)
-        for k, (limb, joints) in enumerate(zip(self.limbs, chains, strict=True)):
+        for k, (limb, joints) in enumerate(zip(self.limbs, limbs, strict=True)):
             name = f"{prefix}{limb}"
             sizes = self.bone_m * np.linspace(1.4, 0.95, len(joints))
             ends = [*0.85 * sizes[:-1], 0.5 * sizes[-1]]
@@ -88,15 +99,33 @@ def hexapod(limbs: Sequence[str], shoulders_m: Array, size_m: float) -> RobotSha
     )  # fmt: skip
 
 
+def climber(robot: Robot) -> RobotShape:
+    """A robot that climbs: its own links, or a deck with limbs."""
+    size = float(np.mean([limb.reach_m for limb in robot.limbs]))
+    if robot.model is not None:
+        return linked(robot.model, size)
+    return hexapod(robot.limb_names, np.array([limb.shoulder_m for limb in robot.limbs]), size)
+
+
 def single_body(robot: GaitRobot) -> RobotShape:
-    """A box of the trunk's measures."""
+    """A walker: its own links, or a box of the trunk's measures."""
     half, size = robot.trunk_half_m, robot.stand_height_m
+    if robot.model is not None:
+        return linked(robot.model, size)
     nose = _nose(0.55 * half[0], 0.9 * half[0], 0.45 * half[1], half[2])
     outline = np.array([(1.0, 1.0, 0.0), (-1.0, 1.0, 0.0), (-1.0, -1.0, 0.0), (1.0, -1.0, 0.0)]) * half
     return RobotShape(
         limbs=robot.foot_names, trunk=[Part(Box(half), SHELL), Part(nose, STEEL, half[0])],
         outline_m=outline, size_m=size, bone_m=0.045 * size,
     )  # fmt: skip
+
+
+def linked(model: RobotModel, size_m: float) -> RobotShape:
+    """A URDF's robot, its own links."""
+    links = Links(model)
+    return RobotShape(
+        limbs=model.leg_names, trunk=(), outline_m=links.outline_m, size_m=size_m, bone_m=0.045 * size_m, links=links
+    )
 
 
 def bent(hip: Array, foot: Array, bend: Array, thigh_m: float, shank_m: float) -> Array:

@@ -10,12 +10,12 @@ from types import MappingProxyType
 from typing import Any, Literal, Protocol
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.refusals import refusals
+from stancekit.planners.files.refusals import validated
 from stancekit.planners.plugins import Registry, made_or_class
 from stancekit.planners.problem import Contact, PostureBatch, PostureProblem
 from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS
@@ -231,13 +231,11 @@ def distribution(name: str) -> Distribution:
 
 def _from_yaml(path: str) -> PostureDistribution:
     try:
-        raw = _Yaml.model_validate(read_yaml(path))
+        raw = validated(_Yaml, read_yaml(path))
         low, high = raw.friction
         if not 0.0 <= low <= high < float("inf"):
             raise InvalidInput(f"friction: expected 0 ≤ low ≤ high, got {low:g} and {high:g}")
         hexapod().select(raw.legs)
         return PostureDistribution(name=path, terrain=raw.terrain, legs=tuple(raw.legs), friction=raw.friction)
-    except ValidationError as error:
-        raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
     except InvalidInput as error:
         raise InvalidInput(str(error) if str(error).startswith(path) else f"{path}: {error}") from None

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from pydantic import ConfigDict, TypeAdapter, ValidationError
+from pydantic import ConfigDict
 
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.refusals import refusals, shown
+from stancekit.planners.files.refusals import shown, validated
 from stancekit.planners.projection.project import Projection
 
 from ..data.quota import Quota
@@ -63,12 +63,4 @@ class Experiment:
         short = data.pop("quick", {})
         if quick and not (isinstance(short, dict) and short):
             raise InvalidInput(f"{path}: quick: expected keys of an experiment, got {shown(short)}")
-        return cls.from_mapping(data | short if quick else data, str(path))
-
-    @classmethod
-    def from_mapping(cls, data: Any, where: str) -> Experiment:
-        """Check the keys and values of a mapping. Raises InvalidInput."""
-        try:
-            return TypeAdapter(cls).validate_python(data)
-        except ValidationError as error:
-            raise InvalidInput(f"{where}: " + "; ".join(refusals(error))) from None
+        return validated(cls, data | short if quick else data, str(path))

@@ -10,19 +10,20 @@ from __future__ import annotations
 import json
 import math
 import zlib
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import Field, NonNegativeInt, PositiveInt
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.arrays import checked
+from stancekit.planners.files.arrays import LARGEST
 from stancekit.planners.files.documents import read_json
+from stancekit.planners.files.refusals import check_fields
 from stancekit.planners.files.writing import write_text
-from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.method.budget import SolveBudget
 from stancekit.planners.gait.method.portfolio import Caps, default_attempts, plan_gait
@@ -35,51 +36,15 @@ from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
 from stancekit.planners.warp.spline_map import SplineMap
 
 from ..data.executor import processes
+from .gait_methods import METHODS as METHODS
+from .gait_methods import PAPER as PAPER
+from .gait_methods import Method as Method
 from .gait_row import checked_row
 
+Seconds = Annotated[float, Field(gt=0.0, le=LARGEST)]
 TERRAINS = ("ripple", "cone", "hill", "pit")
 
 
-@dataclass(frozen=True, kw_only=True)
-class Method:
-    """A way to solve. settings: those of ``GaitSettings`` that it sets; portfolio: the product, with all phases."""
-
-    label: str
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    portfolio: bool = False
-
-
-_PAPER = {"dynamics": "printed", "trunk_clearance_m": None}
-_KNOWN: Mapping[str, Method] = {
-    "ambient": Method(label="baseline: ambient, PCDM", settings={"chart": "ambient", **_PAPER}),
-    "warped": Method(label="warped, as published", settings={"chart": "warped", **_PAPER}),
-    "decoupled": Method(label="ours: decoupled, centred", settings={"chart": "decoupled"}),
-    "portfolio": Method(label="ours: portfolio, smoothed", portfolio=True),
-    "warped-exact": Method(label="ours: warped-exact, centred", settings={"chart": "warped-exact"}),
-    "shear": Method(label="shear, centred", settings={"chart": "shear"}),
-    "ambient-centred": Method(label="ambient, centred", settings={"chart": "ambient"}),
-    "ambient-lbfgs": Method(label="baseline, L-BFGS", settings={"chart": "ambient", "hessian": "lbfgs", **_PAPER}),
-    "warped-lbfgs": Method(
-        label="warped, as published, L-BFGS", settings={"chart": "warped", "hessian": "lbfgs", **_PAPER}
-    ),
-    "decoupled-lbfgs": Method(
-        label="ours: decoupled, L-BFGS", settings={"chart": "decoupled", "hessian": "lbfgs"}
-    ),
-}  # fmt: skip
-METHODS: Mapping[str, Method] = {
-    **_KNOWN,
-    **{
-        chart: Method(label=f"{chart}, centred", settings={"chart": chart})
-        for chart in CHARTS.names()
-        if chart not in _KNOWN
-    },
-}
-"""By name, and every further chart by its own. The paper's own methods have its dynamics and no term for the trunk."""
-PAPER: Mapping[str, Mapping[str, float]] = {
-    "ambient-lbfgs": {"ripple": 0.48, "cone": 0.0, "hill": 0.0, "pit": 0.0},
-    "warped-lbfgs": {"ripple": 0.92, "cone": 1.0, "hill": 1.0, "pit": 0.13},
-}
-"""Success of paper W's Table I (Knitro, 200 iterations)."""
 JUDGED = ("reach", "penetration", "trunk", "cone", "slip", "contact_gap")
 """Groups of the verifier whose values a cell keeps."""
 
@@ -95,24 +60,19 @@ class GaitBenchSettings:
 
     terrains: tuple[str, ...] = TERRAINS
     methods: tuple[str, ...] = tuple(METHODS)
-    every: int = 1
-    seeds: int = 3
-    noise: float = 0.02
-    iterations: int = 200
-    cap_s: float = 120.0
-    total_s: float = 240.0
+    every: PositiveInt = 1
+    seeds: NonNegativeInt = 3
+    noise: Annotated[float, Field(gt=0.0, le=1.0)] = 0.02
+    iterations: PositiveInt = 200
+    cap_s: Seconds = 120.0
+    total_s: Seconds = 240.0
 
     def __post_init__(self) -> None:
         for name, known in (("terrains", reference.TERRAINS.names()), ("methods", tuple(METHODS))):
             unknown = sorted(set(getattr(self, name)) - set(known))
             if unknown or not getattr(self, name):
                 raise InvalidInput(f"{name}: expected some of {', '.join(known)}, got {', '.join(unknown) or 'none'}")
-        for name, least in (("every", 1), ("seeds", 0), ("iterations", 1)):
-            if getattr(self, name) < least:
-                raise InvalidInput(f"{name}: expected {least} or more, got {getattr(self, name)}")
-        checked(self.noise, "noise", above=0.0, most=1.0)
-        for name in ("cap_s", "total_s"):
-            checked(getattr(self, name), name, above=0.0)
+        check_fields(self)
 
     @classmethod
     def quick(cls) -> GaitBenchSettings:

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.refusals import refusals, shown
+from stancekit.planners.files.refusals import shown, validated
 
 
 class _Model(BaseModel):
@@ -57,8 +57,5 @@ def checked_row(row: Any, cell: Mapping[str, Any], where: str) -> dict[str, Any]
                 f"{where}: row: {name}: expected {value!r} by the file's name, got {shown(row.get(name))}"
             )
     solved = row.get("success") is not False or "violations" in row
-    try:
-        (_Solved if solved else _Failed).model_validate(row)
-    except ValidationError as error:
-        raise InvalidInput(f"{where}: row: " + "; ".join(refusals(error))) from None
+    validated(_Solved if solved else _Failed, row, f"{where}: row")
     return row

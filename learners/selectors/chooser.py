@@ -5,28 +5,28 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt
 from torch import Tensor, nn
 from torch.nn import functional
 
+from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.envs.selection_task import ADMITTED
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.refusals import refusals
+from stancekit.planners.files.refusals import check_fields, validated
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
 from ..data.dataset import Dataset
 from .network import Architecture, ChoiceNetwork, SceneTensors
-from .selector import Observation
 from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
 
 FORMAT = "stancekit/chooser/1"
@@ -42,25 +42,18 @@ class ChooserSettings:
     """
 
     architecture: Architecture = field(default_factory=lambda: Architecture(width=48, layers=2))
-    epochs: int = 20
-    batch: int = 64
-    rate: float = 1e-3
-    projection: float = 0.5
-    caution: float = 1.0
+    epochs: PositiveInt = 20
+    batch: PositiveInt = 64
+    rate: PositiveFloat = 1e-3
+    projection: Annotated[float, Field(ge=0.0, le=1.0)] = 0.5
+    caution: PositiveFloat = 1.0
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("epochs", "batch"):
-            if getattr(self, name) < 1:
-                raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)!r}")
-        for name in ("rate", "caution"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidInput(f"{name}: expected a number above 0, got {getattr(self, name)!r}")
-        if not 0.0 <= self.projection <= 1.0:
-            raise InvalidInput(f"projection: expected a number from 0 to 1, got {self.projection!r}")
+        check_fields(self)
 
 
-class Chooser:
+class Chooser(MemorylessPolicy):
     """A network that picks one envelope of a set for every scene."""
 
     name = "chooser"
@@ -76,16 +69,10 @@ class Chooser:
             cost = self.network(SceneTensors.of_observation(observation, len(self.envelopes.legs)))
         return np.asarray(cost.argmin(dim=1).numpy(), dtype=np.int64)
 
-    def predict(
-        self,
-        observation: Observation,
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[Any], Any]:
-        """Return the chosen box's bounds, shape (12N,), or (B, 12N) for a batch."""
+    def action(self, observation: Observation) -> NDArray[Any]:
+        """The chosen box's bounds, shape (12N,), or (B, 12N) for a batch."""
         actions = self._actions[self.choose(observation)]
-        return (actions if np.ndim(observation["friction"]) == 2 else actions[0]), state
+        return actions if np.ndim(observation["friction"]) == 2 else actions[0]
 
     def save(self, path: str | Path) -> None:
         """Write network and envelopes as one safetensors file."""
@@ -96,11 +83,9 @@ class Chooser:
     def load(cls, path: str | Path, *, problem_class: str | None = None) -> Chooser:
         """Read a chooser. Raises InvalidInput for a file that is damaged or foreign, or made for another class."""
         header, tensors = read_tensors(path, FORMAT)
+        raw = validated(_Header, header, str(path))
         try:
-            raw = _Header.model_validate(header)
             envelopes = EnvelopeSet.from_json(raw.envelopes)
-        except ValidationError as error:
-            raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
         if problem_class not in (None, envelopes.problem_class):

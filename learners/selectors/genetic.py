@@ -13,13 +13,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, NonNegativeInt, PositiveInt
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.refusals import check_fields
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..data.dataset import Dataset
@@ -29,6 +32,7 @@ from .feasibility import CachingOracle, Counts, FeasibilityOracle
 
 DOMAIN = 1.0
 """p and f lie in [−1, 1] by the choice of scales (paper E §II)."""
+Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 Told = Callable[[Generation], None]
 
 
@@ -46,37 +50,28 @@ class GeneticSettings:
     best of them is the result. seed: of everything that is left to chance. Raises InvalidInput.
     """
 
-    population: int = 40
-    generations: int = 60
-    terrains: int = 100
-    delta: float = 0.1
-    penalty: float = 8.0
+    population: Annotated[int, Field(ge=2)] = 40
+    generations: PositiveInt = 60
+    terrains: Annotated[int, Field(ge=2)] = 100
+    delta: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.1
+    penalty: Positive = 8.0
     mutation_start: float = 0.2
     mutation_end: float = 0.02
-    mutation_scale: float = 0.3
-    elites: int = 2
-    tournament: int = 3
-    finalists: int = 12
-    seed: int = 0
+    mutation_scale: Positive = 0.3
+    elites: NonNegativeInt = 2
+    tournament: PositiveInt = 3
+    finalists: PositiveInt = 12
+    seed: NonNegativeInt = 0
 
     def __post_init__(self) -> None:
-        least = {"population": 2, "generations": 1, "terrains": 2, "elites": 0, "tournament": 1, "finalists": 1}
-        for name, limit in (least | {"seed": 0}).items():
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < limit:
-                raise InvalidInput(f"{name}: expected an integer of at least {limit}, got {value!r}")
+        check_fields(self)
         if self.elites >= self.population:
             raise InvalidInput(f"elites: expected fewer than the population of {self.population}, got {self.elites}")
-        if not 0.0 <= self.delta < 1.0:
-            raise InvalidInput(f"delta: expected a number in [0, 1), got {self.delta!r}")
         if not 0.0 < self.mutation_end <= self.mutation_start <= 1.0:
             raise InvalidInput(
                 f"mutation_start, mutation_end: expected 1 >= start >= end > 0, got {self.mutation_start!r} and "
                 f"{self.mutation_end!r}"
             )
-        for name in ("penalty", "mutation_scale"):
-            if not 0.0 < getattr(self, name) < float("inf"):
-                raise InvalidInput(f"{name}: expected a positive number, got {getattr(self, name)!r}")
 
     def mutation_rate(self, generation: int) -> float:
         """Chance that a pair of bounds is mutated when this generation has been tested, from 0."""

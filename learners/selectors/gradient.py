@@ -7,12 +7,14 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import PositiveInt
 from sklearn.mixture import GaussianMixture
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.refusals import check_fields
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
@@ -28,15 +30,13 @@ class Descent:
     run; softness: margin at which a problem counts half as much as a wrong one far away (non-dimensional).
     """
 
-    steps: int = 80
-    batch: int = 100
+    steps: PositiveInt = 80
+    batch: PositiveInt = 100
     rate: float = 0.005
     softness: float = 0.002
 
     def __post_init__(self) -> None:
-        for name in ("steps", "batch"):
-            if getattr(self, name) < 1:
-                raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)!r}")
+        check_fields(self)
 
 
 def descend(

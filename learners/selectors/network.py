@@ -11,15 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
+from pydantic import PositiveInt
 from torch import Tensor, nn
 from torch.nn import functional
 
+from stancekit.envs.memoryless import Observation
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-
-from .selector import Observation
+from stancekit.planners.files.refusals import check_fields
 
 CORNERS = 3
 """Corners of a patch in the environment's observation."""
@@ -35,15 +36,13 @@ class Architecture:
     width: numbers a token; layers: rounds of attention; heads: of each; corner_width: of the patch's pooled features.
     """
 
-    width: int = 96
-    layers: int = 3
-    heads: int = 4
-    corner_width: int = 32
+    width: PositiveInt = 96
+    layers: PositiveInt = 3
+    heads: PositiveInt = 4
+    corner_width: PositiveInt = 32
 
     def __post_init__(self) -> None:
-        for name in ("width", "layers", "heads", "corner_width"):
-            if getattr(self, name) < 1:
-                raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)!r}")
+        check_fields(self)
         if self.width % self.heads:
             raise InvalidInput(f"width: expected a multiple of {self.heads} heads, got {self.width}")
 

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
+from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.refusals import refusals
+from stancekit.planners.files.refusals import validated
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
@@ -25,13 +26,12 @@ from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
 from ..data.dataset import Dataset
 from .network import BoxNetwork, SceneTensors, as_arrays
 from .neural_training import NeuralSettings, Progress, Rows, Trainer
-from .selector import Observation
 from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
 
 FORMAT = "stancekit/neural/1"
 
 
-class NeuralSelector:
+class NeuralSelector(MemorylessPolicy):
     """A trained network with its calibration, for one class of problems.
 
     room: how far every side of the network's boxes is moved out, non-dimensional. provenance: how it was learned.
@@ -58,17 +58,11 @@ class NeuralSelector:
         self.room = room
         self.provenance = dict(provenance or {})
 
-    def predict(
-        self,
-        observation: Observation,
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[Any], Any]:
-        """Return the box's bounds, shape (12N,), or (B, 12N) for a batch. Raises InvalidInput for another N."""
+    def action(self, observation: Observation) -> NDArray[Any]:
+        """The box's bounds, shape (12N,), or (B, 12N) for a batch. Raises InvalidInput for another N."""
         boxes = self._boxes(SceneTensors.of_observation(observation, len(self.legs)))
-        actions = np.stack([box.to_vector() for box in boxes]).astype(np.float32)
-        return (actions if np.ndim(observation["friction"]) == 2 else actions[0]), state
+        actions: NDArray[Any] = np.stack([box.to_vector() for box in boxes]).astype(np.float32)
+        return actions if np.ndim(observation["friction"]) == 2 else actions[0]
 
     def envelopes(self, problems: Sequence[Scaled]) -> list[Envelope]:
         """The boxes for these problems, for a planner."""
@@ -96,10 +90,7 @@ class NeuralSelector:
         problem_class, legs: what it must have been learned for, where given.
         """
         header, tensors = read_tensors(path, FORMAT)
-        try:
-            raw = _Header.model_validate(header)
-        except ValidationError as error:
-            raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
+        raw = validated(_Header, header, str(path))
         if problem_class is not None and raw.problem_class != problem_class:
             raise InvalidInput(f"{path}: expected a selector for {problem_class}, got one for {raw.problem_class}")
         if legs is not None and raw.legs != list(legs):

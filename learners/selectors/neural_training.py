@@ -10,15 +10,17 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import torch
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 from torch import Tensor, nn
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.refusals import check_fields
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 
@@ -27,6 +29,7 @@ from .network import Architecture, BoxNetwork, Mirror, SceneTensors, as_arrays, 
 from .tensors import load_weights, read_tensors, write_tensors
 
 Progress = Callable[[int, int], None]
+Share = Annotated[float, Field(gt=0.0, lt=1.0)]
 CHECKPOINT = "stancekit/neural-checkpoint/1"
 
 
@@ -44,32 +47,22 @@ class NeuralSettings:
     """
 
     architecture: Architecture = field(default_factory=Architecture)
-    share: float = 0.05
-    epochs: int = 20
-    batch: int = 128
-    rate: float = 2e-3
-    margin_epochs: int = 4
-    margin_batch: int = 64
-    margin_rate: float = 3e-4
-    softness: float = 5e-4
+    share: Share = 0.05
+    epochs: PositiveInt = 20
+    batch: PositiveInt = 128
+    rate: PositiveFloat = 2e-3
+    margin_epochs: NonNegativeInt = 4
+    margin_batch: PositiveInt = 64
+    margin_rate: PositiveFloat = 3e-4
+    softness: PositiveFloat = 5e-4
     caution: float = 2.0
     anchor: float = 30.0
-    target: float = 0.985
-    calibration: float = 0.15
+    target: Share = 0.985
+    calibration: Share = 0.15
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("epochs", "batch", "margin_batch"):
-            if getattr(self, name) < 1:
-                raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)!r}")
-        if self.margin_epochs < 0:
-            raise InvalidInput(f"margin_epochs: expected 0 or more, got {self.margin_epochs!r}")
-        for name in ("rate", "margin_rate", "softness"):
-            if not getattr(self, name) > 0.0:
-                raise InvalidInput(f"{name}: expected a number above 0, got {getattr(self, name)!r}")
-        for name in ("share", "target", "calibration"):
-            if not 0.0 < getattr(self, name) < 1.0:
-                raise InvalidInput(f"{name}: expected a number between 0 and 1, got {getattr(self, name)!r}")
+        check_fields(self)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -6,10 +6,11 @@ import inspect
 from pathlib import Path
 from typing import Any
 
+from stancekit.envs.memoryless import Observation
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.plugins import Registry, made_or_class
 
-from .selector import Learned, Observation
+from .selector import Learned
 
 ANY = "any"
 """Class of problems of a selector that does not say for which it was made."""

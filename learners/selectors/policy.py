@@ -12,23 +12,23 @@ import numpy as np
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field
 from stable_baselines3.common.policies import ActorCriticPolicy, MultiInputActorCriticPolicy
 from torch import Tensor, nn
 
 from stancekit.envs.distributions.postures import distribution
+from stancekit.envs.memoryless import Observation
 from stancekit.envs.refinement import refinement_space
 from stancekit.envs.selection_task import scene_space
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.refusals import refusals, shown
+from stancekit.planners.files.refusals import shown, validated
 from stancekit.planners.relaxation.envelope import Envelope
 
 from .tensors import read_tensors, write_tensors
 
 FORMAT = "stancekit/policy/1"
 EnvironmentName = Literal["stancekit/EnvelopeSelection-v0", "stancekit/EnvelopeRefinement-v0"]
-Observation = Mapping[str, NDArray[Any]]
 Width = Annotated[int, Field(ge=1, le=4096)]
 
 
@@ -215,10 +215,7 @@ class TrainedPolicy:
         steps, provenance = header["steps"], header["provenance"]
         if not isinstance(steps, int) or isinstance(steps, bool) or steps < 0 or not isinstance(provenance, dict):
             raise InvalidInput(f"{path}: expected steps, a whole number, and provenance, an object; got {shown(steps)}")
-        try:
-            shape = TypeAdapter(PolicyShape).validate_python(header["shape"])
-        except ValidationError as error:
-            raise InvalidInput(f"{path}: " + "; ".join(refusals(error))) from None
+        shape = validated(PolicyShape, header["shape"], str(path))
         if problem is not None and shape.problem != problem:
             raise InvalidInput(f"{path}: expected a policy for {problem}, got one for {shape.problem}")
         sizes = sum(a * b for a, b in itertools.pairwise(shape.hidden))

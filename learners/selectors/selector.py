@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -10,11 +10,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import EnvelopeSet
-
-Observation = Mapping[str, NDArray[Any]]
 
 
 class Selector(Protocol):
@@ -31,7 +30,7 @@ class Selector(Protocol):
         ...
 
 
-class FixedSelector:
+class FixedSelector(MemorylessPolicy):
     """Answers every scene with the same envelopes: what the clustering and evolutionary methods of paper E learn."""
 
     def __init__(self, name: str, envelopes: EnvelopeSet) -> None:
@@ -39,16 +38,10 @@ class FixedSelector:
         self.envelopes = envelopes
         self._action = np.concatenate([envelope.to_vector() for envelope in envelopes.envelopes]).astype(np.float32)
 
-    def predict(
-        self,
-        observation: Observation,
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[Any], Any]:
-        """Return the envelopes' bounds, tiled over a batch of observations."""
+    def action(self, observation: Observation) -> NDArray[Any]:
+        """The envelopes' bounds, tiled over a batch of observations."""
         batch = np.shape(observation["friction"])[:-1]
-        return np.broadcast_to(self._action, (*batch, self._action.size)).copy(), state
+        return np.broadcast_to(self._action, (*batch, self._action.size)).copy()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

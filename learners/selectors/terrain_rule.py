@@ -2,30 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.planners.problem.posture import MAX_TILT_RAD
 
 LEAST = float(np.cos(MAX_TILT_RAD))
 """Of a normal along an axis, for it to be ground, or a wall."""
 
 
-class TerrainRule:
+class TerrainRule(MemorylessPolicy):
     """Chooses among Traverse-v0's planners by the slope of what carries the robot and of what it may stand on next."""
 
-    def predict(
-        self,
-        observation: Mapping[str, NDArray[Any]],
-        state: Any = None,
-        episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = True,
-    ) -> tuple[NDArray[np.int64], Any]:
-        """Return (planner, state): 1, walking, where all is ground, 2, climbing, where all are walls to the left and
-        the right, up to 30° off either way, else 0, the lift.
+    def action(self, observation: Observation) -> NDArray[np.int64]:
+        """The planner: 1, walking, where all is ground, 2, climbing, where all are walls to the left and the right,
+        up to 30° off either way, else 0, the lift.
 
         Arrays may have axes before their own, one index an environment.
         """
@@ -38,4 +30,4 @@ class TerrainRule:
             coming, under = (np.abs(observation[name][..., axis::3]) >= LEAST for name in ("normals", "footing"))
             return np.asarray((coming | ~offered).all(axis=-1) & (under | ~stays).all(axis=-1))
 
-        return np.asarray(np.where(all_along(2), 1, np.where(all_along(1), 2, 0)), dtype=np.int64), state
+        return np.asarray(np.where(all_along(2), 1, np.where(all_along(1), 2, 0)), dtype=np.int64)

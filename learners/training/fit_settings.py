@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
-from pydantic import ConfigDict
+from pydantic import ConfigDict, Field, NonNegativeInt, PositiveInt
 
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.refusals import check_fields
 
 from ..data.dataset import Dataset
 from ..selectors.genetic import GeneticSettings
@@ -46,31 +47,21 @@ class FitSettings:
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
 
-    share: float = 0.05
-    clusters: int = 1
-    threshold: float = 0.05
-    time_limit_s: float = 12.0
-    boxes: int = 1
-    steps: int = 80
-    batch: int = 100
-    seed: int = 0
+    share: Annotated[float, Field(ge=0.0, lt=0.5)] = 0.05
+    clusters: PositiveInt = 1
+    threshold: Annotated[float, Field(ge=0.0, lt=1.0)] = 0.05
+    time_limit_s: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] = 12.0
+    boxes: PositiveInt = 1
+    steps: PositiveInt = 80
+    batch: PositiveInt = 100
+    seed: NonNegativeInt = 0
     genetic: Mapping[str, Any] = field(default_factory=dict)
     neural: Mapping[str, Any] = field(default_factory=dict)
     chooser: Mapping[str, Any] = field(default_factory=dict)
     rl: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if not 0.0 <= self.share < 0.5:
-            raise InvalidInput(f"share: expected a number in [0, 0.5), got {self.share!r}")
-        for name in ("clusters", "boxes", "steps", "batch"):
-            if getattr(self, name) < 1:
-                raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)!r}")
-        if not 0.0 <= self.threshold < 1.0:
-            raise InvalidInput(f"threshold: expected a number in [0, 1), got {self.threshold!r}")
-        if not 0.0 < self.time_limit_s < float("inf"):
-            raise InvalidInput(f"time_limit_s: expected a number above 0, got {self.time_limit_s!r}")
-        if self.seed < 0:
-            raise InvalidInput(f"seed: expected 0 or more, got {self.seed!r}")
+        check_fields(self)
 
     def concerning(self, method: str) -> dict[str, Any]:
         """The settings that this method uses, JSON-ready; of a method from elsewhere all."""

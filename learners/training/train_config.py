@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.refusals import refusals
+from stancekit.planners.files.refusals import validated
 
 from ..data.quota import Quota
 from ..selectors.policy import EnvironmentName, PolicyShape
@@ -69,13 +69,7 @@ class TrainConfig:
     @classmethod
     def from_yaml(cls, path: str | Path, overrides: Mapping[str, Any] | None = None) -> TrainConfig:
         """Read a file, some of its keys replaced. Raises InvalidInput with every key that is wrong."""
-        data = read_yaml(path)
-        try:
-            return TypeAdapter(cls).validate_python(data | dict(overrides or {}))
-        except ValidationError as error:
-            raise InvalidInput(f"{path}: " + "; ".join(refusals(error))) from None
-        except InvalidInput as error:
-            raise InvalidInput(f"{path}: {error}") from None
+        return validated(cls, read_yaml(path) | dict(overrides or {}), str(path))
 
     @property
     def shape(self) -> PolicyShape:

@@ -29,6 +29,8 @@ class Plan:
         points_m, point_forces_n: where feet are soles, whose centres are the toes: where the points of every foot
             put down are, shape (P, K, 3) [m], and the forces at them, which add up to forces_n, (S, N, K, 3) [N]; see
             ``Posture``.
+        joints_rad: angles at every key frame, of all joints of the robot's legs in its model's order, shape (M, J)
+            [rad, or m where a joint slides]; None where nobody worked them out.
         modes: z, the envelope that mode switching chose for each frame, shape (M,); None without mode switching.
         provenance: how the plan was made, for people.
     Source:
@@ -48,6 +50,7 @@ class Plan:
     forces_n: Array
     points_m: Array | None = None
     point_forces_n: Array | None = None
+    joints_rad: Array | None = None
     modes: NDArray[np.int_] | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -55,6 +58,7 @@ class Plan:
         for name, kind in (
             ("com_m", np.float64), ("rotation_rad", np.float64), ("toes_m", np.float64), ("forces_n", np.float64),
             ("choice", np.int_), ("modes", np.int_), ("points_m", np.float64), ("point_forces_n", np.float64),
+            ("joints_rad", np.float64),
         ):  # fmt: skip
             if getattr(self, name) is not None:
                 array = np.array(getattr(self, name), dtype=kind)

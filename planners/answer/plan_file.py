@@ -11,7 +11,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,9 +24,13 @@ from ..files.refusals import shown
 from ..files.writing import check_writable, write_text
 from ..problem.course import Course
 from ..problem.course_json import course_from_json, course_to_json
+from ..robot.urdf import joint_names
 from ..verify import Report, check_plan
-from ..verify.report import plan_arrays, plan_digest, plan_shapes
+from ..verify.report import OPTIONAL, plan_arrays, plan_digest, plan_shapes
 from .plan import Plan
+
+if TYPE_CHECKING:
+    from ..robot.robot_model import RobotModel
 
 __all__ = ["FORMAT", "FileCheck", "check_file", "check_name", "is_plan_file", "plan_paths", "read_plan", "write_plan"]
 
@@ -53,15 +57,12 @@ class FileCheck:
     @property
     def accepted(self) -> bool:
         """The plan is accepted, the file says so, too, and the joints can do it as far as that could be checked."""
-        return self.report.accepted and self.same and self.report.joints["verdict"] != "failed"
+        return self.report.accepted and self.same
 
     @property
     def message(self) -> str:
         """One line."""
-        joints = self.report.joints
-        parts = [self.report.message, f"joints: {joints['verdict']}"]
-        if joints.get("message"):
-            parts[-1] += f" ({joints['message']})"
+        parts = [self.report.message, *filter(None, [self.report.joints_message])]
         if not self.same:
             parts.append("the file claims another verdict")
         return "; ".join(parts)
@@ -104,7 +105,10 @@ def write_plan(path: str | Path, plan: Plan, report: Report) -> None:
         "verdict": report.to_json(),
         "provenance": dict(plan.provenance),
         "course": course_to_json(plan.course),
-        "arrays": {"npz": embedded({name: array for name, array in plan_arrays(plan).items() if array is not None})},
+        "arrays": {
+            "npz": embedded({name: array for name, array in plan_arrays(plan).items() if array is not None}),
+            **({} if plan.joints_rad is None else {"joints": list(joint_names(plan.course.robot))}),
+        },
     }
     try:
         text = json.dumps({**content, "sha256": _seal(content)}, indent=1, allow_nan=False)
@@ -140,18 +144,35 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
     except InvalidInput as error:
         raise InvalidInput(f"{header_path}: course: {error}") from None
     _check_numbers(numbers_path, numbers, course)
+    if "joints_rad" in numbers and header["arrays"].get("joints") != list(joint_names(course.robot)):
+        raise InvalidInput(f"{header_path}: arrays.joints: expected the names of the robot's joints in its order")
     plan = Plan(course=course, provenance=header["provenance"], **numbers)
     verdict = header["verdict"]
-    if plan_digest(plan, verdict["tolerance"], verdict["accepted"]) != verdict["digest"]:
+    checked = verdict.get("checked", ["contacts"])
+    if not isinstance(checked, list) or set(map(str, checked)) - {"contacts", "joints", "torque"}:
+        raise InvalidInput(f"{header_path}: verdict.checked: expected contacts, joints, torque or fewer")
+    if plan_digest(plan, verdict["tolerance"], verdict["accepted"], checked) != verdict["digest"]:
         raise InvalidInput(f"{header_path}: digest mismatch: course, numbers or verdict are not what the verifier saw")
     return plan, header
 
 
-def check_file(path: str | Path, *, tolerance: float = 1e-6, joints: bool = True) -> FileCheck:
-    """Verify a plan file anew, whatever it says of itself. Raises InvalidInput for a file that cannot be read."""
+def check_file(
+    path: str | Path, *, tolerance: float = 1e-6, joints: bool = True, robot: RobotModel | None = None
+) -> FileCheck:
+    """Verify a plan file anew, whatever it says of itself.
+
+    robot: whose legs the file's robot has to have; without it the file is believed what its robot is. Raises
+    InvalidInput for a file that cannot be read, and for one of another robot.
+    """
     plan, header = read_plan(path)
+    own = plan.course.robot.model
+    if robot is not None and (own is None or own.digest != robot.digest):
+        got = "one of another file" if own is not None and own.name == robot.name else plan.course.robot.name
+        raise InvalidInput(f"{path}: expected a plan for the robot {robot.name}, got one for {shown(got)}")
     report = check_plan(plan, tolerance=tolerance, joints=joints)
-    same = report.accepted == header["verdict"]["accepted"] == header["verified"]
+    said = header["verdict"]
+    found = report.accepted if {"joints", "torque"} & set(said.get("checked", ())) else report.contacts
+    same = found == said["accepted"] == header["verified"]
     return FileCheck(path=str(path), report=report, same=same)
 
 
@@ -202,8 +223,11 @@ def _beside(path: Path, sha256: str) -> bytes:
 def _check_numbers(path: Path, numbers: Mapping[str, NDArray[Any]], course: Course) -> None:
     """Raise InvalidInput unless every array is there, of the course's shape, of numbers and finite."""
     shapes = plan_shapes(course)
-    if set(numbers) - {"modes"} != set(shapes) - {"modes"}:
-        raise InvalidInput(f"{path}: expected the arrays {', '.join(shapes)} (modes may lack), got {sorted(numbers)}")
+    if set(numbers) - {*OPTIONAL} != set(shapes) - {*OPTIONAL} or set(numbers) - set(shapes):
+        raise InvalidInput(
+            f"{path}: expected the arrays {', '.join(shapes)} ({' and '.join(OPTIONAL)} may lack), "
+            f"got {sorted(numbers)}"
+        )
     for name, array in numbers.items():
         kind = "i" if name in ("choice", "modes") else "f"
         if array.shape != shapes[name] or array.dtype.kind != kind:

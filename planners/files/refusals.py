@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import reprlib
 from collections.abc import Iterator
-from typing import Any
+from functools import lru_cache
+from typing import Any, TypeVar, cast, get_type_hints
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, create_model
 
 from ..errors import InvalidInput
 
 MOST_REFUSALS = 20
 """So many are told of a file; that there are more is said."""
+
+Value = TypeVar("Value")
 
 
 class _Shown(reprlib.Repr):
@@ -48,6 +51,43 @@ def shown(value: Any, most: int = 60) -> str:
     return _Shown(most).repr(value)[:most]
 
 
+def validated(kind: type[Value], data: Any, where: str = "", *, key: str = "") -> Value:
+    """What a file or a mapping holds as a pydantic model, or as a dataclass whose fields say what they may be.
+
+    where: the file, which the message begins with; key: what every key in it begins with. Raises InvalidInput with
+    every key that is wrong.
+    """
+    try:
+        value: Value = _reader(cast(Any, kind)).validate_python(data)
+    except ValidationError as error:
+        told = "; ".join(key + line for line in refusals(error))
+        raise InvalidInput(f"{where}: {told}" if where else told) from None
+    return value
+
+
+def check_fields(value: Any, key: str = "") -> None:
+    """Check a dataclass's fields against their annotations, as pydantic reads them; called in ``__post_init__``.
+
+    key: what every key begins with. Raises InvalidInput with every field that is wrong.
+    """
+    try:
+        _model(cast(Any, type(value))).model_validate(vars(value))
+    except ValidationError as error:
+        raise InvalidInput("; ".join(key + line for line in refusals(error))) from None
+
+
+@lru_cache(maxsize=64)
+def _model(kind: type[Any]) -> type[BaseModel]:
+    fields: dict[str, Any] = {name: (hint, ...) for name, hint in get_type_hints(kind, include_extras=True).items()}
+    strict = ConfigDict(strict=True, arbitrary_types_allowed=True, protected_namespaces=())
+    return create_model(kind.__name__, __config__=strict, **fields)
+
+
+@lru_cache(maxsize=64)
+def _reader(kind: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(kind)
+
+
 def refusals(error: ValidationError) -> Iterator[str]:
     """One "key: what was expected, got what" for everything wrong in a file, up to ``MOST_REFUSALS``.
 
@@ -63,6 +103,6 @@ def refusals(error: ValidationError) -> Iterator[str]:
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             yield f"{key}: unknown key"
         else:
-            yield f"{key}: {item['msg']}, got {shown(item['input'])}"
+            yield f"{key}: {item['msg'].replace('Input should be', 'expected')}, got {shown(item['input'])}"
     if error.error_count() > MOST_REFUSALS:
         yield f"and {error.error_count() - MOST_REFUSALS} more"

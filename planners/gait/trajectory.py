@@ -14,10 +14,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.refusals import shown
+from ..files.refusals import refusals, shown
+from ..robot.model_json import ModelJson, model_from_json, model_to_json
 
 if TYPE_CHECKING:
     from ..robot.single_body import GaitRobot
@@ -150,7 +152,8 @@ class Trajectory:
 def robot_to_json(robot: GaitRobot) -> dict[str, Any]:
     """A robot as JSON-ready values; ``robot_from_json`` gives it back to the last bit."""
     feet = [{name: _plain(value) for name, value in vars(foot).items()} for foot in robot.feet]
-    return {name: _plain(value) for name, value in vars(robot).items()} | {"feet": feet}
+    numbers = {name: _plain(value) for name, value in vars(robot).items() if name != "model"} | {"feet": feet}
+    return numbers | ({} if robot.model is None else {"model": model_to_json(robot.model)})
 
 
 def _plain(value: Any) -> Any:
@@ -159,12 +162,14 @@ def _plain(value: Any) -> Any:
 
 def robot_from_json(data: Any) -> GaitRobot:
     """Read what ``robot_to_json`` wrote. Raises InvalidInput."""
-    from ..robot.leg_boxes import Foot
-    from ..robot.single_body import GaitRobot
+    from ..robot.single_body import Foot, GaitRobot
 
     try:
         feet = tuple(Foot(**foot) for foot in data["feet"])
-        return GaitRobot(**{**data, "feet": feet})
+        model = model_from_json(ModelJson.model_validate(data["model"]), data["name"]) if "model" in data else None
+        return GaitRobot(**{**data, "feet": feet, "model": model})
+    except ValidationError as error:
+        raise InvalidInput(f"robot: {'; '.join(f'model.{each}' for each in refusals(error))}") from None
     except InvalidInput as error:
         raise InvalidInput(f"robot: {error}") from None
     except (TypeError, KeyError, ValueError, AttributeError):

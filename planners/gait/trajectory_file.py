@@ -15,14 +15,14 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ..errors import InvalidInput
 from ..files.archive import read_archive, unpacked
 from ..files.arrays import frozen
 from ..files.documents import read_json
 from ..files.embedded import embedded, extracted
-from ..files.refusals import refusals, shown
+from ..files.refusals import shown, validated
 from ..files.writing import check_writable, write_text
 from ..terrain.heightfield import HeightField
 from ..verify.trajectories import GaitReport, check_trajectory
@@ -78,10 +78,7 @@ def read_trajectory(path: str | Path) -> Record:
     if not is_trajectory(data):
         came = data.get("format") if isinstance(data, dict) else type(data).__name__
         raise InvalidInput(f"{path}: expected an object with format {FORMAT!r}, got {shown(came)}")
-    try:
-        header = _Header.model_validate(data)
-    except ValidationError as error:
-        raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
+    header = validated(_Header, data, str(path))
     if header.digest != _seal({name: value for name, value in data.items() if name != "digest"}):
         raise InvalidInput(f"{path}: its digest does not fit its contents: changed since it was written")
     if header.samples is None:

@@ -21,7 +21,6 @@ from .posture import PostureProblem
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
-    from ..robot.robot_model import RobotModel
 
 
 def read_course(
@@ -51,19 +50,6 @@ def read_course(
         return lay_out(spec if frames is None else spec.with_frames(frames), Path(course).parent, sets)
     except InvalidInput as error:
         raise InvalidInput(f"{course}: {error}") from None
-
-
-def read_robot(course: str | Path, robot: str | None = None) -> RobotModel | None:
-    """The model of a course's robot, or of another one; None where all that is known of it are its limbs.
-
-    Raises InvalidInput as ``read_course`` does.
-    """
-    if Path(course).suffix == ".json":
-        return None
-    try:
-        return read_spec(course, robot).robot_model(Path(course).parent)
-    except InvalidInput as error:
-        raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
 
 
 def read_spec(course: str | Path, robot: str | None = None) -> CourseSpec:

@@ -7,16 +7,17 @@ from functools import partial
 from typing import Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict
 
 from ..errors import InvalidInput
 from ..files.arrays import frozen
-from ..files.refusals import refusals
+from ..files.refusals import validated
 from ..robot.model import Limb, Robot
+from ..robot.model_json import ModelJson, model_from_json, model_to_json
 from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 from .course import Course, Placement, StepLimits, Weights
-from .posture import ReachRowsJson
+from .posture_json import ReachRowsJson
 
 FORMAT = "stancekit/course/1"
 
@@ -36,6 +37,7 @@ def course_to_json(course: Course) -> dict[str, Any]:
             "name": course.robot.name,
             "mass_kg": course.robot.mass_kg,
             "limbs": [_limb_to_json(limb) for limb in course.robot.limbs],
+            **({} if course.robot.model is None else {"model": model_to_json(course.robot.model)}),
         },
         "terrain": [_patch_to_json(patch) for patch in course.terrain],
         "placements": [
@@ -62,10 +64,7 @@ def course_from_json(data: Mapping[str, Any]) -> Course:
     """Read what ``course_to_json`` wrote. Raises InvalidInput whose message lists every key that is wrong."""
     if not isinstance(data, Mapping):
         raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
-    try:
-        raw = _CourseJson.model_validate(data)
-    except ValidationError as error:
-        raise InvalidInput("; ".join(refusals(error))) from None
+    raw = validated(_CourseJson, data)
     notes = _Notes()
     robot = notes.made("", partial(_robot, raw.robot))
     terrain = [notes.made(f"terrain[{i}].", partial(_patch, item)) for i, item in enumerate(raw.terrain)]
@@ -100,7 +99,14 @@ class _Notes:
 
 
 def _robot(raw: _RobotJson) -> Robot:
-    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=tuple(_limb(limb) for limb in raw.limbs))
+    limbs = tuple(_limb(limb) for limb in raw.limbs)
+    model = None
+    if raw.model is not None:
+        try:
+            model = model_from_json(raw.model, raw.name)
+        except InvalidInput as error:
+            raise InvalidInput(f"robot {raw.name}: {error}") from None
+    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, model=model)
 
 
 def _limb(raw: _LimbJson) -> Limb:
@@ -161,6 +167,7 @@ class _RobotJson(_Keys):
     name: str
     mass_kg: float
     limbs: list[_LimbJson]
+    model: ModelJson | None = None
 
 
 class _PatchJson(_Keys):

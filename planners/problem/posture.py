@@ -5,18 +5,18 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, cast
+from typing import Any, cast
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen, gathered
-from ..files.refusals import refusals
+from ..files.refusals import validated
 from ..robot.model import Robot, hexapod
 from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
 from ..terrain.sole import checked_sole, sole_offsets, sole_region
+from .posture_json import ContactJson, PostureJson
 
 FORMAT = "stancekit/posture/1"
 GRAVITY_M_S2 = 9.81
@@ -204,10 +204,7 @@ class PostureProblem:
         """
         if not isinstance(data, Mapping):
             raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
-        try:
-            raw = _PostureJson.model_validate(data)
-        except ValidationError as error:
-            raise InvalidInput("; ".join(refusals(error))) from None
+        raw = validated(PostureJson, data)
         known, contacts = robot or hexapod(), list[Contact]()
         body = raw.model_dump(exclude={"format", "contacts"})
         gathered(
@@ -247,7 +244,7 @@ def _sole_to_json(contact: Contact) -> dict[str, Any]:
     return {} if contact.sole_m is None else {"sole_m": contact.sole_m.tolist(), "yaw_rad": contact.yaw_rad}
 
 
-def _contact(item: _ContactJson, index: int, robot: Robot) -> Contact:
+def _contact(item: ContactJson, index: int, robot: Robot) -> Contact:
     """One contact of the JSON form. Raises InvalidInput with everything that is wrong with it."""
     surface = item.model_dump(include={"vertices_m", "normal", "shear_reference", "friction"})
     rest: dict[str, Any] = item.model_dump(exclude={*surface, "reach_rows"})
@@ -271,39 +268,3 @@ def _contact(item: _ContactJson, index: int, robot: Robot) -> Contact:
         raise InvalidInput("; ".join(f"contacts[{index}].{text}" for text in wrong))
     return Contact(patch=patches[0], **rest)
 
-
-class ReachRowsJson(BaseModel):
-    """Half-spaces in a file, see ``ReachRows``."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-    normals: list[list[float]]
-    bounds_m: list[float]
-
-
-class _ContactJson(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
-    leg: str
-    shoulder_m: list[float]
-    reach_m: float
-    vertices_m: list[list[float]]
-    normal: list[float]
-    shear_reference: list[float]
-    friction: float
-    force_min: list[float]
-    force_max: list[float]
-    reach_rows: ReachRowsJson | None = None
-    sole_m: list[list[float]] | None = None
-    yaw_rad: float = 0.0
-
-
-class _PostureJson(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
-    format: Literal["stancekit/posture/1"]
-    mass_kg: float
-    gravity_m_s2: float
-    force_scale_n: float
-    length_scale_m: float
-    com_nominal_m: list[float]
-    com_radius_m: float
-    tilt_limit_rad: float
-    contacts: list[_ContactJson] = Field(min_length=1)

@@ -8,11 +8,11 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, frozen
-from ..files.refusals import refusals
+from ..files.refusals import validated
 from ..problem import PostureProblem
 
 FORMAT = "stancekit/envelope/1"
@@ -241,10 +241,7 @@ class EnvelopeSet:
         """Read the JSON form. Raises InvalidInput that lists every key that is wrong."""
         if not isinstance(data, Mapping):
             raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
-        try:
-            raw = _EnvelopeSetJson.model_validate(data)
-        except ValidationError as error:
-            raise InvalidInput("; ".join(refusals(error))) from None
+        raw = validated(_EnvelopeSetJson, data)
         rest = raw.model_dump(exclude={"format", "envelopes", "legs"})
         envelopes = []
         for index, box in enumerate(raw.envelopes):

@@ -13,8 +13,7 @@ one, which is what envelopes are learned in, or world axes, in which candidates 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
@@ -27,26 +26,11 @@ from ..equilibrium.scaled import Point, Scaled, skew
 from ..equilibrium.terms import Body, Forces, FreeToes, Given
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from .boxed import Boxed as Boxed
 from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Corners, Envelope
 from .relaxed import DualBound, RelaxationAnswer, Relaxed
 
 Axes = Literal["contact", "world"]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Boxed(Given):
-    """What P1 is loaded with: boxes over the stance contacts, and which of them a stance may use, (S, E)."""
-
-    boxes: Sequence[Envelope]
-    allowed: Array | None = None
-
-    @cached_property
-    def corners(self) -> Corners:
-        """Those of the box, or of all boxes."""
-        if len(self.boxes) == 1:
-            return self.boxes[0].corners
-        parts = zip(*(box.corners for box in self.boxes), strict=True)
-        return Corners(*(np.stack(part) for part in parts))
 
 
 class WithoutMoment:

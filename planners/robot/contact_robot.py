@@ -30,7 +30,7 @@ def contact_robot(robot: RobotModel, workspaces: Sequence[Workspace], sets: Sets
     Raises InvalidInput for a leg whose foot is larger than its inner set.
     """
     limbs = tuple(_limb(*each, robot.body.com_m, sets) for each in zip(robot.legs, workspaces, strict=True))
-    return Robot(name=robot.name, mass_kg=robot.body.mass_kg, limbs=limbs)
+    return Robot(name=robot.name, mass_kg=robot.body.mass_kg, limbs=limbs, model=robot)
 
 
 def _limb(leg: Leg, workspace: Workspace, com_m: Array, sets: Sets) -> Limb:

@@ -24,6 +24,7 @@ EXACT_M = 1e-7
 REACHED_M = 1e-5
 """A foot farther from its target than this is out of reach."""
 STEPS = 30
+SAMPLES = 8000
 TRIES = 4
 """Seeds that are tried for a foot which the seeds before did not bring to its target."""
 DAMPING = 1e-3
@@ -97,6 +98,12 @@ class Seeds:
             closer = far < error[missed]
             best[missed[closer]], error[missed[closer]] = again[closer], far[closer]
         return best, error
+
+
+def seeds_of(legs: Sequence[Leg]) -> list[Seeds]:
+    """Seeds all over the workspace of every leg, always the same."""
+    rng = np.random.default_rng(0)
+    return [Seeds(leg, leg.random_angles(SAMPLES, rng)) for leg in legs]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

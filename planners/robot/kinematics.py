@@ -1,37 +1,38 @@
-"""Inverse kinematics and joint torques of the robot's limbs (extra ``kin``: pinocchio on the URDF of ``robot.urdf``).
+"""Inverse kinematics and joint torques of a robot's legs (extra ``kin``: pinocchio on the URDF of ``legged_model``).
 
-Feet are found by damped least squares from closed-form seeds, all limbs at once, inside the joint limits; the free
-joint of a limb is drawn towards a comfortable posture. Torques are those of a robot that stands still.
+Legs of any number of joints, known by name; arrays of joints are in the model's order. Feet are found by damped least
+squares, all legs at once, inside the joint limits. Legs that are drawn up begin at closed-form postures and their free
+joint is drawn towards a comfortable one; a robot's own legs begin at postures whose feet are near. Torques are those of
+a robot that stands still.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from ..answer.plan import Plan
 from ..files.arrays import Array, frozen
-from ..problem.course import Course
 from ..problem.posture import GRAVITY_M_S2
 from ..terrain.prism import Solid
+from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
 from .leg_ik import limb_postures
+from .legged import foot_radii, legged_model
 from .model import Robot
 from .rotation import rotation_of
-from .urdf import FOOT_RADIUS_M, JOINTS, Servo, foot_names, hexapod_urdf, joint_names
-from .urdf_reader import pinocchio
+from .urdf import Servo
+from .urdf_reader import at_rest, built, pinocchio
 
-__all__ = ["JointAnswer", "JointReport", "Kinematics", "joint_report", "pinocchio", "plan_angles", "rotation_of"]
+__all__ = ["REACHED_M", "JointAnswer", "Kinematics", "pinocchio", "rotation_of"]
 
-EXACT_M = 1e-7
-"""A foot this close to its target is there."""
-REACHED_M = 1e-5
-"""A foot farther from its target than this is out of reach."""
 DAMPING = 1e-4
 STEPS = 60
 LONGEST_STEP_RAD = 0.3
+DRAWN_AT = 0.2
+"""In pictures the roll joint of a leg that is drawn up is so far along its thigh."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,23 +56,78 @@ class JointAnswer:
 
 
 class Kinematics:
-    """The robot's limbs as pinocchio knows them, the body fixed. Not for use by several threads at once.
+    """The robot's legs as pinocchio knows them, the base fixed. Not for use by several threads at once.
 
-    Raises InvalidInput where pinocchio is not installed.
+    joints: names, J of them. radii_m: of the feet, shape (N,). lower_rad, upper_rad, torque_nm, velocity_rad_s: limits
+    of the joints, shape (J,); torque is inf where the robot's own file has none that can be believed, velocity 0 where
+    it has none. legs: the number of the leg of every joint, shape (J,). Raises InvalidInput where pinocchio is not
+    installed, and for a robot whose legs are not known.
     """
 
     def __init__(self, robot: Robot, servo: Servo = Servo(), *, gravity_m_s2: float = GRAVITY_M_S2) -> None:
-        self._pin = pinocchio()
+        self._pin = pin = pinocchio()
         self.robot, self.servo, self.gravity_m_s2 = robot, servo, gravity_m_s2
-        self.joints = joint_names(robot)
-        self._model = self._pin.buildModelFromXML(hexapod_urdf(robot, servo))
-        self._data = self._model.createData()
-        self._feet = [self._model.getFrameId(name) for name in foot_names(robot)]
-        self._lower = np.tile(np.array(servo.lower_rad), len(robot.limbs))
-        self._upper = np.tile(np.array(servo.upper_rad), len(robot.limbs))
-        self._shoulders = np.array([limb.shoulder_m for limb in robot.limbs])
-        limb_mass = float(self._pin.computeTotalMass(self._model))
-        self._limb_share = limb_mass / robot.mass_kg
+        self.model = legged_model(robot, servo)
+        own, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
+        self.joints, self.radii_m = self.model.joint_names, foot_radii(robot)
+        self.lower_rad, self.upper_rad = (np.array([getattr(j, n) for j in joints]) for n in ("lower_rad", "upper_rad"))
+        self.torque_nm, self.velocity_rad_s = (
+            np.array([getattr(j, name) for j in joints]) for name in ("torque_nm", "velocity_rad_s")
+        )
+        if robot.model is not None:
+            self.torque_nm[np.isin(self.joints, [name for name, _ in robot.model.torque_doubts])] = np.inf
+        turns = np.concatenate([leg.turns for leg in own])
+        self._lowest, self._highest = np.where(turns, -np.inf, self.lower_rad), np.where(turns, np.inf, self.upper_rad)
+        self.legs = np.repeat(np.arange(len(own)), [len(leg.joints) for leg in own])
+        self._nth = np.concatenate([np.arange(len(leg.joints)) for leg in own])
+        self._most = int(self._nth.max()) + 1
+        self._known = built(self.model.urdf, robot.name)
+        self._number = [self._known.getJointId(name) for name in self.joints]
+        self._feet = [
+            self._known.addFrame(pin.Frame(f"{leg.name}: foot", self._known.getJointId(leg.joint_names[-1]),
+                                           pin.SE3(self.model.mounts[leg.foot].rotation, np.array(leg.chain.tip_m)),
+                                           pin.FrameType.OP_FRAME))
+            for leg in own
+        ]  # fmt: skip
+        self._data = self._known.createData()
+        self._rest, rows, self._column = self._places()
+        self._row = _slice_or(rows)
+        self._own = [_slice_or(self._column[self.legs == i]) for i in range(len(own))]
+        self._even = bool(np.all(np.bincount(self.legs) == self._most))
+
+    def _places(self) -> tuple[Array, NDArray[np.int_], NDArray[np.int_]]:
+        """The base at the origin and all else at rest; where pinocchio has the angles and the velocities of joints."""
+        owners = [self._known.joints[number] for number in self._number]
+        circles = [(joint.idx_q, i) for i, joint in enumerate(owners) if joint.nq == 2]
+        self._circles = np.array(circles, dtype=int).reshape(-1, 2)
+        rows, columns = (np.array([getattr(joint, name) for joint in owners]) for name in ("idx_q", "idx_v"))
+        return at_rest(self._known), rows, columns
+
+    def _posture(self, angles: Array) -> Array:
+        """Angles as pinocchio has them."""
+        q = self._rest.copy()
+        q[self._row] = angles
+        if len(self._circles):
+            rows, its = self._circles.T
+            q[rows], q[rows + 1] = np.cos(np.asarray(angles)[its]), np.sin(np.asarray(angles)[its])
+        return q
+
+    def joints_of(self, leg: int) -> NDArray[np.int_]:
+        """Numbers of a leg's joints, from the base outward."""
+        return np.flatnonzero(self.legs == leg)
+
+    def by_leg(self, values: ArrayLike) -> Array:
+        """Numbers of all joints leg by leg, shape (J,) to (N, n) with n joints in the longest; zeros behind shorter
+        ones."""
+        if self._even:
+            return np.asarray(values, dtype=np.float64).reshape(-1, self._most)
+        table = np.zeros((len(self._feet), self._most))
+        table[self.legs, self._nth] = values
+        return table
+
+    def of_joints(self, values: Array) -> Array:
+        """Numbers of every leg, shape (N,), as those of its joints, shape (J,)."""
+        return np.asarray(values[self.legs])
 
     def solve(
         self,
@@ -89,34 +145,57 @@ class Kinematics:
         com_m: the body's origin, shape (3,) [m]. rotation_rad: rotation vector, taken exactly, not linearised, shape
         (3,). toes_m: where the limbs touch, shape (N, 3) [m]. normals: of the surfaces, shape (N, 3); the foot's centre
         is a radius away along them. Without normals the foot's centre goes to the toe. forces_n: on the robot, world
-        frame, shape (N, 3) [N]. seed: angles to stay close to, shape (J,). obstacles: what the links should keep off.
+        frame, shape (N, 3) [N]. seed: angles to stay close to, shape (J,). obstacles: what the links of legs that are
+        drawn up should keep off.
         """
         count = len(self.robot.limbs)
         turn = rotation_of(rotation_rad)
-        toes = frozen(toes_m, (count, 3), "toes_m")
         out = np.zeros((count, 3)) if normals is None else frozen(normals, (count, 3), "normals")
         com = frozen(com_m, (3,), "com_m")
-        feet = (toes + FOOT_RADIUS_M * out - com) @ turn
-        near = None if seed is None else frozen(seed, (len(self.joints),), "seed").reshape(count, -1)
-        wished = limb_postures(
-            self.robot, self.servo, feet, -out @ turn, near=near, pose=(com, turn), obstacles=obstacles
-        )
+        feet = self.targets(com, turn, frozen(toes_m, (count, 3), "toes_m"), out)
+        near = None if seed is None else frozen(seed, (len(self.joints),), "seed")
+        if self.robot.model is None:
+            close = None if near is None else near.reshape(count, -1)
+            wished = limb_postures(
+                self.robot, self.servo, feet, -out @ turn, near=close, pose=(com, turn), obstacles=obstacles
+            )
+        else:
+            wished = self._near(feet, near)
         angles, error = self.reach(feet, wished, wished)
         excess = np.zeros(count)
         if np.any(error > REACHED_M):
             beyond, missed = self.reach(feet, wished, wished, limits=False)
-            over = np.maximum(beyond - self._upper, self._lower - beyond).reshape(count, -1).max(axis=1)
+            over = self.by_leg(np.maximum(beyond - self._highest, self._lowest - beyond)).max(axis=1)
             excess = np.where(missed <= REACHED_M, np.maximum(over, 0.0), 0.0)
         torques = np.zeros(len(self.joints))
         if forces_n is not None:
             torques = self.torques(angles, turn, frozen(forces_n, (count, 3), "forces_n"))
         return JointAnswer(angles=angles, error_m=error, limit_rad=excess, torques_nm=torques)
 
+    def targets(self, com_m: Array, rotation: Array, toes_m: Array, normals: Array) -> Array:
+        """Centres of the feet in the base's frame for toes in the world, shape (N, 3) [m].
+
+        com_m: the body's origin (``Robot.origin_m`` in the base); rotation: R_WB; normals: shape (N, 3).
+        """
+        return np.asarray((toes_m + self.radii_m[:, None] * normals - com_m) @ rotation + self.robot.origin_m)
+
+    @cached_property
+    def own(self) -> InverseKinematics:
+        """Inverse kinematics from seeds all over the workspaces, which no pinocchio takes part in."""
+        return InverseKinematics(seeds_of(self.model.legs))
+
+    def _near(self, feet: Array, near: Array | None) -> Array:
+        """Postures of own legs for feet in the base's frame, near those given or those in which it stands, (J,)."""
+        start = np.concatenate([leg.stance_rad for leg in self.model.legs]) if near is None else near
+        split = np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1]
+        found = self.own.solve(feet[None], near=[part[None] for part in np.split(start, split)])
+        return np.concatenate([angles[0] for angles in found.angles])
+
     def reach(self, feet: Array, start: Array, wished: Array, *, limits: bool = True) -> tuple[Array, Array]:
         """Damped least squares from ``start``, drawn towards ``wished`` where that moves no foot; a limb that ends no
         closer than it started stays as it was.
 
-        feet: centres in the body frame, shape (N, 3) [m]. Returns angles, shape (J,), and errors, shape (N,) [m].
+        feet: centres in the base's frame, shape (N, 3) [m]. Returns angles, shape (J,), and errors, shape (N,) [m].
         """
         pull, angles = 0.5, np.array(start)
         for _ in range(STEPS):
@@ -126,149 +205,90 @@ class Kinematics:
                 break
             damped = jacobian @ jacobian.transpose(0, 2, 1) + DAMPING * np.eye(3) * np.max(np.abs(gap))
             inverse = jacobian.transpose(0, 2, 1) @ np.linalg.inv(damped)
-            drawn = pull * (wished - angles).reshape(len(feet), -1, 1)
+            drawn = pull * self.by_leg(wished - angles)[:, :, None]
             pull *= 0.7
-            step = (inverse @ (gap[:, :, None] - jacobian @ drawn) + drawn).ravel()
+            step = (inverse @ (gap[:, :, None] - jacobian @ drawn) + drawn)[:, :, 0]
+            step = step.ravel() if self._even else step[self.legs, self._nth]
             angles = angles + np.clip(step, -LONGEST_STEP_RAD, LONGEST_STEP_RAD)
             if limits:
-                angles = np.clip(angles, self._lower, self._upper)
+                angles = np.clip(angles, self._lowest, self._highest)
         error, before = (np.linalg.norm(feet - self.feet(q), axis=1) for q in (angles, start))
         better = error <= np.maximum(before, EXACT_M)
-        return np.where(np.repeat(better, len(JOINTS)), angles, start), np.where(better, error, before)
+        return np.where(self.of_joints(better), angles, start), np.where(better, error, before)
+
+    def beyond(self, angles: Array) -> Array:
+        """How far joints are beyond their limits, 0 within, shapes (…, J) [rad, or m where a joint slides]."""
+        return np.asarray(np.maximum(np.maximum(angles - self._highest, self._lowest - angles), 0.0))
 
     def feet(self, angles: Array) -> Array:
-        """Centres of the feet in the body frame, shape (N, 3) [m]."""
-        self._pin.framesForwardKinematics(self._model, self._data, angles)
+        """Centres of the feet in the base's frame, shape (N, 3) [m]."""
+        self._pin.framesForwardKinematics(self._known, self._data, self._posture(angles))
         return np.array([self._data.oMf[frame].translation for frame in self._feet])
 
     def chains(self, angles: Array) -> Array:
-        """Shoulder, roll joint, knee and foot of every limb in the body frame, shape (N, 4, 3) [m].
+        """Joints and foot of every limb in the base's frame, shape (N, n + 1, 3) [m]; shorter ones stay at the foot.
 
-        The roll joint is drawn a fifth along the thigh.
+        Of a leg that is drawn up: shoulder, roll joint a fifth along the thigh, knee and foot.
         """
-        feet, count = self.feet(angles), len(JOINTS)
-        knees = np.array([self._data.oMi[count * (i + 1)].translation for i in range(len(feet))])
-        return np.stack([self._shoulders, 0.8 * self._shoulders + 0.2 * knees, knees, feet], axis=1)
+        feet = self.feet(angles)
+        places = np.array([self._data.oMi[number].translation for number in self._number])
+        if self.robot.model is None:
+            first, *_, knees = places.reshape(len(feet), -1, 3).transpose(1, 0, 2)
+            return np.stack([first, (1.0 - DRAWN_AT) * first + DRAWN_AT * knees, knees, feet], axis=1)
+        found = np.repeat(feet[:, None], self._most + 1, axis=1)
+        found[self.legs, self._nth] = places
+        return found
 
     def foot_frames(self, angles: Array) -> Array:
-        """Orientations of the feet in the body frame, shape (N, 3, 3)."""
-        self._pin.framesForwardKinematics(self._model, self._data, angles)
+        """Orientations of the feet in the base's frame, shape (N, 3, 3)."""
+        self._pin.framesForwardKinematics(self._known, self._data, self._posture(angles))
         return np.array([self._data.oMf[frame].rotation for frame in self._feet])
 
     def com_offset(self, angles: Array) -> Array:
-        """The whole robot's centre of mass in the body frame, shape (3,) [m]: paper E takes it for zero."""
-        return np.asarray(self._limb_share * self._pin.centerOfMass(self._model, self._data, angles))
+        """The whole robot's centre of mass in the base's frame, shape (3,) [m]: paper E takes it for ``origin_m``."""
+        return np.array(self._pin.centerOfMass(self._known, self._data, self._posture(angles)))
 
     def torques(self, angles: Array, rotation: Array, forces_n: Array) -> Array:
         """τ = g(q) − Σ Jᵢᵀ fᵢ: what the joints give so that the robot stands still, shape (J,) [Nm].
 
         rotation: R_WB, shape (3, 3); forces_n: on the feet, world frame, shape (N, 3) [N].
         """
-        self._model.gravity.linear = rotation.T @ np.array([0.0, 0.0, -self.gravity_m_s2])
-        weight = np.array(self._pin.computeGeneralizedGravity(self._model, self._data, angles))
+        weight, levers = self.loads(angles, rotation)
+        return np.asarray(weight - (levers * forces_n[self.legs]).sum(axis=1))
+
+    def loads(self, angles: Array, rotation: Array) -> tuple[Array, Array]:
+        """What torques at rest are made of: τ_j = g_j − levers_j · f of the joint's own foot, f in the world frame.
+
+        Returns g, shape (J,) [Nm], and levers, shape (J, 3) [m].
+        """
+        self._known.gravity.linear = rotation.T @ np.array([0.0, 0.0, -self.gravity_m_s2])
+        weight = self._pin.computeGeneralizedGravity(self._known, self._data, self._posture(angles))
         _, jacobian = self._feet_and_jacobian(angles)
-        return np.asarray(weight - (jacobian.transpose(0, 2, 1) @ (forces_n @ rotation)[:, :, None]).ravel())
+        return np.array(weight)[self._column], jacobian[self.legs, :, self._nth] @ rotation.T
+
+    def inertial_torques(self, angles: Array, velocity: Array, acceleration: Array) -> Array:
+        """What the legs' own masses take while the base is still and nothing weighs, shape (J,) [Nm]."""
+        known, pin = self._known, self._pin
+        rates, pushed = np.zeros(known.nv), np.zeros(known.nv)
+        rates[self._column], pushed[self._column] = velocity, acceleration
+        known.gravity.linear = np.zeros(3)
+        return np.asarray(pin.rnea(known, self._data, self._posture(angles), rates, pushed)[self._column])
 
     def _feet_and_jacobian(self, angles: Array) -> tuple[Array, Array]:
-        """Centres of the feet, shape (N, 3), and their derivatives in their own limb's joints, shape (N, 3, 4)."""
-        pin, joints = self._pin, len(JOINTS)
-        pin.computeJointJacobians(self._model, self._data, angles)
-        pin.updateFramePlacements(self._model, self._data)
+        """Centres of the feet, shape (N, 3), and their derivatives in their own limb's joints, shape (N, 3, n)."""
+        pin = self._pin
+        pin.computeJointJacobians(self._known, self._data, self._posture(angles))
+        pin.updateFramePlacements(self._known, self._data)
         frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        found = np.empty((len(self._feet), 3, joints))
-        for i, foot in enumerate(self._feet):
-            whole = pin.getFrameJacobian(self._model, self._data, foot, frame)
-            found[i] = whole[:3, joints * i : joints * (i + 1)]
+        found = np.zeros((len(self._feet), 3, self._most))
+        for i, (foot, own) in enumerate(zip(self._feet, self._own, strict=True)):
+            its = pin.getFrameJacobian(self._known, self._data, foot, frame)[:3, own]
+            found[i, :, : its.shape[1]] = its
         return np.array([self._data.oMf[foot].translation for foot in self._feet]), found
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JointReport:
-    """Can the joints do what a plan asks for? M frames, S stances, N limbs.
-
-    angles: shape (M, J) [rad]. error_m, limit_rad: as in ``JointAnswer``, shape (M, N). torque_nm: largest joint torque
-    of a limb in a stance, shape (S, N); excess_nm: that less the servo's limit, 0 where within. accepted: all within.
-    worst_…: where the largest is, as (frame, limb's name). shift_m: how far the whole robot's centre of mass is from
-    the body's origin, which paper E takes for it, shape (M,) [m]; nothing is judged by it.
-    """
-
-    accepted: bool
-    angles: Array
-    error_m: Array
-    limit_rad: Array
-    torque_nm: Array
-    excess_nm: Array
-    shift_m: Array
-    worst_error: tuple[int, str]
-    worst_limit: tuple[int, str]
-    worst_torque: tuple[int, str]
-    message: str
-
-
-def plan_angles(plan: Plan, kinematics: Kinematics | None = None) -> list[JointAnswer]:
-    """Angles of every key frame, each near those of the frame before. Raises InvalidInput without pinocchio.
-
-    The torques are those of the mean force of the frame's stances.
-    """
-    course = plan.course
-    solver = kinematics or Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
-    solids = [Solid.behind(patch) for patch in course.terrain]
-    found = list[JointAnswer]()
-    for k in range(course.frames):
-        normals = [course.patch(int(p), plan.choice).normal for p in course.holds[k]]
-        answer = solver.solve(
-            plan.com_m[k], plan.rotation_rad[k], plan.toes_at(k), normals=normals, forces_n=plan.forces_at(k),
-            seed=found[-1].angles if found else None, obstacles=solids,
-        )  # fmt: skip
-        found.append(answer)
-    return found
-
-
-def joint_report(plan: Plan, servo: Servo = Servo(), *, reached_m: float = REACHED_M) -> JointReport:
-    """Inverse kinematics of every key frame, torques of every stance. Raises InvalidInput without pinocchio.
-
-    reached_m: a foot farther than this from where it should be is out of reach.
-    """
-    course = plan.course
-    solver = Kinematics(course.robot, servo, gravity_m_s2=course.gravity_m_s2)
-    answers = plan_angles(plan, solver)
-    torque = np.array(
-        [
-            np.abs(solver.torques(answers[of.frame].angles, rotation_of(plan.rotation_rad[of.frame]), forces))
-            for of, forces in zip(course.stances, plan.forces_n, strict=True)
-        ]
-    )
-    torque = torque.reshape(len(torque), len(course.robot.limbs), -1).max(axis=2)
-    error, limit = np.array([a.error_m for a in answers]), np.array([a.limit_rad for a in answers])
-    excess = np.maximum(torque - servo.torque_nm, 0.0)
-    frames = list(range(course.frames))
-    far, pressed = _where(error, frames, course), _where(torque, [of.frame for of in course.stances], course)
-    wrong = []
-    if error.max() > reached_m:
-        wrong.append(
-            f"frame {far[0]}, limb {far[1]}: its foot stays {1e3 * error.max():.3g} mm away from its toe within the "
-            f"joints' limits"
-        )
-    if excess.max() > 0.0:
-        wrong.append(
-            f"frame {pressed[0]}, limb {pressed[1]}: {torque.max():.3g} Nm in a joint, "
-            f"where servos have {servo.torque_nm:g}"
-        )
-    return JointReport(
-        accepted=not wrong,
-        angles=np.array([a.angles for a in answers]),
-        error_m=error,
-        limit_rad=limit,
-        torque_nm=torque,
-        excess_nm=excess,
-        shift_m=np.array([np.linalg.norm(solver.com_offset(a.angles)) for a in answers]),
-        worst_error=far,
-        worst_limit=_where(limit, frames, course),
-        worst_torque=pressed,
-        message="; ".join(wrong),
-    )
-
-
-def _where(table: Array, frames: list[int], course: Course) -> tuple[int, str]:
-    row, limb = np.unravel_index(int(np.argmax(table)), table.shape)
-    return frames[int(row)], course.robot.limb_names[int(limb)]
+def _slice_or(numbers: NDArray[np.int_]) -> slice | NDArray[np.int_]:
+    """Numbers that follow each other as a slice, which is quicker; others as they are."""
+    first = int(numbers[0])
+    follow = np.array_equal(numbers, np.arange(first, first + len(numbers)))
+    return slice(first, first + len(numbers)) if follow else numbers

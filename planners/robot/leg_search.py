@@ -21,7 +21,7 @@ from ..files.refusals import shown
 from .chain import Chain
 from .leg import FULL_TURN, Joint, Leg
 from .shapes import Shape
-from .urdf_reader import pinocchio
+from .urdf_reader import base_joint, pinocchio
 
 LOW = 0.6
 """Of the lowest chain's depth below the base: what goes lower is a leg."""
@@ -87,7 +87,7 @@ class _Tree:
         self.doubts = list[tuple[str, str]]()
         pin = pinocchio()
         self._bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
-        self._base = max(j for j in range(model.njoints) if model.joints[j].nq == 7)
+        self._base = base_joint(model)
         data = model.createData()
         pin.computeJointJacobians(model, data, pin.neutral(model))
         local = [pin.getJointJacobian(model, data, j, pin.ReferenceFrame.LOCAL) for j in range(model.njoints)]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +12,12 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, frozen
 from ..terrain.sole import checked_sole
 from .reach import ReachRows
+
+if TYPE_CHECKING:
+    from .robot_model import RobotModel
+
+SAME = 1e-9
+"""A mass and that of the model may differ by so much of it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,8 +64,10 @@ class Robot:
         name: a word.
         mass_kg: of all of it [kg].
         limbs: one or more, of different names.
+        model: the robot's own legs, joint by joint, from its file; None where no more is known than its limbs.
     Raises:
-        InvalidInput: for a mass that is not positive, no limbs, or two of one name.
+        InvalidInput: for a mass that is not positive, no limbs, two of one name, or a model of another mass or of other
+            legs.
     Source:
         Paper E §II.
     Example:
@@ -71,6 +80,7 @@ class Robot:
     name: str
     mass_kg: float
     limbs: tuple[Limb, ...]
+    model: RobotModel | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         checked_name(self.name, "robot name")
@@ -78,6 +88,31 @@ class Robot:
         names = [limb.name for limb in self.limbs]
         if len(set(names)) != len(names) or not names:
             raise InvalidInput(f"robot {self.name}: expected one or more limbs of different names, got {names}")
+        if self.model is not None:
+            self._check(self.model)
+
+    def _check(self, model: RobotModel) -> None:
+        """Raise InvalidInput unless the model is that of a robot of this mass and these limbs."""
+        if self.limb_names != model.leg_names:
+            raise InvalidInput(
+                f"robot {self.name}: expected limbs as its model has legs, {', '.join(model.leg_names)}, got "
+                f"{', '.join(self.limb_names)}"
+            )
+        if abs(self.mass_kg - model.body.mass_kg) > SAME * self.mass_kg:
+            raise InvalidInput(
+                f"robot {self.name}: expected the mass of its model, {model.body.mass_kg:.9g} kg, got "
+                f"{self.mass_kg:.9g}"
+            )
+        if any(limb.sole_m is not None for limb in self.limbs):
+            raise InvalidInput(f"robot {self.name}: expected point feet with a model of its legs, got soles")
+
+    @property
+    def origin_m(self) -> Array:
+        """p_BO, the origin that limbs are given from, in the base of the robot's legs, shape (3,) [m].
+
+        Of a model it is the centre of mass as it stands, which paper E takes for the body's origin; else it is 0.
+        """
+        return np.zeros(3) if self.model is None else self.model.body.com_m
 
     @property
     def limb_names(self) -> tuple[str, ...]:

@@ -70,27 +70,40 @@ class Polytope:
         return np.vstack(found)[:count]
 
     def largest_box(self) -> Array:
-        """Low and high corner of the largest upright box inside, shape (2, 3) [m].
-
-        The corner that a face n looks at is low or high by the signs of n: max Σ log(high − low), a concave programme.
-        """
+        """Low and high corner of the largest upright box inside, shape (2, 3) [m]: max Σ log(high − low)."""
         centre, radius = np.split(self.largest_ball, [3])
-        start = np.concatenate([centre - 0.5 * radius, centre + 0.5 * radius])
+        sides = np.hstack([-np.eye(3), np.eye(3)])
+        return self._box(sides, np.zeros(3), np.concatenate([centre - 0.5 * radius, centre + 0.5 * radius]))
+
+    def box_about(self, point: Array, room_m: float) -> Array:
+        """Low and high corner of the upright box inside that has most room about a point, on all its sides, shape
+        (2, 3) [m]: max Σ log(high − point) + log(point − low).
+
+        Raises InvalidInput where a ball of ``room_m`` about the point is not inside.
+        """
+        room = float(np.min(self.offsets_m - self.normals @ point))
+        if not room >= room_m > 0.0:
+            raise InvalidInput(f"polytope: expected {room_m:.3g} m about a point to be inside, got {room:.3g}")
+        sides, middle = np.diag([-1.0, -1.0, -1.0, 1.0, 1.0, 1.0]), np.tile(point, 2)
+        return self._box(sides, sides @ middle, middle + 0.5 * room * np.repeat([-1.0, 1.0], 3))
+
+    def _box(self, sides: Array, shifts: Array, start: Array) -> Array:
+        """The box inside for which Σ log(sides x − shifts) of its corners x = (low, high) is largest, from one that is
+        inside.
+
+        The corner that a face n looks at is low or high by the signs of n: a concave programme.
+        """
         rows = np.column_stack([np.minimum(self.normals, 0.0), np.maximum(self.normals, 0.0)])
 
         def loss(x: Array) -> float:
-            return -float(np.sum(np.log(np.maximum(x[3:] - x[:3], 1e-9))))
+            return -float(np.sum(np.log(np.maximum(sides @ x - shifts, 1e-9))))
 
         def slope(x: Array) -> Array:
-            each = 1.0 / np.maximum(x[3:] - x[:3], 1e-9)
-            return np.concatenate([each, -each])
+            return np.asarray(-sides.T @ (1.0 / np.maximum(sides @ x - shifts, 1e-9)))
 
         kept = LinearConstraint(rows, -np.inf, self.offsets_m)
         found = minimize(loss, start, jac=slope, method="SLSQP", constraints=kept, options={"maxiter": 100}).x
-        best = found if np.all(found[3:] > found[:3]) else start
-        middle = np.tile(0.5 * (best[:3] + best[3:]), 2)
-        if np.any(rows @ middle > self.offsets_m):
-            best, middle = start, np.tile(centre, 2)
-        over, room = rows @ (best - middle), self.offsets_m - rows @ middle  # shrunk until every corner is inside
+        best = found if loss(found) < loss(start) else start
+        over, room = rows @ (best - start), self.offsets_m - rows @ start  # drawn back until every corner is inside
         share = float(np.min(room[over > room] / over[over > room], initial=1.0))
-        return np.asarray((middle + share * (best - middle)).reshape(2, 3))
+        return np.asarray((start + share * (best - start)).reshape(2, 3))

@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.documents import read_text, read_yaml
-from ..files.refusals import refusals, shown
-from .leg_ik import limb_posture
-from .model import Robot, hexapod
+from ..files.refusals import shown, validated
+from .legged import legged_model
+from .model import hexapod
 from .robot_model import RobotModel, model_of
-from .urdf import Servo, hexapod_urdf, joint_names, link_lengths
-from .urdf_reader import JointCorrection, Number
+from .urdf_reader import JointCorrection, Number, Positive, built
 
 BUILT_IN = ("hexapod",)
-OUTWARD_M, DOWN_M = 0.15, 0.2
+YAML = (".yaml", ".yml")
 
 
 class RobotKeys(BaseModel):
@@ -28,6 +28,13 @@ class RobotKeys(BaseModel):
     ``package://`` names lead. name: in place of the URDF's. feet: the links that are feet, by the names that their legs
     shall have, or a list. joints: corrections by name or pattern. posture_rad: to stand in, by name or pattern.
     root_rpy_rad: how the URDF's root lies in a frame whose z points up, where its own does not.
+
+    For walks: trunk_half_m, half sides of the trunk's box in place of its shapes'; ceiling_m, how high above the centre
+    of mass a foot may be; inner_m, how far a foot stays from the planes half way to the others [m].
+
+    In older files feet is a list, posture_rad a list of all joints' angles in pinocchio's order, and ranges_rad says
+    how far below and above that posture the joints of a leg may go, for the first foot's leg, and mirrored for joints
+    that the posture mirrors; voxel_m and steps are read, and are of no use any more.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -37,8 +44,14 @@ class RobotKeys(BaseModel):
     name: str = ""
     feet: Annotated[dict[str, str] | list[str], Field(union_mode="left_to_right")] = {}
     joints: dict[str, JointCorrection] = {}
-    posture_rad: dict[str, Number] = {}
+    posture_rad: Annotated[dict[str, Number] | list[Number], Field(union_mode="left_to_right")] = {}
     root_rpy_rad: tuple[Number, Number, Number] | None = None
+    trunk_half_m: tuple[Positive, Positive, Positive] | None = None
+    ceiling_m: Number = 0.0
+    inner_m: Number = 0.0
+    ranges_rad: list[tuple[Number, Number]] | None = None
+    voxel_m: Positive | None = None
+    steps: int | None = None
     source: Any = None
 
 
@@ -48,11 +61,11 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
     srdf: in place of the one that a YAML file names. Raises InvalidInput, in one line, for anything else.
     """
     path = Path(name)
-    if path.suffix in (".yaml", ".yml"):
-        return _from_yaml(path, srdf)
+    if path.suffix in YAML:
+        return model_of_keys(read_keys(path), path, srdf)
     if path.suffix == ".urdf":
         return model_of(
-            read_text(path), where=str(path), folder=path.parent, srdf="" if srdf is None else read_text(srdf)
+            read_text(path), where=str(path), folder=path.parent.resolve(), srdf="" if srdf is None else read_text(srdf)
         )
     if str(name) in BUILT_IN:
         return hexapod_model()
@@ -63,36 +76,64 @@ def named_robot(name: str | Path, *, srdf: str | Path | None = None) -> RobotMod
 
 def hexapod_model() -> RobotModel:
     """The default robot as one URDF among others: six limbs of four joints."""
-    robot = hexapod()
-    return model_of(
-        hexapod_urdf(robot),
-        where="hexapod",
-        feet={name: f"{name}_foot" for name in robot.limb_names},
-        posture_rad=dict(zip(joint_names(robot), _hexapod_stance(robot), strict=True)),
-    )
+    return legged_model(hexapod())
 
 
-def _hexapod_stance(robot: Robot) -> list[float]:
-    """Feet so far outward of their shoulders and below them as paper E's ground problems have them."""
-    target, down = np.array([OUTWARD_M, 0.0, -DOWN_M]), np.array([0.0, 0.0, -1.0])
-    return [angle for limb in robot.limbs for angle in limb_posture(link_lengths(limb), target, down, Servo())]
+def read_keys(path: Path) -> RobotKeys:
+    """The keys of a YAML file. Raises InvalidInput with all that is wrong, in one line."""
+    return validated(RobotKeys, read_yaml(path), str(path))
 
 
-def _from_yaml(path: Path, srdf: str | Path | None) -> RobotModel:
+def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -> RobotModel:
+    """The robot that the keys of the file at ``path`` say. Raises InvalidInput."""
+    urdf = path.parent / keys.urdf
+    semantics = Path(srdf) if srdf is not None else path.parent / keys.srdf if keys.srdf else None
     try:
-        keys = RobotKeys.model_validate(read_yaml(path))
-    except ValidationError as error:
-        raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
-    folder = path.parent
-    urdf = folder / keys.urdf
-    semantics = Path(srdf) if srdf is not None else folder / keys.srdf if keys.srdf else None
-    try:
-        model = model_of(
-            read_text(urdf), where=str(urdf), folder=urdf.parent, packages=[folder / each for each in keys.packages],
-            srdf="" if semantics is None else read_text(semantics), feet=keys.feet, joints=keys.joints,
-            posture_rad=keys.posture_rad, name=keys.name,
-            root_rpy_rad=keys.root_rpy_rad or (),
-        )  # fmt: skip
+        text, stands = read_text(urdf), "" if semantics is None else read_text(semantics)
+
+        def model(keys: RobotKeys) -> RobotModel:
+            return model_of(
+                text, where=str(urdf), folder=urdf.parent.resolve(),
+                packages=[(path.parent / each).resolve() for each in keys.packages],
+                srdf=stands, feet=keys.feet, joints=keys.joints, name=keys.name, root_rpy_rad=keys.root_rpy_rad or (),
+                posture_rad=keys.posture_rad if isinstance(keys.posture_rad, dict) else None,
+            )  # fmt: skip
+
+        if isinstance(keys.posture_rad, list):
+            joints = list(built(text, str(urdf)).names)[2:]
+            keys = _with_feet(keys)
+            keys = keys.model_copy(update={"posture_rad": _posture(keys.posture_rad, joints, model(keys))})
+        if keys.ranges_rad is not None:
+            keys = keys.model_copy(update={"joints": {**keys.joints, **_limits(model(keys), keys.ranges_rad)}})
+        return model(keys)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {error}") from None
-    return model
+
+
+def _with_feet(keys: RobotKeys) -> RobotKeys:
+    """An older file's feet by names: what stands before the first _ of each."""
+    feet = {foot.split("_")[0]: foot for foot in keys.feet}
+    return keys if isinstance(keys.feet, dict) or len(feet) < len(keys.feet) else keys.model_copy(update={"feet": feet})
+
+
+def _posture(angles: Any, joints: Sequence[str], model: RobotModel) -> dict[str, float]:
+    """An older file's angles, which are of all joints in pinocchio's order, by the names of the legs' joints."""
+    if len(angles) != len(joints):
+        raise InvalidInput(f"posture_rad: expected {len(joints)} joint angles, got {len(angles)}")
+    said = dict(zip(joints, angles, strict=True))
+    return {name: said[name] for leg in model.legs for name in leg.joint_names}
+
+
+def _limits(model: RobotModel, ranges_rad: Sequence[tuple[float, float]]) -> dict[str, JointCorrection]:
+    """Joint limits from how far the joints of a leg may go from the posture in which it stands."""
+    below, above = np.array(ranges_rad, dtype=np.float64).reshape(-1, 2).T
+    found = {}
+    for leg in model.legs:
+        if len(leg.joints) != len(below):
+            raise InvalidInput(f"ranges_rad: expected {len(leg.joints)}, one a joint of a leg, got {len(below)}")
+        mirrored = np.sign(leg.stance_rad) * np.sign(model.legs[0].stance_rad) < 0
+        low = np.maximum(leg.stance_rad - np.where(mirrored, above, below), leg.lower_rad)
+        high = np.minimum(leg.stance_rad + np.where(mirrored, below, above), leg.upper_rad)
+        for name, *limits in zip(leg.joint_names, low.tolist(), high.tolist(), strict=True):
+            found[name] = JointCorrection(limits_rad=(limits[0], limits[1]))
+    return found

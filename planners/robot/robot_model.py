@@ -22,7 +22,7 @@ from .leg import Leg
 from .leg_search import legs_of
 from .shapes import Shape, disabled_pairs, shapes_of
 from .stance import standing
-from .urdf_reader import JointCorrection, built, corrected, matching, parsed, pinocchio, turned
+from .urdf_reader import JointCorrection, at_rest, built, corrected, matching, parsed, pinocchio, turned
 
 STANCES = ("standing", "stand", "half_sitting", "home", "default")
 """Postures of an SRDF that are taken for the one in which the robot stands, the first that is there."""
@@ -65,7 +65,8 @@ class RobotModel:
     """A legged robot.
 
     urdf: its text, corrections written into it; what parses that sees this robot. mounts: of every link by name.
-    disabled_pairs: links that may touch, from the SRDF. remarks: what was guessed or is hard to believe.
+    disabled_pairs: links that may touch, from the SRDF. remarks: what was guessed or is hard to believe. mesh_folders:
+    the URDF's and those of packages, where pictures find its meshes; none where they are not known.
     """
 
     name: str
@@ -76,11 +77,17 @@ class RobotModel:
     mounts: Mapping[str, Mount]
     disabled_pairs: frozenset[frozenset[str]] = frozenset()
     remarks: tuple[Remark, ...] = ()
+    mesh_folders: tuple[Path, ...] = ()
 
     @property
     def leg_names(self) -> tuple[str, ...]:
         """Names of the legs, in the robot's order."""
         return tuple(leg.name for leg in self.legs)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints of all legs, leg by leg, from the base outward."""
+        return tuple(name for leg in self.legs for name in leg.joint_names)
 
     @property
     def digest(self) -> str:
@@ -100,6 +107,15 @@ class RobotModel:
             if leg.name == name:
                 return leg
         raise InvalidInput(f"leg: expected one of {', '.join(self.leg_names)}, got {shown(name)}")
+
+    @property
+    def torque_doubts(self) -> tuple[tuple[str, str], ...]:
+        """Joints whose torque limit counts for nothing, by name, and why: there is none, or one that none has."""
+        return tuple((subject.removeprefix("joint "), text) for subject, text in _torque_doubts(self.legs, self.body))
+
+    def lines_of(self, doubts: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+        """Doubts on joints, a line for all joints of the same."""
+        return tuple(_joined([(f"joint {name}", text) for name, text in doubts]))
 
     def check_torques(self) -> None:
         """Raise InvalidInput unless every joint of a leg has a torque limit: 0 is what files say that have none."""
@@ -168,6 +184,7 @@ def model_of(
         disabled_pairs=frozenset() if semantics is None else disabled_pairs(semantics),
         remarks=(*(Remark(kind="guess", text=each) for each in (*found.guesses, *guesses)),
                  *(Remark(kind="doubt", text=each) for each in _joined(doubts))),
+        mesh_folders=() if folder == Path() and not packages else (folder, *packages),
     )  # fmt: skip
 
 
@@ -212,7 +229,7 @@ def _stand(
 def _weighed(model: Any, legs: Sequence[Leg]) -> tuple[Body, Array]:
     """Mass, centre and inertia in the standing posture; and that posture as pinocchio has it, base at the origin."""
     pin = pinocchio()
-    data, rest = model.createData(), pin.neutral(model)
+    data, rest = model.createData(), at_rest(model)
     for leg in legs:
         for name, angle in zip(leg.joint_names, leg.stance_rad, strict=True):
             joint = model.joints[model.getJointId(name)]
@@ -262,10 +279,8 @@ def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[tuple[str, str]]:
     for leg in legs:
         most = STRONGEST * body.mass_kg * GRAVITY_M_S2 * leg.chain.length_m
         for joint in leg.joints:
-            if joint.slides:
-                continue
             if joint.torque_nm <= 0.0:
-                doubts.append((f"joint {joint.name}", "no torque limit"))
-            elif joint.torque_nm > most:
+                doubts.append((f"joint {joint.name}", f"no {'force' if joint.slides else 'torque'} limit"))
+            elif not joint.slides and joint.torque_nm > most:
                 doubts.append((f"joint {joint.name}", f"a torque limit of {joint.torque_nm:g} Nm"))
     return doubts

@@ -2,21 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, frozen, gathered
 from ..files.documents import read_yaml
-from ..files.refusals import shown
-from .leg_boxes import Foot, Workspace, measure_legs
+from ..files.refusals import refusals
 from .model import hexapod
 
+if TYPE_CHECKING:
+    from .robot_model import RobotModel
+
 GRAVITY_M_S2 = 9.81
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Foot:
+    """One foot: where it stands by default and the box R_i that it can reach (W4).
+
+    All in the torso's frame, whose origin is the centre of mass, shape (3,) [m]: nominal_m inside the box from
+    reach_min_m to reach_max_m; hip_m: where its leg begins.
+    """
+
+    name: str
+    nominal_m: Array
+    reach_min_m: Array
+    reach_max_m: Array
+    hip_m: Array
+
+    def __post_init__(self) -> None:
+        checked_name(self.name, "name")
+        for name in ("nominal_m", "reach_min_m", "reach_max_m", "hip_m"):
+            object.__setattr__(self, name, frozen(getattr(self, name), (3,), f"foot {self.name}: {name}"))
+        if not np.all((self.reach_min_m < self.nominal_m) & (self.nominal_m < self.reach_max_m)):
+            raise InvalidInput(
+                f"foot {self.name}: expected reach_min_m < nominal_m < reach_max_m, got {self.reach_min_m.tolist()}, "
+                f"{self.nominal_m.tolist()}, {self.reach_max_m.tolist()}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,7 +52,7 @@ class GaitRobot:
 
     inertia_kgm2: about the centre of mass in the torso's frame, shape (3, 3) [kg m²]; stand_height_m: of the centre of
     mass over level ground in the nominal stance [m]; trunk_half_m: half sides of the trunk's box, shape (3,) [m],
-    which has to stay clear of the terrain.
+    which has to stay clear of the terrain; model: the robot of a URDF, which has joints, where it is one.
     """
 
     name: str
@@ -34,6 +61,7 @@ class GaitRobot:
     feet: tuple[Foot, ...]
     stand_height_m: float
     trunk_half_m: Array
+    model: RobotModel | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         where = f"robot {checked_name(self.name, 'name')}"
@@ -43,11 +71,14 @@ class GaitRobot:
             lambda: object.__setattr__(
                 self, "stand_height_m", checked(self.stand_height_m, f"{where}: stand_height_m", above=0.0)
             ),
-            lambda: object.__setattr__(self, "trunk_half_m", _sides(self.trunk_half_m, f"{where}: trunk_half_m")),
+            lambda: object.__setattr__(self, "trunk_half_m", half_sides(self.trunk_half_m, f"{where}: trunk_half_m")),
         )
         names = [foot.name for foot in self.feet]
         if len(names) < 3 or len(set(names)) != len(names):
             raise InvalidInput(f"{where}: expected three or more feet of different names, got {names}")
+        if self.model is not None and self.model.leg_names != self.foot_names:
+            legs = ", ".join(self.model.leg_names)
+            raise InvalidInput(f"{where}: expected feet as its model has legs, {legs}, got {', '.join(names)}")
 
     @property
     def foot_names(self) -> tuple[str, ...]:
@@ -61,43 +92,16 @@ class GaitRobot:
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> GaitRobot:
-        """Read a robot's file, as ``configs/robots/anymal.yaml`` is, or one that names a URDF to measure.
+        """Read a file of a robot's numbers, as ``configs/robots/anymal.yaml`` is.
 
-        Such a file has the keys urdf (a path from the file's folder), feet (names of frames), posture_rad and
-        trunk_half_m, and may have a name and the options of ``Workspace``. Raises InvalidInput with all that is wrong.
+        Raises InvalidInput, in one line, with all that is wrong.
         """
-        data = read_yaml(path)
         try:
-            return _measured(data, Path(path).parent) if "urdf" in data else _robot_of(data)
+            return _Numbers.model_validate(read_yaml(path)).robot()
+        except ValidationError as error:
+            raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
-
-    @classmethod
-    def from_urdf(
-        cls,
-        path: str | Path,
-        feet: Sequence[str],
-        posture: Sequence[float],
-        *,
-        trunk_half_m: Sequence[float],
-        name: str = "",
-        workspace: Workspace = Workspace(),
-    ) -> GaitRobot:
-        """Measure a URDF: mass, inertia and reach boxes (W4); needs the extra ``kin``.
-
-        feet: names of their frames; posture: angles of all joints in pinocchio's order in which the robot stands [rad];
-        trunk_half_m: half sides of the trunk's box, shape (3,) [m]; name: the URDF's own if missing; workspace: how the
-        legs are sampled. Raises InvalidInput for a file that is no URDF, has no inertia, or lacks a frame.
-        """
-        legs = measure_legs(path, feet, posture, workspace)
-        return cls(
-            name=name or legs.name,
-            mass_kg=legs.mass_kg,
-            inertia_kgm2=legs.inertia_kgm2,
-            feet=legs.feet,
-            stand_height_m=-float(np.mean([foot.nominal_m[2] for foot in legs.feet])),
-            trunk_half_m=np.asarray(trunk_half_m, dtype=np.float64),
-        )
 
 
 def anymal() -> GaitRobot:
@@ -135,61 +139,39 @@ def hexapod_walker() -> GaitRobot:
     )
 
 
-MEASURED = ("urdf", "feet", "posture_rad", "trunk_half_m")
-OPTIONS = ("name", *(option.name for option in fields(Workspace)))
-KEYS = ("name", "mass_kg", "inertia_kgm2", "stand_height_m", "trunk_half_m", "feet")
+class _FootNumbers(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    name: str
+    nominal_m: Any
+    reach_min_m: Any
+    reach_max_m: Any
+    hip_m: Any
 
 
-def _robot_of(data: Any) -> GaitRobot:
-    if not isinstance(data, dict):
-        raise InvalidInput(f"expected keys and values, got {type(data).__name__}")
-    wrong = _wrong_keys(data, KEYS)
-    feet = data.get("feet")
-    if "feet" in data and not (isinstance(feet, list) and all(isinstance(foot, dict) for foot in feet)):
-        wrong.append(f"feet: expected a list of feet, got {type(feet).__name__}")
-    if wrong:
-        raise InvalidInput("; ".join(wrong))
-    built = []
-    for index, foot in enumerate(data["feet"]):
-        try:
-            built.append(Foot(**foot))
-        except TypeError as error:
-            raise InvalidInput(f"feet[{index}]: {str(error).split('__init__() ')[-1]}") from None
-        except InvalidInput as error:
-            raise InvalidInput(f"feet[{index}]: {error}") from None
-    return GaitRobot(**{key: data[key] for key in KEYS if key != "feet"}, feet=tuple(built))
+class _Numbers(BaseModel):
+    """The keys of a robot's numbers; what they may be is said by ``GaitRobot`` and ``Foot``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    name: str
+    mass_kg: Any
+    inertia_kgm2: Any
+    stand_height_m: Any
+    trunk_half_m: Any
+    feet: list[_FootNumbers]
+    source: Any = None
+
+    def robot(self) -> GaitRobot:
+        feet = []
+        for index, foot in enumerate(self.feet):
+            try:
+                feet.append(Foot(**dict(foot)))
+            except InvalidInput as error:
+                raise InvalidInput(f"feet[{index}]: {error}") from None
+        numbers = {name: value for name, value in self if name not in ("feet", "source")}
+        return GaitRobot(**numbers, feet=tuple(feet))
 
 
-def _measured(data: dict[str, Any], folder: Path) -> GaitRobot:
-    """A robot of a file that names its URDF."""
-    if wrong := _wrong_keys(data, MEASURED, OPTIONS):
-        raise InvalidInput("; ".join(wrong))
-    feet, name, steps = data["feet"], data.get("name", ""), data.get("steps", 70)
-    if not isinstance(feet, list) or not feet or not all(isinstance(foot, str) for foot in feet):
-        raise InvalidInput(f"feet: expected names of frames, got {shown(feet, 80)}")
-    for key in ("urdf", "name"):
-        if not isinstance(data.get(key, ""), str):
-            raise InvalidInput(f"{key}: expected a text, got {shown(data[key], 80)}")
-    if not isinstance(steps, int) or not 2 <= steps <= 200:
-        raise InvalidInput(f"steps: expected a whole number in [2, 200], got {shown(steps, 80)}")
-    options: dict[str, Any] = {key: checked(data[key], key) for key in ("ceiling_m", "inner_m") if key in data}
-    if "voxel_m" in data:
-        options["voxel_m"] = checked(data["voxel_m"], "voxel_m", above=0.0)
-    if "ranges_rad" in data:
-        options["ranges_rad"] = frozen(data["ranges_rad"], (None, 2), "ranges_rad").tolist()
-    return GaitRobot.from_urdf(
-        folder / data["urdf"], feet, frozen(data["posture_rad"], (None,), "posture_rad").tolist(),
-        trunk_half_m=_sides(data["trunk_half_m"], "trunk_half_m").tolist(), name=name,
-        workspace=Workspace(steps=steps, **options),
-    )  # fmt: skip
-
-
-def _wrong_keys(data: dict[str, Any], needed: Sequence[str], others: Sequence[str] = ()) -> list[str]:
-    wrong = [f"{key}: expected this key, got nothing" for key in needed if key not in data]
-    return wrong + [f"{key}: unknown key" for key in data if key not in (*needed, *others, "source")]
-
-
-def _sides(value: Any, where: str) -> Array:
+def half_sides(value: Any, where: str) -> Array:
     """Half sides of a box, all above 0, shape (3,) [m]."""
     sides = frozen(value, (3,), where)
     if not np.all(sides > 0.0):

@@ -33,5 +33,5 @@ def standing(leg: Leg) -> Array:
     found, error = descend(leg, np.repeat(target[None], len(near), axis=0), angles[near])
     strain = np.max(np.abs(found - middle) / np.maximum(half, 1e-9), axis=1) + 1e3 * np.maximum(error - REACHED_M, 0.0)
     knees = leg.chain.frames(found)[1][:, -1]
-    strain = strain + BACKWARD * (knees[:, 0] - hip[0]) / leg.chain.length_m
+    strain = strain + BACKWARD * (knees[:, 0] - hip[0]) / max(leg.chain.length_m, 1e-9)
     return np.asarray(found[int(np.argmin(strain))])

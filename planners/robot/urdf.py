@@ -57,12 +57,16 @@ class Servo:
 
 
 def joint_names(robot: Robot) -> tuple[str, ...]:
-    """Names of all joints, limb by limb in the robot's order, e.g. ``LF_yaw``."""
+    """Names of all joints, limb by limb in the robot's order, from the base outward, e.g. ``LF_yaw``."""
+    if robot.model is not None:
+        return robot.model.joint_names
     return tuple(f"{limb.name}_{joint}" for limb in robot.limbs for joint in JOINTS)
 
 
 def foot_names(robot: Robot) -> tuple[str, ...]:
-    """Names of the foot links, whose frames are the centres of the spheres, in the robot's order."""
+    """Names of the foot links, in the robot's order; where legs are drawn up, their frames are the spheres' centres."""
+    if robot.model is not None:
+        return tuple(leg.foot for leg in robot.model.legs)
     return tuple(f"{limb.name}_foot" for limb in robot.limbs)
 
 
@@ -81,14 +85,16 @@ def hexapod_urdf(robot: Robot, servo: Servo = Servo(), *, rotors_in_links: bool 
 
     rotors_in_links: add the rotors' inertia to the links, about every axis so that a simulator takes it for a body's;
     for those that know no inertia of rotors. URDF is in SI units. Raises InvalidInput for what the
-    legs drawn up here do not have: feet that are soles, and half-spaces of reach, as a robot's own file gives them.
+    legs drawn up here do not have: feet that are soles, and half-spaces of reach; and for a robot with its own legs.
     """
+    if robot.model is not None:
+        raise InvalidInput(f"robot {robot.name}: expected none of its own to draw legs up for it, it has its file's")
     if any(limb.sole_m is not None for limb in robot.limbs):
         raise InvalidInput(f"robot {robot.name}: expected point feet for a URDF of its own, got soles")
     if any(limb.reach_rows is not None for limb in robot.limbs):
         raise InvalidInput(
-            f"robot {robot.name}: expected balls of reach for a URDF of its own, got half-spaces: legs of a robot's "
-            f"file are neither checked joint by joint nor run yet"
+            f"robot {robot.name}: expected balls of reach for a URDF of its own, got half-spaces without the "
+            f"robot's own legs, as a course has them that names a robot's file"
         )
     rotor = servo.rotor_kg_m2 if rotors_in_links else 0.0
     shares = sum(LIMB_SHARES.values()) * len(robot.limbs)

@@ -19,6 +19,8 @@ from ..files.arrays import LARGEST
 from ..files.refusals import shown
 
 DEEPEST_XML = 30
+MOST_JOINTS = 500
+"""Of a URDF, those that move and those that do not."""
 UPRIGHT = "upright"
 """The root that is put above one that lies on its side."""
 Number = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
@@ -59,7 +61,10 @@ def parsed(text: str, where: str) -> Element:
         parser.Parse(text.encode(), True)
     except (ExpatError, InvalidInput) as error:
         raise InvalidInput(f"{where}: expected a URDF: {error}") from None
-    return ElementTree.fromstring(text)
+    root = ElementTree.fromstring(text)
+    if len(joints := root.findall("joint")) > MOST_JOINTS:
+        raise InvalidInput(f"{where}: expected {MOST_JOINTS} joints or fewer, got {len(joints)}")
+    return root
 
 
 def corrected(text: str, corrections: Mapping[str, JointCorrection], where: str) -> str:
@@ -138,6 +143,22 @@ def built(text: str, where: str) -> Any:
             lines = said.read(10_000).decode(errors="replace").splitlines()
             reason = next((line.partition("Error:")[2] for line in lines if line.startswith("Error:")), str(error))
             raise InvalidInput(f"{where}: expected a URDF: {' '.join(reason.split())[:120]}") from None
+
+
+def base_joint(model: Any) -> int:
+    """pinocchio's number of the joint that carries the base: the last one that flies."""
+    return max(j for j in range(model.njoints) if model.joints[j].nq == 7)
+
+
+def at_rest(model: Any) -> Any:
+    """pinocchio's neutral posture with the base's frame at the origin, where a file may have it elsewhere."""
+    pin = pinocchio()
+    rest, data = pin.neutral(model), model.createData()
+    pin.forwardKinematics(model, data, rest)
+    base = data.oMi[base_joint(model)]
+    if not base.isIdentity(0.0):
+        rest[:7] = pin.SE3ToXYZQUAT(base.inverse())
+    return rest
 
 
 @contextmanager

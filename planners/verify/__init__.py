@@ -11,8 +11,8 @@ from .certificate import check_certificates as check_certificates
 from .explain import Explanation as Explanation
 from .explain import Relaxation as Relaxation
 from .explain import explain as explain
+from .joints import check_joints as check_joints
 from .plans import BETWEEN as BETWEEN
-from .plans import check_joints as check_joints
 from .plans import check_plan as check_plan
 from .postures import check_posture as check_posture
 from .postures import check_postures as check_postures

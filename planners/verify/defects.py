@@ -8,7 +8,7 @@ from ..answer.outcome import Posture
 from ..answer.plan import Plan
 from ..files.arrays import LARGEST
 from ..problem import PostureProblem
-from .report import plan_shapes
+from .report import OPTIONAL, plan_shapes
 from .soles import counts_of, forces_defect
 
 
@@ -38,7 +38,7 @@ def plan_defect(plan: Plan) -> tuple[str, int, str]:
     course = plan.course
     for name, shape in plan_shapes(course).items():
         array = getattr(plan, name)
-        if array is None and name == "modes":
+        if array is None and name in OPTIONAL:
             continue
         if array is None:
             return f"{name}: expected shape {shape}, got nothing", -1, ""

@@ -16,19 +16,20 @@ Half-spaces of reach are bilinear in Θ and c; their largest value on the way is
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ..answer.plan import Plan
-from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..terrain.patch import Patch
 from .defects import plan_defect
 from .geometry import contact_frames, cross, length, patch_distances
 from .half_spaces import beyond, bowed, reach_rows
+from .joints import check_joints
 from .postures import NOTHING, worst_groups
-from .report import PLAN_GROUPS, GroupViolation, Report, refused
+from .report import NOT_ASKED, PLAN_GROUPS, GroupViolation, Report, refused
 from .soles import counts_of, off_sole, sole_points
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 
@@ -40,35 +41,15 @@ def check_plan(plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, bet
     """Check every constraint of the course at the plan; never raises for a bad plan.
 
     tolerance: largest violation allowed in any group, with lengths in the course's length scale, forces in the robot's
-    weight, moments in their product and angles in rad. joints: ask inverse kinematics, too. between: recompute points
+    weight, moments in their product and angles in rad. joints: judge joints and torques, too. between: recompute points
     between the frames; without them, what convexity proves of the way is taken as proved.
     """
     defect, frame, limb = plan_defect(plan)
     if defect:
         return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
-    angles = check_joints(plan) if joints else {"verdict": "not asked for"}
+    groups = check_joints(plan) if joints else ({"verdict": NOT_ASKED},) * 2
     with np.errstate(all="ignore"):
-        return _Sweep(plan).report(tolerance, angles, BETWEEN if between else ())
-
-
-def check_joints(plan: Plan) -> dict[str, Any]:
-    """Can the joints do it? verdict: checked, failed or not checked, a message, and what was measured."""
-    from ..robot.kinematics import joint_report
-
-    try:
-        report = joint_report(plan)
-    except InvalidInput as error:
-        return {"verdict": "not checked", "message": str(error)}
-    worst = {"error": report.worst_error, "limit": report.worst_limit, "torque": report.worst_torque}
-    return {
-        "verdict": "checked" if report.accepted else "failed",
-        "message": report.message,
-        "error_m": float(report.error_m.max()),
-        "limit_rad": float(report.limit_rad.max()),
-        "torque_nm": float(report.torque_nm.max()),
-        "shift_m": float(report.shift_m.max()),
-        "worst": {name: {"frame": frame, "limb": limb} for name, (frame, limb) in worst.items()},
-    }
+        return _Sweep(plan).report(tolerance, groups, BETWEEN if between else ())
 
 
 class _Sweep:
@@ -106,8 +87,8 @@ class _Sweep:
             self._offsets[p, : len(its)] = its
             self._off_patch[p] = off_sole(patch, regions[p], its, plan.toes_m[p], plan.points_m[p])
 
-    def report(self, tolerance: float, joints: dict[str, Any], shares: tuple[float, ...]) -> Report:
-        """The report on all groups."""
+    def report(self, tolerance: float, joints: Sequence[Mapping[str, Any]], shares: tuple[float, ...]) -> Report:
+        """The report on all groups. joints: what ``check_joints`` says."""
         ways = self._ways()
         between = self._stances(ways, shares)
         self._bowed(ways)
@@ -117,10 +98,12 @@ class _Sweep:
         groups = tuple(self._found.values())
         worst = max(group.worst for group in groups)
         return Report(
-            accepted=worst <= tolerance, worst=worst, groups=groups, tolerance=tolerance, subject=self._course,
+            accepted=worst <= tolerance and all(group["verdict"] != "failed" for group in joints), worst=worst,
+            groups=groups, tolerance=tolerance, subject=self._course,
             answer=self._plan, residual_nm=self._found["moment_balance"].value,
             between=between if shares else math.nan, proved=len(ways), linearisation_m=bent, exact_reach_m=exact_m,
-            goal_m=float(length(self._plan.com_m[-1] - self._course.goal_m)), joints=joints,
+            goal_m=float(length(self._plan.com_m[-1] - self._course.goal_m)),
+            joints=joints[0], torque=joints[1],
         )  # fmt: skip
 
     def _stances(self, ways: list[tuple[int, int, int, list[int]]], shares: tuple[float, ...]) -> float:

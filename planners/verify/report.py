@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
@@ -17,6 +17,7 @@ from ..answer.plan import Plan
 from ..problem import PostureProblem
 from ..problem.course import Course
 from ..problem.course_json import course_to_json
+from ..robot.urdf import joint_names
 
 GROUPS = {
     "patch": "m",
@@ -40,6 +41,9 @@ PLAN_GROUPS = {
     "progress": "m",
 }
 """Those of a plan: those of its stances, and what couples its key frames."""
+NOT_ASKED = "not asked for"
+OPTIONAL = ("modes", "joints_rad")
+"""Arrays that a plan may be without."""
 ROUNDING = 1e-12
 """Non-dimensional violations of a plan below this are nobody's fault."""
 
@@ -78,14 +82,15 @@ class GroupViolation:
 class Report:
     """What the verifier says of one posture, or of one plan.
 
-    worst: largest non-dimensional violation of all groups; accepted: it is at most ``tolerance``.
+    worst: largest non-dimensional violation of all groups; accepted: it is at most ``tolerance``, and neither joints
+    nor torque failed.
     residual_nm: norm of the net moment about the COM, at a plan's worst stance [Nm].
     Of plans alone: between: largest violation at the points between frames, by recomputation. proved: steps from frame
     to frame on which limbs carry all the way; on the others every limb moves at once, and the course asks for the
     frames only. linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does [m]; exact_reach_m:
     how far a toe is out of reach with the exact rotation [m]. Both are reported and decide nothing: reach is what
     E11 says. goal_m: distance of the last COM from the goal [m].
-    joints: what inverse kinematics says, see ``check_joints``; no part of ``accepted``.
+    joints, torque: what ``check_joints`` says, with a verdict of "checked", "failed", "not checked" or "not asked for".
     """
 
     accepted: bool
@@ -100,15 +105,39 @@ class Report:
     linearisation_m: float = math.nan
     exact_reach_m: float = math.nan
     goal_m: float = math.nan
-    joints: Mapping[str, Any] = field(default_factory=lambda: {"verdict": "not asked for"})
+    joints: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
+    torque: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
     defect: str = ""
     """Why there was nothing to check; empty when there was."""
 
+    @property
+    def contacts(self) -> bool:
+        """All of ``groups`` are within the tolerance, whatever the joints can do."""
+        return self.worst <= self.tolerance
+
+    @property
+    def checked(self) -> tuple[str, ...]:
+        """What was judged: contacts, and joints and torque where they were."""
+        found = [name for name in ("joints", "torque") if getattr(self, name)["verdict"] in ("checked", "failed")]
+        return ("contacts", *found)
+
+    @property
+    def joints_message(self) -> str:
+        """What is said of joints and torque; empty where nobody asked."""
+        said = list[str]()
+        for name in ("joints", "torque"):
+            group = getattr(self, name)
+            why = group.get("message")
+            said.append(f"{name}: {group['verdict']}{f' ({why})' if why else ''}")
+        asked = [self.joints["verdict"] != NOT_ASKED, self.torque["verdict"] != NOT_ASKED]
+        return "; ".join(said) if any(asked) else ""
+
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of subject, answer, tolerance and verdict as canonical JSON: what the runner asks for."""
+        """SHA-256 of subject, answer, tolerance, verdict and what was checked, as canonical JSON: what the runner asks
+        for."""
         if isinstance(self.answer, Plan):
-            return plan_digest(self.answer, self.tolerance, self.accepted)
+            return plan_digest(self.answer, self.tolerance, self.accepted, self.checked)
         of = {"problem": self.subject.to_json()} if isinstance(self.subject, PostureProblem) else {}
         return _digest({**of, "posture": self.answer.to_json()}, self.tolerance, self.accepted)
 
@@ -119,6 +148,8 @@ class Report:
         if self.defect:
             return f"{verdict}: {self.defect}"
         of_plan = isinstance(self.answer, Plan)
+        if self.contacts and not self.accepted:
+            return f"{verdict}: contacts hold, the joints cannot do it"
         group = max(self.groups, key=lambda g: g.worst)
         if group.worst == 0.0 or (of_plan and group.worst < ROUNDING):
             return f"{verdict}: no constraint is violated"
@@ -140,8 +171,13 @@ class Report:
             "message": self.message,
             "digest": self.digest,
             **{name: or_null(getattr(self, name)) for name in numbers},
-            **({"proved": self.proved, "joints": dict(self.joints)} if of_plan else {}),
-            "checked": [group.group for group in self.groups],
+            **(
+                {
+                    "proved": self.proved, "checked": list(self.checked), "joints": dict(self.joints),
+                    "torque": dict(self.torque),
+                }
+                if of_plan else {}
+            ),
             "groups": [group.to_json() for group in self.groups],
         }
 
@@ -163,10 +199,11 @@ def refused(
     )  # fmt: skip
 
 
-def plan_digest(plan: Plan, tolerance: float, accepted: bool) -> str:
-    """SHA-256 of a verdict on a plan and of all that it speaks of."""
+def plan_digest(plan: Plan, tolerance: float, accepted: bool, checked: Sequence[str] = ("contacts",)) -> str:
+    """SHA-256 of a verdict on a plan and of all that it speaks of; checked: the list of what was judged."""
     numbers = {name: None if array is None else array.tolist() for name, array in plan_arrays(plan).items()}
-    return _digest({"course": course_to_json(plan.course), "plan": numbers}, tolerance, accepted)
+    more = {} if tuple(checked) == ("contacts",) else {"checked": list(checked)}
+    return _digest({"course": course_to_json(plan.course), "plan": numbers, **more}, tolerance, accepted)
 
 
 def _digest(content: dict[str, Any], tolerance: float, accepted: bool) -> str:
@@ -182,6 +219,7 @@ def plan_shapes(course: Course) -> dict[str, tuple[int, ...]]:
     if course.has_soles:
         points = max(1 if limb.sole_m is None else len(limb.sole_m) for limb in course.robot.limbs)
         soles = {"points_m": (placed, points, 3), "point_forces_n": (stances, limbs, points, 3)}
+    joints = {} if course.has_soles else {"joints_rad": (frames, len(joint_names(course.robot)))}
     return {
         "com_m": (frames, 3),
         "rotation_rad": (frames, 3),
@@ -189,13 +227,15 @@ def plan_shapes(course: Course) -> dict[str, tuple[int, ...]]:
         "choice": (placed,),
         "forces_n": (stances, limbs, 3),
         **soles,
+        **joints,
         "modes": (frames,),
     }
 
 
 def plan_arrays(plan: Plan) -> dict[str, NDArray[Any] | None]:
-    """The numbers of a plan by name; modes may be None."""
-    return {name: getattr(plan, name) for name in plan_shapes(plan.course)}
+    """The numbers of a plan by name; modes may be None, and joints are there only where they were worked out."""
+    found = {name: getattr(plan, name) for name in plan_shapes(plan.course)}
+    return {name: array for name, array in found.items() if array is not None or name != "joints_rad"}
 
 
 def or_null(number: float) -> float | None:

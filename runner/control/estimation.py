@@ -11,7 +11,6 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.terrain import Patch
 
@@ -51,8 +50,8 @@ def estimate_standing(plan: Plan, frame: int, target: Target, state: State, kine
     course = plan.course
     patches = tuple(course.patch(int(p), plan.choice) for p in course.holds[frame])
     toes = []
-    for foot, patch in zip(state.feet_m, patches, strict=True):
-        toe = foot - FOOT_RADIUS_M * patch.normal
+    for foot, radius, patch in zip(state.feet_m, kinematics.radii_m, patches, strict=True):
+        toe = foot - radius * patch.normal
         inside = nearest_on(patch, toe)
         if np.linalg.norm(inside - toe) > BORDER_M:
             return None

@@ -18,6 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.projection.force_distribution import ForceDistribution
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.terrain.prism import Solid
@@ -28,7 +29,6 @@ from ..record import Record
 from ..run import Runner
 from ..worlds.world import State
 from .estimation import measured_com_m, nearest_on
-from .force_distribution import ForceDistribution
 from .tracker import Continued, Target, Tracker
 
 WINDOW_S = 0.05
@@ -113,6 +113,7 @@ class StandingMotion:
             feet_m=self._feet + np.where(self._air[:, None], moved, 0.0),
             forces_n=self._forces[1] if down else self._forces[0],
             placement=self._placement if down else self._now.placement, normals=self._normals,
+            friction=self._now.friction,
         )  # fmt: skip
 
 
@@ -149,7 +150,7 @@ class SlipRecovery:
         holds = tuple(int(placement) for placement in course.holds[index])
         patches = [course.patch(placement, plan.choice) for placement in holds]
         patches = [replace(patch, friction=share * patch.friction) for patch in patches]
-        normals = np.array([patch.normal for patch in patches])
+        normals, friction = (np.array([getattr(patch, name) for patch in patches]) for name in ("normal", "friction"))
         under = state.feet_m - FOOT_RADIUS_M * normals
         toes = np.array([nearest_on(patch, toe) for patch, toe in zip(patches, under, strict=True)])
         com_m, stands = measured_com_m(self._kinematics, state), np.array(now.placement) >= 0
@@ -158,7 +159,7 @@ class SlipRecovery:
         first = now.forces_n if first is None else first
         then = self._distribution.forces(course, toes - com_m, patches, np.full_like(stands, True))
         return StandingMotion(
-            replace(now, frame=float(index)), com_m=com_m, rotation_rad=turned,
+            replace(now, frame=float(index), friction=friction), com_m=com_m, rotation_rad=turned,
             feet_m=state.feet_m, toes_m=toes, normals=normals, forces_n=(first, first if then is None else then),
             placement=holds,
         )  # fmt: skip

@@ -15,16 +15,25 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from stancekit.planners.files.arrays import Array, checked, gathered
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 
 from ..motion.motion import Motion, MotionSample
 from ..motion.redundancy import RedundancyResolution
+from ..worlds.drives import Drives
+from ..worlds.world import State
+from .body_feedback import BodyController, BodyFeedback, BodyPose
 
 DRAWN_S = 0.1
 """Time constant with which joints come back to the posture chosen for them, where feet that feel led them off it."""
+SMOOTH_HZ = 60.0
+"""How fast [1/s] a foot's target goes to where the foot was found to have landed."""
+EARLY = 0.05
+"""A foot that comes down and feels this share of the weight has landed."""
+STEP = 0.2
+"""Feet step aside by no more than this share of the height at which the robot stands."""
 STUCK_M = 1e-3
 """A foot in the air that inverse kinematics leaves farther than this from its path is looked for anew."""
 
@@ -35,7 +44,7 @@ class ContactFeedback:
 
     touch_n: a foot that presses this hard on its patch touches it. seek_m_s, seek_m: how fast a foot that should touch
     and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed up, 0 for never;
-    press_n: most of them a foot.
+    press_n: most of them a foot. waits: the motion waits for a foot that should touch.
     """
 
     touch_n: float = 1.5
@@ -43,9 +52,11 @@ class ContactFeedback:
     seek_m: float = 0.02
     press_hz: float = 4.0
     press_n: float = 40.0
+    waits: bool = True
 
     def __post_init__(self) -> None:
-        gathered(*(lambda n=n: checked(getattr(self, n), f"feedback.{n}", least=0.0) for n in self.__annotations__))
+        numbers = [name for name in self.__annotations__ if name != "waits"]
+        gathered(*(lambda n=n: checked(getattr(self, n), f"feedback.{n}", least=0.0) for n in numbers))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -72,27 +83,48 @@ class Tracker:
     """Follows one motion once. ``start`` first, then ``next`` until it says that the motion is over."""
 
     def __init__(
-        self, motion: Motion, kinematics: Kinematics, rate_hz: float, feedback: ContactFeedback = ContactFeedback()
+        self,
+        motion: Motion,
+        kinematics: Kinematics,
+        rate_hz: float,
+        feedback: ContactFeedback = ContactFeedback(),
+        body: BodyFeedback = BodyFeedback(),
     ) -> None:
         self._motion, self._kinematics, self._feedback, self._period_s = motion, kinematics, feedback, 1.0 / rate_hz
-        self._wished = RedundancyResolution(motion, kinematics, near_of(kinematics))
+        model = kinematics.model
+        self._drives = Drives.of(kinematics.robot, kinematics.servo, model)
+        weight = kinematics.robot.mass_kg * kinematics.gravity_m_s2
+        self._body = BodyController(kinematics.robot.mass_kg, model.body.inertia_kgm2, weight, body)
+        self._feels_body = body.acts
+        self._found: State | None = None
+        self._placed: tuple[Array, Array] | None = None
+        self._rates = np.zeros(len(kinematics.joints))
         limbs = len(kinematics.robot.limbs)
+        self._step_s, self._most_step = body.step_s, STEP * model.stand_height_m
+        self._velocity = np.zeros(6)
+        self._touched, self._landed = np.array(motion.at(0.0).placement) >= 0, motion.at(0.0).feet_m
+        self._stepped, self._moved, self._drift = (np.zeros((limbs, 3)) for _ in range(3))
+        self._wished = RedundancyResolution(motion, kinematics, near_of(kinematics))
         self._time_s = 0.0
         self._depth, self._pressed, self._rolled = np.zeros(limbs), np.zeros((limbs, 3)), np.zeros((limbs, 3))
         self._angles = self._wish = self._wished.at(0.0)
         self._drawn = min(1.0, self._period_s / DRAWN_S)
         self._shift = kinematics.com_offset(self._angles)
         for _ in range(3):  # the pose and the shift of the centre of mass depend on each other
-            self._angles = self._solved(motion.at(0.0), np.zeros(limbs))[0]
+            self._angles = self._solved(motion.at(0.0))[0]
             self._shift = kinematics.com_offset(self._angles)
         self._turned = rotation_of(motion.at(0.0).rotation_rad) @ kinematics.foot_frames(self._angles)
 
     def start(self) -> Target:
         """Where the robot should be before the first period."""
-        return self._target(self._motion.at(0.0), self._depth)
+        return self._target(self._motion.at(0.0))
 
-    def next(self, forces_n: Array) -> Target | None:
-        """The target of the next period; None at the end. forces_n: felt by the feet just now, shape (N, 3) [N]."""
+    def next(self, forces_n: Array, state: State | None = None) -> Target | None:
+        """The target of the next period; None at the end.
+
+        forces_n: felt by the feet just now, shape (N, 3) [N]. state: where a world measures the body's pose.
+        """
+        self._found = state if self._feels_body else None
         if self._time_s >= self._motion.seconds:
             return None
         now, then = self._motion.at(self._time_s), self._motion.at(self._time_s + self._period_s)
@@ -100,13 +132,42 @@ class Tracker:
         stands, lands = np.array(then.placement) >= 0, np.array(now.placement) < 0
         missing = stands & (lands | (wanted > 4.0 * self._feedback.touch_n))
         missing &= (felt < self._feedback.touch_n) & (self._depth < self._feedback.seek_m)
-        landing = missing & lands
+        landing = missing & lands & self._feedback.waits
         self._depth = np.where(missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth)
         self._depth = np.where(stands, self._depth, 0.9 * self._depth)
+        self._anchor(now, then, felt)
         self._press(then, forces_n, stands)
         if not landing.any():
             self._time_s += self._period_s
-        return self._target(now if landing.any() else then, self._depth)
+        return self._target(now if landing.any() else then)
+
+    def _anchor(self, now: MotionSample, then: MotionSample, felt: Array) -> None:
+        """Where the body is measured, feet that have landed, early or late, stay where they are, and not where they
+        should have landed; those that are late are lowered, and those in the air step to where the body falls. What is
+        commanded moves there smoothly."""
+        found, before, stands = self._found, self._touched, np.array(then.placement) >= 0
+        self._touched, goal = stands, np.zeros_like(self._moved)
+        if found is not None:
+            comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
+            early = comes & (felt >= EARLY * self._kinematics.robot.mass_kg * self._kinematics.gravity_m_s2)
+            self._touched = (stands & (before | (felt >= self._feedback.touch_n))) | (
+                ~stands & comes & (before | early)
+            )
+            feet = found.position_m + self._kinematics.feet(found.angles_rad) @ found.rotation.T
+            landed = self._touched & ~before
+            self._landed = np.where(landed[:, None], feet - self._rolled, self._landed)
+            self._depth = np.where(landed, 0.0, self._depth)
+            self._stepped = np.where((stands | self._touched)[:, None], self._stepped, self._step(found, then))
+            goal = np.where(self._touched[:, None], self._landed - then.feet_m, self._stepped)
+        away = goal - self._depth[:, None] * then.normals - self._moved
+        self._drift = self._drift + self._period_s * SMOOTH_HZ * (SMOOTH_HZ * away - 2.0 * self._drift)
+        self._moved = self._moved + self._period_s * self._drift
+
+    def _step(self, found: State, sample: MotionSample) -> Array:
+        """How far feet step aside, along their surfaces, for a body that moves otherwise than planned, (N, 3) [m]."""
+        late = self._step_s * (found.velocity[:3] - self._velocity[:3])
+        late = late * min(1.0, self._most_step / max(float(np.linalg.norm(late)), 1e-9))
+        return np.asarray(late - (sample.normals @ late)[:, None] * sample.normals)
 
     def _press(self, sample: MotionSample, forces_n: Array, stands: NDArray[np.bool_]) -> None:
         """Sum up what is missing, less its share that moves or turns the body as a whole."""
@@ -119,36 +180,57 @@ class Tracker:
         pressed = np.where(stands[:, None], pressed, 0.9 * self._pressed)
         self._pressed = np.clip(pressed, -self._feedback.press_n, self._feedback.press_n)
 
-    def _target(self, sample: MotionSample, depth: Array) -> Target:
-        angles, error, origin = self._solved(sample, depth)
+    def _target(self, sample: MotionSample) -> Target:
+        angles, error, origin = self._solved(sample)
         rotation = rotation_of(sample.rotation_rad)
         planned = self._kinematics.torques(angles, rotation, sample.forces_n)
-        given = self._kinematics.torques(angles, rotation, sample.forces_n + self._pressed)
-        servo = self._kinematics.servo
-        given = given + servo.damping_nms_rad * (angles - self._angles) / self._period_s
+        given = self._given(sample, angles, origin, rotation)
+        drives = self._drives
+        rates = (angles - self._angles) / self._period_s
+        rising = (rates - self._rates) / self._period_s
+        given = given + drives.damping_nms_rad * rates + drives.rotor_kg_m2 * rising
+        given = given + self._kinematics.inertial_torques(angles, rates, rising)
+        self._rates = rates
         shift, self._angles = self._shift, angles
         self._roll(sample, rotation @ self._kinematics.foot_frames(angles))
         self._shift = self._kinematics.com_offset(angles)
         return Target(
-            targets_rad=angles + given / servo.stiffness_nm_rad, sample=sample, origin_m=origin, shift_m=shift,
+            targets_rad=angles + given / drives.stiffness_nm_rad, sample=sample, origin_m=origin, shift_m=shift,
             angles_rad=angles, torques_nm=planned, rolled_m=self._rolled, error_m=error,
         )  # fmt: skip
+
+    def _given(self, sample: MotionSample, angles: Array, origin: Array, rotation: Array) -> Array:
+        """Torques for the planned forces, those that are missing, and those that bring the body to its place."""
+        found = self._found
+        pressed = sample.forces_n + self._pressed
+        placed, self._placed = self._placed, (origin, rotation)
+        if found is None:
+            return self._kinematics.torques(angles, rotation, pressed)
+        if placed is not None:
+            turn = Rotation.from_matrix(rotation @ placed[1].T).as_rotvec()
+            self._velocity = np.concatenate([origin - placed[0], turn]) / self._period_s
+        pressed = np.where(self._touched[:, None], pressed, 0.0)
+        wanted = BodyPose(origin_m=origin, rotation=rotation, velocity=self._velocity)
+        seen = BodyPose(origin_m=found.position_m, rotation=found.rotation, velocity=found.velocity)
+        arms = found.feet_m - found.position_m - found.rotation @ self._shift
+        forces = self._body.forces(self._body.wrench(wanted, seen), sample, arms, pressed, self._touched)
+        return self._kinematics.torques(found.angles_rad, found.rotation, forces)
 
     def _roll(self, sample: MotionSample, turned: Array) -> None:
         """A sphere that rolls by a small turn ω moves by ω × r n. turned: orientations of the feet, (N, 3, 3)."""
         between = turned @ self._turned.transpose(0, 2, 1)
         turn = 0.5 * (between - between.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]]
-        moved = FOOT_RADIUS_M * np.cross(turn, sample.normals)
+        moved = self._kinematics.radii_m[:, None] * np.cross(turn, sample.normals)
         stands = np.array(sample.placement)[:, None] >= 0
         self._rolled = np.where(stands, self._rolled + moved, 0.9 * self._rolled)
         self._turned = turned
 
-    def _solved(self, sample: MotionSample, depth: Array) -> tuple[Array, Array, Array]:
+    def _solved(self, sample: MotionSample) -> tuple[Array, Array, Array]:
         """Angles, errors of the feet and the body's origin."""
         rotation = rotation_of(sample.rotation_rad)
         origin = sample.com_m - rotation @ self._shift
         wish = self._wished.at(self._time_s)
-        feet = (sample.feet_m + self._rolled - depth[:, None] * sample.normals - origin) @ rotation
+        feet = (sample.feet_m + self._rolled + self._moved - origin) @ rotation
         near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
         self._wish = wish
         angles, error = self._kinematics.reach(feet, near, near)
@@ -156,7 +238,7 @@ class Tracker:
         if stuck.any():  # at a limit on its path: begin again where it should end
             other, missed = self._kinematics.reach(feet, wish, wish)
             stuck &= missed < error
-            angles = np.where(np.repeat(stuck, len(angles) // len(stuck)), other, angles)
+            angles = np.where(self._kinematics.of_joints(stuck.astype(np.float64)) > 0.0, other, angles)
             error = np.where(stuck, missed, error)
         return angles, error, origin
 

@@ -28,14 +28,17 @@ KNOT_S = 0.05
 class GaitMotion:
     """A trajectory over time. Feet are spheres: a radius above what they touch. ``MotionSample.frame`` counts seconds.
 
-    stances: what every stance is called, of all feet; ``MotionSample.placement`` counts them.
+    radii_m: of the feet, shape (N,), or of all of them. stances: what every stance is called, of all feet;
+    ``MotionSample.placement`` counts them.
     """
 
     counted = "seconds"
     solids: tuple[Solid, ...] = ()
 
-    def __init__(self, trajectory: Trajectory) -> None:
+    def __init__(self, trajectory: Trajectory, radii_m: Array | float = FOOT_RADIUS_M) -> None:
         self.trajectory = trajectory
+        self._radii = np.broadcast_to(radii_m, (len(trajectory.robot.feet),))[:, None]
+        self._friction = np.full(len(self._radii), trajectory.friction)
         self._turned = Slerp(trajectory.times_s, Rotation.from_matrix(trajectory.rotation))
         self._normals = trajectory.terrain.normal(trajectory.feet_m[..., :2])
         self._placement = placements(trajectory.contact)
@@ -89,10 +92,11 @@ class GaitMotion:
             com_m=between(self.trajectory.torso_m),
             rotation_rad=self._turned(now).as_rotvec(),
             frame=min(max(time_s, 0.0), self.seconds),
-            feet_m=between(self.trajectory.feet_m) + FOOT_RADIUS_M * normals,
+            feet_m=between(self.trajectory.feet_m) + self._radii * normals,
             forces_n=between(self.trajectory.forces_n),
             placement=tuple(self._placement[k + (s >= 1.0)].tolist()),
             normals=normals,
+            friction=self._friction,
         )
 
 

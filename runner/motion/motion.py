@@ -15,7 +15,7 @@ class MotionSample:
 
     com_m, rotation_rad: body; frame: progress in key frames, e.g. 1.5 half way from frame 1 to 2. feet_m: centres of
     the feet, shape (N, 3). forces_n: on the robot, shape (N, 3). placement: what every limb stands on, −1 in the air.
-    normals: of the surface that a limb stands on, leaves or comes to, shape (N, 3).
+    normals, friction: of the surface that a limb stands on, leaves or comes to, shape (N, 3), (N,).
     """
 
     com_m: Array
@@ -25,6 +25,7 @@ class MotionSample:
     forces_n: Array
     placement: tuple[int, ...]
     normals: Array
+    friction: Array
 
 
 class Motion(Protocol):

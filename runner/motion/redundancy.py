@@ -39,19 +39,39 @@ class RedundancyResolution:
     def __init__(self, motion: Motion, kinematics: Kinematics, near_rad: Array | None = None) -> None:
         times = motion.knots_s
         samples = [motion.at(float(time_s)) for time_s in times]
+        if kinematics.robot.model is not None:
+            self._set(times, _followed(samples, kinematics, near_rad))
+            return
         shifts = np.zeros((len(times), 3))
         _, rough = _families(samples, shifts, motion.solids, kinematics, slice(None, None, ROUGH))
         shifts = np.repeat([kinematics.com_offset(q) for q in rough], ROUGH, axis=0)[: len(times)]
         tables, _ = _families(samples, shifts, motion.solids, kinematics, slice(None))
         near = None if near_rad is None else np.asarray(near_rad).reshape(len(tables), -1)
         chosen = [_cheapest(table, None if near is None else near[limb]) for limb, table in enumerate(tables)]
-        path = np.concatenate([gaussian_filter1d(q, SMOOTHED, axis=0, mode="nearest") for q in chosen], axis=1)
+        self._set(
+            times, np.concatenate([gaussian_filter1d(q, SMOOTHED, axis=0, mode="nearest") for q in chosen], axis=1)
+        )
+
+    def _set(self, times: Array, path: Array) -> None:
         self._angles = make_interp_spline(times, path, k=3)
         self._end = float(times[-1])
 
     def at(self, time_s: float) -> Array:
         """The ends are held."""
         return np.asarray(self._angles(min(max(time_s, 0.0), self._end)))
+
+
+def _followed(samples: Sequence[MotionSample], kinematics: Kinematics, near_rad: Array | None) -> Array:
+    """Postures of a robot's own legs, each near the one before, the first near where it stands, shape (T, J)."""
+    angles = np.concatenate([leg.stance_rad for leg in kinematics.model.legs]) if near_rad is None else near_rad
+    path = list[Array]()
+    for sample in samples:
+        rotation = rotation_of(sample.rotation_rad)
+        for _ in range(2 if path else 4):  # the shift of the centre of mass depends on the posture
+            origin = sample.com_m - rotation @ kinematics.com_offset(angles)
+            angles, _ = kinematics.reach((sample.feet_m - origin) @ rotation, angles, angles)
+        path.append(angles)
+    return np.array(path)
 
 
 Table = tuple[Array, Array]

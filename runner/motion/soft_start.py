@@ -10,7 +10,6 @@ import numpy as np
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 
 from ..worlds.world import Solids
 
@@ -73,6 +72,6 @@ def _deepest(
         for s in np.linspace(0.0, 1.0, SAMPLES):
             feet = position + kinematics.feet(start + s * (goal - start)) @ rotation.T
             for solid in solids:
-                worst = np.maximum(worst, FOOT_RADIUS_M - solid.distance(feet))
+                worst = np.maximum(worst, kinematics.radii_m - solid.distance(feet))
     index = int(np.argmax(worst))
     return float(worst[index]), kinematics.robot.limb_names[index]

@@ -8,15 +8,13 @@ the motion, which is inverse kinematics of the whole plan; a second profile chec
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.kinematics import REACHED_M, Kinematics, pinocchio, rotation_of
-from stancekit.planners.robot.urdf import hexapod_urdf
+from stancekit.planners.robot.kinematics import REACHED_M, Kinematics, rotation_of
 
 from ..control.tracker import ContactFeedback, Tracker
 from ..worlds.capabilities import WorldCapabilities
@@ -146,15 +144,12 @@ class _Limbs:
     """Torques that accelerations take: of the limbs' own masses and rotors, and of the body that feet push."""
 
     def __init__(self, kinematics: Kinematics) -> None:
-        self._kinematics, self._pin = kinematics, pinocchio()
-        self._model: Any = self._pin.buildModelFromXML(hexapod_urdf(kinematics.robot, kinematics.servo))
-        self._model.gravity.linear = np.zeros(3)
-        self._data = self._model.createData()
+        self._kinematics = kinematics
 
     def torques(self, angles: Array, velocity: Array, acceleration: Array, sample: MotionSample, push: Array) -> Array:
         """shape (J,) [Nm]; push: acceleration of the centre of mass, shape (3,) [m/s²], shared by feet that stand."""
         robot, servo = self._kinematics.robot, self._kinematics.servo
-        own = self._pin.rnea(self._model, self._data, angles, velocity, acceleration) + servo.rotor_kg_m2 * acceleration
+        own = self._kinematics.inertial_torques(angles, velocity, acceleration) + servo.rotor_kg_m2 * acceleration
         stands = np.array(sample.placement) >= 0
         shared = np.where(stands[:, None], robot.mass_kg * push / max(1, int(stands.sum())), 0.0)
         rotation = rotation_of(sample.rotation_rad)

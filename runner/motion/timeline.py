@@ -16,7 +16,7 @@ import numpy as np
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked, gathered
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M
+from stancekit.planners.robot.legged import foot_radii
 from stancekit.planners.terrain.prism import Solid
 
 from .motion import MotionSample
@@ -83,9 +83,12 @@ class PlanMotion:
         self._names = course.robot.limb_names
         self._stance = {(stance.frame, stance.limbs): index for index, stance in enumerate(course.stances)}
         self.solids = tuple(Solid.behind(patch) for patch in course.terrain)
-        normals = np.array([course.patch(p, plan.choice).normal for p in range(len(course.placements))])
-        self.normals = normals
-        self._feet = plan.toes_m + FOOT_RADIUS_M * normals
+        patches = [course.patch(p, plan.choice) for p in range(len(course.placements))]
+        self.normals, self._friction = (
+            np.array([getattr(p, name) for p in patches]) for name in ("normal", "friction")
+        )
+        radii = foot_radii(course.robot)[[course.robot.limb_names.index(each.limb) for each in course.placements]]
+        self._feet = plan.toes_m + radii[:, None] * self.normals
 
     @property
     def content(self) -> Plan:
@@ -142,11 +145,14 @@ class PlanMotion:
         s = _smooth(min(max(passed, 0.0), 1.0))
         a, b = phase.frames
         plan = self.plan
-        feet, normals = (table[plan.course.holds[a]].copy() for table in (self._feet, self.normals))
+        feet, normals, friction = (
+            table[plan.course.holds[a]].copy() for table in (self._feet, self.normals, self._friction)
+        )
         for limb, (swing, start, end) in phase.swings.items():
             feet[limb] = swing.at(start + s * (end - start))
             if start > 0.0:
-                normals[limb] = self.normals[plan.course.holds[b][limb]]
+                placed = plan.course.holds[b][limb]
+                normals[limb], friction[limb] = self.normals[placed], self._friction[placed]
         return MotionSample(
             com_m=plan.com_m[a] + s * (plan.com_m[b] - plan.com_m[a]),
             rotation_rad=plan.rotation_rad[a] + s * (plan.rotation_rad[b] - plan.rotation_rad[a]),
@@ -155,6 +161,7 @@ class PlanMotion:
             forces_n=phase.forces[0] + s * (phase.forces[1] - phase.forces[0]),
             placement=phase.placement,
             normals=normals,
+            friction=friction,
         )
 
     @property

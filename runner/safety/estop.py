@@ -105,3 +105,12 @@ def watched(latch: StopLatch, period_s: float = 0.005) -> Iterator[None]:
     finally:
         over.set()
         thread.join(JOIN_S)
+
+
+def is_open(stream: int) -> bool:
+    """Whether the process began with this file descriptor."""
+    try:
+        os.fstat(stream)
+    except OSError:
+        return False
+    return True

@@ -21,6 +21,8 @@ from stancekit.planners.gait.trajectory import Trajectory
 
 from ..acceptance import proven
 from ..worlds.capabilities import WorldCapabilities
+from ..worlds.contract import check_state, check_world
+from ..worlds.drives import Drives
 from ..worlds.dry_run import NullWorld
 from ..worlds.world import Actuator, State, Terrain, World
 from .heartbeat import HeartbeatMonitor
@@ -31,6 +33,15 @@ from .watchdog import Watchdog
 @runtime_checkable
 class _Capable(Protocol):
     capabilities: WorldCapabilities
+
+
+@runtime_checkable
+class _Driven(Protocol):
+    drives: Drives
+
+
+SATURATED = 1.5
+"""A target so many times as far from its joint as gives all of its torque is one that the joint does not follow."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,13 +93,15 @@ class SafeWorld:
         monitor: HeartbeatMonitor | None = None,
     ) -> None:
         self.world, self.limits = world, limits
-        if not isinstance(getattr(world, "latch", None), StopLatch):
-            raise InvalidInput("world: expected one with a latch, a StopLatch")
+        check_world(world)
         self.latch: StopLatch = world.latch
         self.name, self.kind, self.robot, self.servo = world.name, world.kind, world.robot, world.servo
         self.joints, self.rate_hz = world.joints, world.rate_hz
         self.capabilities = capabilities_of(world)
         self._bounds = _bounds(self.capabilities, limits)
+        self._path = np.full(len(world.joints), limits.path_rad)
+        if isinstance(world, _Driven):
+            self._path = np.maximum(self._path, SATURATED * world.drives.torque_nm / world.drives.stiffness_nm_rad)
         self.real = isinstance(world, Actuator)
         if world.kind == "hardware" and not self.real:  # else it would move without having been armed
             raise InvalidInput(f"world {world.name}: expected hardware to have armed, torque, hold and relax")
@@ -196,17 +209,15 @@ class SafeWorld:
             raise
 
     def _check_measured(self, state: State) -> None:
-        for name in ("angles_rad", "rates_rad_s", "forces_n", "position_m"):
-            if not np.isfinite(getattr(state, name)).all():
-                raise HardwareFault(f"world {self.name}: expected finite measurements, got others in {name}")
+        check_state(state, len(self.joints), len(self.robot.limbs), self.name)
 
     def _check_deviation(self, state: State) -> None:
         """Stop where a joint does not go where it is sent."""
         away = np.abs(state.angles_rad - state.sent_rad)
-        worst = int(np.argmax(away))
-        self._away = self._away + 1 if away[worst] > self.limits.path_rad else 0
+        worst = int(np.argmax(away / self._path))
+        self._away = self._away + 1 if away[worst] > self._path[worst] else 0
         if self._away > self.limits.path_s * self.rate_hz + 1e-6:
-            limit = f"more than {self.limits.path_rad:g} rad for {self.limits.path_s:g} s"
+            limit = f"more than {self._path[worst]:g} rad for {self.limits.path_s:g} s"
             self.trip(f"joint {self.joints[worst]}: {away[worst]:.3f} rad from where it was sent, {limit}")
 
 

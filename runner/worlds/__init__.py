@@ -14,10 +14,11 @@ from stancekit.planners.problem.posture import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.urdf import Servo
 
+from .drives import Imperfections
 from .settings import WorldSettings
 from .world import State, World, WorldKind
 
-__all__ = ["WORLDS", "State", "World", "WorldClass", "WorldSettings", "make_world"]
+__all__ = ["WORLDS", "Imperfections", "State", "World", "WorldClass", "WorldSettings", "make_world"]
 
 
 class WorldClass(Protocol):
@@ -64,15 +65,17 @@ def make_world(
     rate_hz: float | None = None,
     gravity_m_s2: float = GRAVITY_M_S2,
     setup: str | Path | None = None,
+    imperfections: Imperfections = Imperfections(),
 ) -> World:
     """Make a world, with one robot in it.
 
     name: of ``WORLDS``, or FILE.py:NAME. rate_hz: targets a second, the world's own where None. setup: the log of
-    ``replay``, the calibration file of ``dynamixel``, the set-up file of ``ros``; simulations take none. Raises
-    InvalidInput for an unknown name, a file that is missing or wrong, and a package that is not installed.
+    ``replay``, the calibration file of ``dynamixel``, the set-up file of ``ros``; simulations take none.
+    imperfections: of a simulated robot. Raises InvalidInput for an unknown name, a file that is missing or wrong, and a
+    package that is not installed.
     """
     settings = WorldSettings(
         robot=robot, servo=servo, rate_hz=rate_hz, gravity_m_s2=gravity_m_s2,
-        setup=None if setup is None else Path(setup),
+        setup=None if setup is None else Path(setup), imperfections=imperfections,
     )  # fmt: skip
     return WORLDS.get(name).make(settings)

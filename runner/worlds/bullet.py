@@ -9,10 +9,10 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.urdf import foot_names, hexapod_urdf
 from stancekit.planners.terrain.prism import Solid
 
-from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld, sendable
+from .simulated_body import simulated_body
+from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld
 from .world import Ground, State, Terrain
 
 
@@ -34,34 +34,33 @@ class BulletWorld(SimulatedWorld):
                 "world: expected PyBullet, it is not installed: pip install 'stancekit[bullet]' (Linux, Python 3.11)"
             ) from None
         self._bullet: Any = pybullet
-        self._urdf = hexapod_urdf(self.robot, self.servo, rotors_in_links=True)  # PyBullet knows no rotors
+        self.body = simulated_body(  # PyBullet knows no rotors
+            self.model, mass_share=self.imperfections.mass_share, rotors_kg_m2=self.drives.rotor_kg_m2
+        )
         self._client = pybullet.connect(pybullet.DIRECT)
 
-    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
-        """Put the robot, at rest, into this pose over this terrain."""
+    def _placed(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         self._begin()
+        self._robot = self._loaded()
+        self._part_at_rest()
         self._lay(terrain)
         bullet, client = self._bullet, self._client
-        self._robot = self._loaded()
         bullet.resetBasePositionAndOrientation(
-            self._robot, list(position_m), _quaternion(rotation), physicsClientId=client
-        )
-        for joint, angle in zip(self._motors, angles_rad, strict=True):
-            bullet.resetJointState(self._robot, joint, float(angle), physicsClientId=client)
-        self._sent, self._time = np.array(angles_rad, dtype=float), 0.0
+            self._robot, (position_m + rotation @ self._heart_m).tolist(), _quaternion(rotation @ self._heart),
+            physicsClientId=client,
+        )  # fmt: skip
+        self._place_joints(angles_rad)
+        self._time = 0.0
         return self._state(np.zeros((len(self._feet), 3)), 0.0, np.zeros(len(self._motors)))
 
-    def step(self, targets_rad: Array) -> State:
-        """One control period with these position targets, shape (J,) [rad]."""
-        bullet, client, servo = self._bullet, self._client, self.servo
-        targets = sendable(targets_rad, self._sent, servo, 1.0 / self.rate_hz)
-        with self.latch.sending():
-            self._sent = targets
+    def _advanced(self, targets_rad: Array) -> State:
+        bullet, client, drives = self._bullet, self._client, self.drives
+        stiffness = self.imperfections.stiffness_share * drives.stiffness_nm_rad
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
         for _ in range(self._substeps):
             angles, rates = self._joint_state()
-            torques = servo.stiffness_nm_rad * (self._sent - angles) - servo.damping_nms_rad * rates
-            torques = np.clip(torques, -servo.torque_nm, servo.torque_nm)
+            torques = stiffness * (targets_rad - angles) - drives.damping_nms_rad * rates
+            torques = np.clip(torques, -drives.torque_nm, drives.torque_nm)
             bullet.setJointMotorControlArray(
                 self._robot, self._motors, bullet.TORQUE_CONTROL, forces=torques.tolist(), physicsClientId=client
             )
@@ -125,14 +124,19 @@ class BulletWorld(SimulatedWorld):
         bullet, client = self._bullet, self._client
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "robot.urdf"
-            path.write_text(self._urdf, encoding="utf-8")
-            robot = bullet.loadURDF(str(path), flags=bullet.URDF_USE_INERTIA_FROM_FILE, physicsClientId=client)
-        names = {}
+            path.write_text(self.body.urdf, encoding="utf-8")
+            for name, content in self.body.hulls.items():
+                (Path(folder) / name).write_bytes(content)
+            flags = bullet.URDF_USE_INERTIA_FROM_FILE | bullet.URDF_USE_SELF_COLLISION_EXCLUDE_PARENT
+            robot = bullet.loadURDF(str(path), flags=flags | bullet.URDF_USE_SELF_COLLISION, physicsClientId=client)
+        names, self._links = {}, {self.body.base: -1}
         for index in range(bullet.getNumJoints(robot, physicsClientId=client)):
             info = bullet.getJointInfo(robot, index, physicsClientId=client)
-            names[info[1].decode()] = names[info[12].decode()] = index
+            names[info[1].decode()] = self._links[info[12].decode()] = index
         self._motors = [names[joint] for joint in self.joints]
-        self._feet = [names[foot] for foot in foot_names(self.robot)]
+        self._feet = [self._links[foot] for foot in self.body.feet]
+        heart = bullet.getDynamicsInfo(robot, -1, physicsClientId=client)  # PyBullet's base is at its centre of mass
+        self._heart_m, self._heart = np.array(heart[3]), _matrix(heart[4])
         bullet.setJointMotorControlArray(
             robot, self._motors, bullet.VELOCITY_CONTROL, forces=[0.0] * len(self._motors), physicsClientId=client
         )
@@ -143,17 +147,35 @@ class BulletWorld(SimulatedWorld):
             )  # fmt: skip
         return int(robot)
 
+    def _part_at_rest(self) -> None:
+        """Links never collide where the model says so, and where they overlap as the robot stands: drawn so."""
+        bullet, client = self._bullet, self._client
+        self._place_joints(np.concatenate([leg.stance_rad for leg in self.model.legs]))
+        pairs = [(self._links[first], self._links[second]) for first, second in self.body.apart]
+        bullet.performCollisionDetection(physicsClientId=client)
+        pairs += [
+            (contact[3], contact[4])
+            for contact in bullet.getContactPoints(self._robot, self._robot, physicsClientId=client)
+        ]
+        for first, second in pairs:
+            bullet.setCollisionFilterPair(self._robot, self._robot, first, second, 0, physicsClientId=client)
+
+    def _place_joints(self, angles_rad: Array) -> None:
+        for joint, angle in zip(self._motors, angles_rad, strict=True):
+            self._bullet.resetJointState(self._robot, joint, float(angle), physicsClientId=self._client)
+
     def _joint_state(self) -> tuple[Array, Array]:
         found = self._bullet.getJointStates(self._robot, self._motors, physicsClientId=self._client)
         return np.array([state[0] for state in found]), np.array([state[1] for state in found])
 
     def _contacts(self, forces: Array) -> float:
-        """Add the forces of all contacts to their feet; the force on anything else is returned [N]."""
+        """Add the forces of the terrain on feet to them; the force on anything else, and of links on each other, is
+        returned [N]."""
         bump = 0.0
         for contact in self._bullet.getContactPoints(bodyA=self._robot, physicsClientId=self._client):
             normal, first, second = (np.array(contact[k]) for k in (7, 11, 13))
             force = contact[9] * normal + contact[10] * first + contact[12] * second
-            if contact[3] in self._feet:
+            if contact[2] != self._robot and contact[3] in self._feet:
                 forces[self._feet.index(contact[3])] += force
             else:
                 bump += float(np.linalg.norm(force))
@@ -161,23 +183,33 @@ class BulletWorld(SimulatedWorld):
 
     def _state(self, forces: Array, bump: float, torques: Array) -> State:
         bullet, client = self._bullet, self._client
-        position, quaternion = bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)
-        velocity = bullet.getBaseVelocity(self._robot, physicsClientId=client)
+        middle, quaternion = bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)
+        rotation = _matrix(quaternion) @ self._heart.T
+        arm = rotation @ self._heart_m
+        linear, angular = np.array(bullet.getBaseVelocity(self._robot, physicsClientId=client))
         angles, rates = self._joint_state()
         links = bullet.getLinkStates(self._robot, self._feet, computeForwardKinematics=1, physicsClientId=client)
+        turns = np.array([_matrix(link[5]) for link in links])
         return State(
             time_s=self._time,
-            position_m=np.array(position),
-            rotation=np.array(bullet.getMatrixFromQuaternion(quaternion)).reshape(3, 3),
-            velocity=np.concatenate(velocity),
+            position_m=np.array(middle) - arm,
+            rotation=rotation,
+            velocity=np.concatenate([linear - np.cross(angular, arm), angular]),
             angles_rad=angles,
             rates_rad_s=rates,
             torques_nm=torques,
-            feet_m=np.array([link[4] for link in links]),
+            feet_m=np.array([link[4] for link in links]) + (turns @ self.body.tips_m[:, :, None])[..., 0],
             forces_n=forces,
             bump_n=bump,
             sent_rad=self._sent.copy(),
         )
+
+
+def _matrix(quaternion: Sequence[float]) -> Array:
+    """The rotation matrix of (x, y, z, w), shape (3, 3)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_quat(quaternion).as_matrix())
 
 
 def _quaternion(rotation: Array) -> list[float]:

@@ -11,6 +11,8 @@ from stancekit.planners.files.arrays import Array, checked, frozen
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.urdf import Servo, joint_names
 
+from .drives import Drives
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WorldCapabilities:
@@ -38,6 +40,15 @@ class WorldCapabilities:
             joints=joints, rate_hz=rate_hz, lower_rad=np.tile(servo.lower_rad, limbs),
             upper_rad=np.tile(servo.upper_rad, limbs), velocity_rad_s=np.full(len(joints), servo.velocity_rad_s),
             torque_nm=np.full(len(joints), servo.torque_nm), has_body_pose=senses, has_contact_forces=senses,
+        )  # fmt: skip
+
+    @classmethod
+    def of_drives(cls, drives: Drives, rate_hz: float, *, senses: bool) -> Self:
+        """What such drives can do. senses: the body's pose and contact forces are measured."""
+        return cls(
+            joints=drives.joints, rate_hz=rate_hz, lower_rad=drives.lower_rad, upper_rad=drives.upper_rad,
+            velocity_rad_s=drives.velocity_rad_s, torque_nm=drives.torque_nm, has_body_pose=senses,
+            has_contact_forces=senses,
         )  # fmt: skip
 
     def __post_init__(self) -> None:

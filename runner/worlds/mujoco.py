@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.urdf import foot_names, hexapod_urdf
 from stancekit.planners.terrain.prism import Solid
 
-from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld, sendable
+from .simulated_body import simulated_body
+from .simulation import PHYSICS_S, SPACING_M, SimulatedWorld
 from .world import Ground, State, Terrain
 
 CONTACT_S, CONTACT_DAMPING = 0.004, 1.0
@@ -20,6 +21,8 @@ STIFF = 100.0
 """Friction rows are this much harder than normal ones (impratio): feet under load creep less."""
 UNDER_M = 0.5
 """How deep a field of heights is below its lowest place."""
+TERRAIN, ROBOT = 1, 2
+"""Bits of what meets what: links meet the terrain and each other."""
 ICE = 1e-6
 """At and below this friction a contact has no friction rows at all."""
 
@@ -36,27 +39,28 @@ class MujocoWorld(SimulatedWorld):
         except ImportError:
             raise InvalidInput("world: expected MuJoCo, it is not installed: pip install 'stancekit[mujoco]'") from None
         self._mujoco = mujoco
+        self.body = simulated_body(self.model, mass_share=self.imperfections.mass_share)
+        self._touching: tuple[tuple[str, str], ...] | None = None
         self._model: Any = None
         self._data: Any = None
 
-    def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
-        """Put the robot, at rest, into this pose over this terrain."""
+    def _placed(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         self._model = self._compiled(terrain)
         self._data = self._mujoco.MjData(self._model)
         quaternion = np.empty(4)
         self._mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(rotation).ravel())
         self._data.qpos[:7] = [*position_m, *quaternion]
-        self._data.qpos[7:] = angles_rad
-        self._sent = np.array(angles_rad, dtype=float)
-        self._feet = [self._model.body(name).id for name in foot_names(self.robot)]
+        joints = [self._model.joint(name) for name in self.joints]
+        self._angles = np.array([int(joint.qposadr[0]) for joint in joints])
+        self._rates = np.array([int(joint.dofadr[0]) for joint in joints])
+        self._data.qpos[self._angles] = angles_rad
+        self._base = self._model.body(self.body.base).id
+        self._feet = [self._model.body(name).id for name in self.body.feet]
         self._mujoco.mj_forward(self._model, self._data)
         return self._state(np.zeros((len(self._feet), 3)), 0.0)
 
-    def step(self, targets_rad: Array) -> State:
-        """One control period with these position targets, shape (J,) [rad]."""
-        targets = sendable(targets_rad, self._sent, self.servo, 1.0 / self.rate_hz)
-        with self.latch.sending():
-            self._sent = self._data.ctrl[:] = targets
+    def _advanced(self, targets_rad: Array) -> State:
+        self._data.ctrl[:] = targets_rad
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
         for _ in range(self._substeps):
             self._mujoco.mj_step(self._model, self._data)
@@ -68,30 +72,52 @@ class MujocoWorld(SimulatedWorld):
         self._model = self._data = None
 
     def _compiled(self, terrain: Terrain) -> Any:
-        kinds = self._mujoco
-        spec = kinds.MjSpec.from_string(hexapod_urdf(self.robot, self.servo))
+        spec = self._spec(self.body.apart if self._touching is None else (*self.body.apart, *self._touching))
+        if self._touching is None:
+            self._touching = self._touching_at_rest(spec.compile())
+            spec = self._spec((*self.body.apart, *self._touching))
+        self._lay(spec, terrain)
+        return spec.compile()
+
+    def _spec(self, apart: Sequence[tuple[str, str]]) -> Any:
+        """The robot alone. apart: pairs of its links that never collide."""
+        kinds, drives = self._mujoco, self.drives
+        spec = kinds.MjSpec.from_string(self.body.urdf, assets=dict(self.body.hulls))
         spec.compiler.fusestatic = False  # or the body, and the feet, are merged into their parents
         spec.option.timestep = PHYSICS_S
         spec.option.gravity = [0.0, 0.0, -self.gravity_m_s2]
         spec.option.integrator = kinds.mjtIntegrator.mjINT_IMPLICITFAST
         spec.option.cone = kinds.mjtCone.mjCONE_ELLIPTIC
         spec.option.impratio = STIFF
-        spec.body("body").add_freejoint()
+        spec.body(self.body.base).add_freejoint()
         for geom in spec.geoms:
-            geom.contype, geom.conaffinity = 1, 0  # limbs meet the terrain, not each other
-        self._lay(spec, terrain)
-        for joint in self.joints:
-            spec.joint(joint).armature = self.servo.rotor_kg_m2
+            geom.contype, geom.conaffinity = TERRAIN | ROBOT, ROBOT
+        for first, second in apart:
+            spec.add_exclude(bodyname1=first, bodyname2=second)
+        for i, joint in enumerate(self.joints):
+            stiffness = self.imperfections.stiffness_share * drives.stiffness_nm_rad[i]
+            spec.joint(joint).armature = drives.rotor_kg_m2[i]
             actuator = spec.add_actuator(name=joint, target=joint, trntype=kinds.mjtTrn.mjTRN_JOINT)
-            actuator.set_to_position(kp=self.servo.stiffness_nm_rad, kv=self.servo.damping_nms_rad)
-            actuator.forcelimited, actuator.forcerange = True, [-self.servo.torque_nm, self.servo.torque_nm]
-        return spec.compile()
+            actuator.set_to_position(kp=stiffness, kv=drives.damping_nms_rad[i])
+            actuator.forcelimited, actuator.forcerange = True, [-drives.torque_nm[i], drives.torque_nm[i]]
+        return spec
+
+    def _touching_at_rest(self, model: Any) -> tuple[tuple[str, str], ...]:
+        """Pairs of links whose shapes overlap in the posture that the robot stands in: they are drawn so."""
+        data = self._mujoco.MjData(model)
+        for leg in self.model.legs:
+            for name, angle in zip(leg.joint_names, leg.stance_rad, strict=True):
+                data.qpos[model.joint(name).qposadr[0]] = angle
+        self._mujoco.mj_forward(model, data)
+        geoms = {tuple(sorted((contact.geom1, contact.geom2))) for contact in data.contact}
+        bodies = sorted({tuple(model.body(model.geom_bodyid[geom]).name for geom in pair) for pair in geoms})
+        return tuple((first, second) for first, second in bodies)
 
     def _lay(self, spec: Any, terrain: Terrain) -> None:
         """Every patch as a static convex body, or heights as a field, whose friction counts, not the larger of two."""
         kinds = self._mujoco.mjtGeom
         contact: dict[str, Any] = {
-            "contype": 0, "conaffinity": 1, "priority": 1,
+            "contype": 0, "conaffinity": TERRAIN, "priority": 1,
             "solref": [CONTACT_S, CONTACT_DAMPING], "solimp": [0.95, 0.99, 0.001, 0.5, 2.0],
         }  # fmt: skip
         if isinstance(terrain, Ground):
@@ -113,7 +139,8 @@ class MujocoWorld(SimulatedWorld):
             )
 
     def _contacts(self, forces: Array) -> float:
-        """Add the forces of all contacts to their feet; the force on anything else is returned [N]."""
+        """Add the forces of the terrain on feet to them; the force on anything else, and of links on each other, is
+        returned [N]."""
         bump, local = 0.0, np.zeros(6)
         for index in range(self._data.ncon):
             contact = self._data.contact[index]
@@ -121,7 +148,9 @@ class MujocoWorld(SimulatedWorld):
             force = contact.frame.reshape(3, 3).T @ local[:3]  # on the second body
             first, second = (self._model.geom_bodyid[geom] for geom in (contact.geom1, contact.geom2))
             body, sign = (second, 1.0) if first == 0 else (first, -1.0)
-            if body in self._feet:
+            if first and second:
+                bump += float(np.linalg.norm(force))
+            elif body in self._feet:
                 forces[self._feet.index(body)] += sign * force
             else:
                 bump += float(np.linalg.norm(force))
@@ -129,16 +158,17 @@ class MujocoWorld(SimulatedWorld):
 
     def _state(self, forces: Array, bump: float) -> State:
         data = self._data
-        rotation = data.body("body").xmat.reshape(3, 3).copy()
+        rotation = data.xmat[self._base].reshape(3, 3).copy()
+        turns = data.xmat[self._feet].reshape(-1, 3, 3)
         return State(
             time_s=float(data.time),
             position_m=data.qpos[:3].copy(),
             rotation=rotation,
             velocity=np.concatenate([data.qvel[:3], rotation @ data.qvel[3:6]]),
-            angles_rad=data.qpos[7:].copy(),
-            rates_rad_s=data.qvel[6:].copy(),
+            angles_rad=data.qpos[self._angles],
+            rates_rad_s=data.qvel[self._rates],
             torques_nm=data.actuator_force.copy(),
-            feet_m=data.xpos[self._feet].copy(),
+            feet_m=data.xpos[self._feet] + (turns @ self.body.tips_m[:, :, None])[..., 0],
             forces_n=forces,
             bump_n=bump,
             sent_rad=self._sent.copy(),

@@ -10,17 +10,21 @@ from stancekit.planners.problem.posture import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.urdf import Servo
 
+from .drives import Imperfections
+
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
     """robot, servo: who moves, and by what. gravity_m_s2: what pulls. rate_hz: targets a second, None for what is
-    usual in that world. setup: the file that a world is made from, None where none was given."""
+    usual in that world. setup: the file that a world is made from, None where none was given. imperfections: of a
+    simulated robot."""
 
     robot: Robot
     servo: Servo = field(default_factory=Servo)
     gravity_m_s2: float = GRAVITY_M_S2
     rate_hz: float | None = None
     setup: Path | None = None
+    imperfections: Imperfections = field(default_factory=Imperfections)
 
     def file(self, content: str, world: str) -> Path:
         """The set-up file. Raises InvalidInput, which says what should be in it, where there is none."""

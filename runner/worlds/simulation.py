@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections import deque
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -11,8 +13,11 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.posture import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
-from stancekit.planners.robot.urdf import Servo, joint_names
+from stancekit.planners.robot.legged import legged_model
+from stancekit.planners.robot.urdf import Servo
 
+from .capabilities import WorldCapabilities
+from .drives import Drives, Imperfections
 from .settings import WorldSettings
 from .world import LatchedWorld, State, Terrain, WorldKind
 
@@ -29,12 +34,25 @@ class SimulatedWorld(LatchedWorld):
     name: str
 
     def __init__(
-        self, robot: Robot, servo: Servo = Servo(), *, rate_hz: float = RATE_HZ, gravity_m_s2: float = GRAVITY_M_S2
+        self,
+        robot: Robot,
+        servo: Servo = Servo(),
+        *,
+        rate_hz: float = RATE_HZ,
+        gravity_m_s2: float = GRAVITY_M_S2,
+        imperfections: Imperfections = Imperfections(),
     ) -> None:
         super().__init__()
         self.robot, self.servo, self.rate_hz, self.gravity_m_s2 = robot, servo, rate_hz, gravity_m_s2
-        self.joints = joint_names(robot)
+        self.model, self.imperfections = legged_model(robot, servo), imperfections
+        self.drives = Drives.of(robot, servo, self.model)
+        self.joints = self.drives.joints
+        self.capabilities = WorldCapabilities.of_drives(self.drives, rate_hz, senses=True)
         self._substeps = max(1, round(1.0 / (rate_hz * PHYSICS_S)))
+        self._draw = np.random.default_rng(imperfections.seed)
+        self._offset = imperfections.offset_rad * self._draw.uniform(-1.0, 1.0, len(self.joints))
+        self._late = round(imperfections.delay_s * rate_hz)
+        self._waiting: deque[Array] = deque()
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
@@ -42,20 +60,35 @@ class SimulatedWorld(LatchedWorld):
         if settings.setup is not None:
             raise InvalidInput(f"setup: expected none with world {cls.name}, got {settings.setup}")
         rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
-        return cls(settings.robot, settings.servo, rate_hz=rate_hz, gravity_m_s2=settings.gravity_m_s2)
+        return cls(
+            settings.robot, settings.servo, rate_hz=rate_hz, gravity_m_s2=settings.gravity_m_s2,
+            imperfections=settings.imperfections,
+        )  # fmt: skip
 
-    @abstractmethod
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Put the robot, at rest, into this pose over this terrain."""
+        self._sent = np.array(angles_rad, dtype=float)
+        self._waiting = deque([self._sent] * self._late)
+        return self._measured(self._placed(terrain, self._sent - self._offset, position_m, rotation))
 
-    @abstractmethod
     def step(self, targets_rad: Array) -> State:
         """One control period with these position targets, shape (J,) [rad]."""
+        targets = self.drives.sendable(targets_rad, self._sent, 1.0 / self.rate_hz)
+        with self.latch.sending():
+            self._sent = targets
+            self._waiting.append(targets)
+        return self._measured(self._advanced(self._waiting.popleft() - self._offset))
 
+    def _measured(self, state: State) -> State:
+        """What the joints' sensors say of it."""
+        noise = self.imperfections.noise_rad
+        read = state.angles_rad + self._offset
+        return replace(state, angles_rad=read + noise * self._draw.standard_normal(len(read)) if noise else read)
 
-def sendable(targets: Array, before: Array, servo: Servo, period_s: float) -> Array:
-    """Targets as a servo takes them: within the joints' limits, and no farther from the last ones than it can turn."""
-    step = servo.velocity_rad_s * period_s
-    limbs = len(targets) // len(servo.lower_rad)
-    kept = np.clip(targets, np.tile(servo.lower_rad, limbs), np.tile(servo.upper_rad, limbs))
-    return np.asarray(np.clip(kept, before - step, before + step))
+    @abstractmethod
+    def _placed(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
+        """The robot at rest in this pose over this terrain; the joints' true angles."""
+
+    @abstractmethod
+    def _advanced(self, targets_rad: Array) -> State:
+        """The state after a control period in which the loops have these targets."""

@@ -27,7 +27,8 @@ class State:
     time_s: since the reset. position_m, rotation: of the body's frame in the world, shape (3,), (3, 3).
     velocity: linear [m/s] and angular [rad/s], world frame, shape (6,). angles_rad, rates_rad_s, torques_nm: of the
     joints, shape (J,). feet_m: centres of the feet, shape (N, 3). forces_n: contact forces on the feet, world frame,
-    mean over the period, shape (N, 3) [N]. bump_n: mean force of the terrain on anything but feet [N].
+    mean over the period, shape (N, 3) [N]. bump_n: mean force of the terrain on anything but feet, and of
+    the robot's links on each other [N].
     sent_rad: the targets that were really sent, after limits, shape (J,).
     """
 

@@ -16,8 +16,9 @@ from scipy.ndimage import gaussian_filter
 from stancekit.cli import gait as gait_command
 from stancekit.planners.gait.trajectory_file import check_file, read_trajectory
 from stancekit.views import gaits
+from tests.planners.robot.small_urdfs import quadruped
 
-LIVELY = ("plain.npy", "--goal", "0.6,0.1", "--chart", "decoupled", "--duration-s", "2")
+LIVELY = ("plain.npy", "--goal", "0.5,0.1", "--chart", "decoupled", "--duration-s", "2")
 SHORT = ("plain.npy", "--goal", "0.2,0.1", "--chart", "decoupled", "--duration-s", "2")
 
 
@@ -49,6 +50,24 @@ def test_an_accepted_walk_is_written_with_its_verdict(gait):
     (attempt,) = record["attempts"]
     assert attempt["violations"][-1] < 1e-4 <= min(attempt["violations"][:-1])
     assert attempt["iterations"] == len(attempt["violations"]) - 1
+
+
+def test_a_urdf_walks_and_its_own_legs_reach_every_foot(gait, tmp_path, monkeypatch):
+    pin = pytest.importorskip("pinocchio")
+    monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "dog.urdf").write_text(quadruped())
+    code, out, err = gait(*SHORT, "--robot", "dog.urdf", "--out", "walk.json", "--json")
+    record = json.loads(out)
+    assert (code, err) == (0, "")
+    assert record["joints"]["feet"] == record["joints"]["reached"] == 4 * 401
+    assert record["joints"]["worst_m"] < 1e-5
+    os.remove("dog.urdf")
+    walk = read_trajectory("walk.json").trajectory
+    whole = pin.buildModelFromXML(walk.robot.model.urdf, pin.JointModelFreeFlyer())
+    assert pin.computeTotalMass(whole) == pytest.approx(walk.robot.mass_kg)
+    assert walk.robot.foot_names == ("LF", "RF", "LH", "RH")
+    code, out, _ = gait(*SHORT, "--robot", "anymal", "--json")
+    assert json.loads(out)["joints"] is None
 
 
 def test_verify_takes_the_file_and_refuses_one_changed_by_hand(gait, stancekit, tmp_path):

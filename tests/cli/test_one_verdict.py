@@ -76,7 +76,8 @@ def test_a_plan_has_one_verdict(name: str, stancekit, tmp_path: Path) -> None:
     assert (ran.code == 0) == told["accepted"] == python.accepted == written.accepted == (name == "honest")
     assert record["verdict"] == ("accepted" if told["accepted"] else "refused")
     assert told["digest"] == python.digest == written.digest
-    assert told["checked"] == list(PLAN_GROUPS)
+    assert told["checked"] == list(written.checked)
+    assert [group["group"] for group in told["groups"]] == list(PLAN_GROUPS)
     if name == "honest":
         assert Accepted.from_file(path).digest == written.digest
     else:

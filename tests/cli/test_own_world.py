@@ -136,7 +136,7 @@ def test_a_world_without_a_latch_and_one_that_raises_are_one_line(folder, stance
     simulated = SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"')
     (folder / "open.py").write_text(simulated.replace("super().__init__()", "self.latch = None"))
     ran = stancekit("run", "plan.json", "--world", "open.py:Servos")
-    assert (ran.code, ran.err) == (2, "stancekit: error: world: expected one with a latch, a StopLatch\n")
+    assert (ran.code, ran.err) == (2, "stancekit: error: world servos: latch: expected a StopLatch, got None\n")
     for error in ("ValueError('mine')", "BrokenPipeError('mine')", "SystemExit(0)"):
         name = error[:3].lower() + ".py"
         (folder / name).write_text(simulated.replace("self.angles = np.array(targets_rad)", f"raise {error}"))

@@ -84,7 +84,7 @@ def test_feet_that_stay_on_a_surface_make_a_robot_without_workspaces(
         ("a.urdf", quadruped(mass=0.0), "expected links with mass and inertia, got 0 kg in all"),
         ("a.urdf", robot([link("a"), fixed("f", "base", "a")]), "legs: expected chains of two joints or more"),
         ("a.yaml", "urdf: dog.urdf\njoints: {tail: {torque_nm: 3}}\n", "joints: expected one of RF_HAA, RF_HFE,"),
-        ("a.yaml", "urdf: [1]\n", "urdf: Input should be a valid string"),
+        ("a.yaml", "urdf: [1]\n", "urdf: expected a valid string"),
         ("a.urdf", "", "expected some text, the file is empty"),
     ],
 )

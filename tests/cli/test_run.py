@@ -204,7 +204,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
         ("dynamixel", {"robot": "ant"}, "setup.yaml: robot: expected hexapod, whom the plan is for, got ant"),
         ("dynamixel", {"port": "none"}, "port none: expected a serial port, found nothing there"),
         ("dynamixel", {"joints": {"LF_yaw": {"id": 2}}}, "LF_hip.id: expected its own id, got 2, which LF_yaw has"),
-        ("dynamixel", {"joints": {"LF_yaw": {"zero_tick": 5000}}}, "LF_yaw.zero_tick: Input should be less than 4096"),
+        ("dynamixel", {"joints": {"LF_yaw": {"zero_tick": 5000}}}, "LF_yaw.zero_tick: expected less than 4096"),
         ("dynamixel", {"joints": {"LF_yaw": None}}, "setup.yaml: joints: expected joint LF_yaw, got nothing"),
         ("ros", {"robot": "ant"}, "setup.yaml: robot: expected hexapod, whom the plan is for, got ant"),
         ("ros", {"port": 9}, "rosbridge ws://127.0.0.1:9: expected a rosbridge, nobody is there"),

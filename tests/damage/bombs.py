@@ -42,7 +42,8 @@ def packed(name: str, megabytes: int, *, honest: bool) -> bytes:
         head, {"descr": "<f8", "fortran_order": False, "shape": (count if honest else 4,)}
     )
     box = io.BytesIO()
-    with zipfile.ZipFile(box, "w", zipfile.ZIP_DEFLATED) as archive, archive.open(f"{name}.npy", "w") as entry:
+    archive = zipfile.ZipFile(box, "w", zipfile.ZIP_DEFLATED)
+    with archive, archive.open(f"{name}.npy", "w") as entry:
         entry.write(head.getvalue())
         for _ in range(megabytes):
             entry.write(bytes(1_000_000))

@@ -32,8 +32,9 @@ from stancekit.planners.problem.course_json import course_to_json
 from stancekit.planners.problem.course_layout import lay_out
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.single_body import GaitRobot, hexapod_walker
+from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.robot.urdf import hexapod_urdf, joint_names
+from stancekit.planners.robot.walker import named_walker
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
@@ -144,13 +145,13 @@ def _robots(folder: Path) -> None:
     robot = hexapod()
     (folder / "robot.urdf").write_text(hexapod_urdf(robot))
     measured = {
-        "urdf": "robot.urdf", "feet": [f"{limb.name}_foot" for limb in robot.limbs],
-        "steps": 5, "voxel_m": 0.06, "ranges_rad": [[0.3, 0.3]] * 4,
+        "urdf": "robot.urdf", "feet": [f"{name}_foot" for name in ("LF", "RM", "LR")],
+        "steps": 5, "voxel_m": 0.06, "ranges_rad": [[1.0, 1.0]] * 4,
         "posture_rad": [0.0, 0.5, 0.0, 1.2] * 6,
         "trunk_half_m": [0.1, 0.1, 0.05], "name": "measured",
     }  # fmt: skip
     (folder / "measured.yaml").write_text(yaml.safe_dump(measured))
-    GaitRobot.from_yaml(folder / "measured.yaml")
+    named_walker(folder / "measured.yaml")
 
 
 def _selectors(folder: Path) -> None:

@@ -7,14 +7,9 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from stancekit.envs.branching import LargestGap, RandomDimension, WidestDimension
 from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.refinement import (
-    EnvelopeRefinementEnv,
-    LargestGap,
-    RandomDimension,
-    WidestDimension,
-    gap_by_dimension,
-)
+from stancekit.envs.refinement import EnvelopeRefinementEnv, gap_by_dimension
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs

@@ -19,6 +19,7 @@ from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.robot.single_body import anymal
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify.trajectories import check_trajectory
+from tests.planners.robot.small_urdfs import quadruped
 
 PLAIN = HeightField.from_function(lambda x, y: 0.1 * x - 0.05 * y, 3.0, 0.25, name="plain")
 WALK = GaitTask(robot=anymal(), terrain=PLAIN, start_xy_m=[0.0, 0.0], goal_xy_m=[0.2, 0.1], duration_s=2.0)
@@ -193,6 +194,23 @@ def test_the_observation_does_not_depend_on_where_north_is():
     assert here.keys() == there.keys()
     for name in here:
         assert np.allclose(here[name], there[name], atol=1e-6), name
+
+
+def test_a_robot_is_named_as_everywhere(tmp_path, monkeypatch):
+    pytest.importorskip("pinocchio")
+    monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "dog.urdf").write_text(quadruped())
+    (tmp_path / "dog.yaml").write_text("urdf: dog.urdf\nname: dog\nfeet: [LF_FOOT, RF_FOOT, LH_FOOT]\n")
+    drawn = {}
+    for robot in ("hexapod", tmp_path / "dog.urdf", str(tmp_path / "dog.yaml"), None):
+        env = WarpedGaitEnv("waves", robot=robot, charts=("decoupled",))
+        observation, _ = env.reset(seed=0)
+        drawn[robot and str(robot).rpartition("/")[2]] = observation["adhesive"].shape
+    assert drawn == {"hexapod": (6,), "dog.urdf": (4,), "dog.yaml": (3,), None: (4,)}
+    with pytest.raises(InvalidInput, match=r"^robot: expected none where tasks are given, which have their own$"):
+        made(robot="hexapod")
+    with pytest.raises(InvalidInput, match=r"^robot: expected anymal, hexapod or a robot's file, got 'table'$"):
+        WarpedGaitEnv(robot="table")
 
 
 def test_walks_on_reference_terrains_are_the_papers():

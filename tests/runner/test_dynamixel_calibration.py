@@ -41,11 +41,11 @@ REFUSED: dict[str, tuple[Callable[[dict[str, Any]], Any], str]] = {
     ),
     "an id out of range": (
         lambda d: d["joints"]["LF_hip"].update(id=253),
-        "joints.LF_hip.id: Input should be less than or equal to 252, got 253",
+        "joints.LF_hip.id: expected less than or equal to 252, got 253",
     ),
     "a direction of 2": (
         lambda d: d["joints"]["LF_hip"].update(direction=2),
-        "joints.LF_hip.direction: Input should be -1 or 1, got 2",
+        "joints.LF_hip.direction: expected -1 or 1, got 2",
     ),
     "limits the wrong way": (
         lambda d: d["joints"]["LF_hip"].update(lower_rad=2.0),

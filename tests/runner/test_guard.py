@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -115,6 +117,51 @@ def test_measurements_that_are_no_numbers_are_a_fault_of_the_device() -> None:
     with pytest.raises(HardwareFault, match="expected finite measurements, got others in angles_rad"):
         safe.step(START)
     assert safe.latch.tripped
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda state: None, r"expected a State, got None"),
+        (vars, r"expected a State, got \{"),
+        (lambda state: replace(state, angles_rad=state.angles_rad[:-1]), r"expected shape \(24,\) of angles_rad, got"),
+        (lambda state: replace(state, forces_n=np.zeros(18)), r"expected shape \(6, 3\) of forces_n, got \(18,\)"),
+        (lambda state: replace(state, rotation=None), r"expected (numbers in|shape \(3, 3\) of) rotation, got"),
+        (lambda state: replace(state, sent_rad=["x"] * 24), r"expected numbers in sent_rad, got others"),
+        (lambda state: replace(state, torques_nm=[[0.0], [0.0, 1.0]]), r"expected numbers in torques_nm, got others"),
+        (lambda state: replace(state, time_s=np.inf), r"expected finite measurements, got others in time_s"),
+    ],
+)
+def test_what_is_no_state_of_this_robot_stops_it(spoil: Any, said: str) -> None:
+    world = MemoryWorld()
+    safe = guarded(world)
+    world.spoil = spoil
+    with pytest.raises(HardwareFault, match=f"^world memory: {said}"):
+        safe.step(START)
+    assert safe.latch.tripped
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "said"),
+    [
+        ("name", 3, "world: name: expected 1 to 200 printable letters, got 3"),
+        ("kind", "toy", "world memory: kind: expected one of simulation, recording, hardware, got 'toy'"),
+        ("latch", None, "world memory: latch: expected a StopLatch, got None"),
+        ("robot", "hexapod", "world memory: robot: expected a Robot, got 'hexapod'"),
+        ("servo", {}, "world memory: servo: expected a Servo, got {}"),
+        ("rate_hz", 0.0, "world memory: rate_hz: expected a number above 0, got 0"),
+        ("rate_hz", "fast", "world memory: rate_hz: expected numbers of shape (), got 'fast'"),
+        ("joints", [1, 2], "world memory: joints: expected a tuple of names, got [1, 2]"),
+        ("joints", ("a", "b"), "world memory: capabilities: expected those of its joints, got others'"),
+        ("capabilities", 7, "world memory: capabilities: expected a WorldCapabilities, got 7"),
+        ("step", None, "world memory: expected the verb step, got none"),
+    ],
+)
+def test_an_object_that_is_no_world_is_refused_in_one_line(attribute: str, value: Any, said: str) -> None:
+    world = MemoryWorld()
+    setattr(world, attribute, value)
+    with pytest.raises(InvalidInput, match=f"^{re.escape(said)}$"):
+        SafeWorld(world)
 
 
 def test_a_dry_run_sends_nothing_and_says_what_it_would_have_sent() -> None:

@@ -39,7 +39,7 @@ def test_angles_go_to_ros_by_direction_and_offset_and_come_back() -> None:
     [
         ({"format": "stancekit/servos/1"}, "format: expected stancekit/ros/1, got 'stancekit/servos/1'"),
         ({"rso": 2}, "rso: unknown key"),
-        ({"ros": 3}, "ros: Input should be 1 or 2, got 3"),
+        ({"ros": 3}, "ros: expected 1 or 2, got 3"),
         ({"controller": "no slash"}, "controller: String should match"),
         ({"joints": {"LF_yaw": {"name": "a"}}}, "joints: expected joint LF_hip, got nothing"),
         ({"joints": {j: {"name": j} for j in (*JOINTS, "RF_yaw")}}, "joints: unknown joint RF_yaw"),
@@ -49,7 +49,7 @@ def test_angles_go_to_ros_by_direction_and_offset_and_come_back() -> None:
         ),
         (
             {"joints": {"LF_yaw": {"name": "a", "direction": 2}, "LF_hip": {"name": "b"}}},
-            "joints.LF_yaw.direction: Input should be -1 or 1, got 2",
+            "joints.LF_yaw.direction: expected -1 or 1, got 2",
         ),
     ],
 )

@@ -22,7 +22,7 @@ FEET = np.random.default_rng(0).uniform(-0.3, 0.3, (6, 3))
 def sample(placement: tuple[int, ...] = tuple(range(6))) -> MotionSample:
     return MotionSample(
         com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=FEET, forces_n=20.0 * UP, placement=placement,
-        normals=UP,
+        normals=UP, friction=np.ones(6),
     )  # fmt: skip
 
 

@@ -12,7 +12,8 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
+from stancekit.planners.robot.urdf import hexapod_urdf
 from stancekit.runner.motion.soft_start import PEAK, soft_motion, soft_start
 from stancekit.runner.motion.time_parametrization import (
     ACCELERATION_RAD_S2,
@@ -83,16 +84,18 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
     from stancekit.runner.motion.time_parametrization import _Limbs
 
     limbs, sample = _Limbs(kinematics), PlanMotion(plan).at(0.0)
+    pin = pinocchio()
+    model = pin.buildModelFromXML(hexapod_urdf(plan.course.robot))  # the body stays where it is
+    data = model.createData()
     air = replace(sample, placement=(-1,) * 6)
     rng = np.random.default_rng(0)
     angles, velocity, acceleration = (rng.uniform(-1.0, 1.0, 24) for _ in range(3))
     step = 1e-5
 
     def energy(t: float) -> float:
-        pin, model = limbs._pin, limbs._model
         q, v = angles + velocity * t + 0.5 * acceleration * t * t, velocity + acceleration * t
         rotors = 0.5 * kinematics.servo.rotor_kg_m2 * float(v @ v)
-        return float(pin.computeKineticEnergy(model, limbs._data, q, v)) + rotors
+        return float(pin.computeKineticEnergy(model, data, q, v)) + rotors
 
     torques = limbs.torques(angles, velocity, acceleration, air, np.zeros(3))
     assert torques @ velocity == pytest.approx((energy(step) - energy(-step)) / (2.0 * step), rel=1e-5)

@@ -11,11 +11,12 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
+from stancekit.planners.robot.legged import legged_model
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo, joint_names
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.runner.worlds import WORLDS, make_world
-from stancekit.runner.worlds.simulation import sendable
+from stancekit.runner.worlds.drives import Drives
 from stancekit.runner.worlds.world import Ground, State, World
 
 pytest.importorskip("pinocchio")
@@ -176,7 +177,8 @@ def test_gravity_is_the_one_that_was_asked_for(world: World) -> None:
 
 def test_sendable_targets_never_leap() -> None:
     before = np.zeros(24)
-    sent = sendable(np.linspace(-9.0, 9.0, 24), before, Servo(), 0.005)
+    drives = Drives.of(ROBOT, Servo(), legged_model(ROBOT))
+    sent = drives.sendable(np.linspace(-9.0, 9.0, 24), before, 0.005)
     assert np.abs(sent - before).max() <= 0.02 + 1e-12
 
 

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-import yaml
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.refusals import refusals, shown
-from stancekit.planners.files.writing import write_text
 from stancekit.planners.robot.urdf import JOINTS, Servo
 
+from ..setup_file import SetupFile, own
 from .control_table import CENTRE_TICK, LATENCY_MS, MODELS, RAD, TICKS, WATCHDOG_S, Model
 
 FORMAT: Literal["stancekit/servos/1"] = "stancekit/servos/1"
@@ -57,19 +53,15 @@ class JointServo:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Calibration:
+class Calibration(SetupFile):
     """All servos of a robot. port, baud: where they are; model: all of one, a name in ``control_table.MODELS``.
 
-    robot: the name of the robot that these servos are in; a plan for another one is refused. None says nothing.
     watchdog_s: a servo that hears nothing for so long stops by itself, in steps of 20 ms. latency_ms: of the adapter;
     an answer that takes longer is asked for again. desk: the servos lie on a desk or the robot hangs, so that they
     carry nothing, and plans for all of its torques may be run. joints: by their names.
     """
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
-
     format: Literal["stancekit/servos/1"] = FORMAT
-    robot: Annotated[str | None, Field(min_length=1)] = None
     port: Annotated[str, Field(min_length=1)]
     baud: Baud = 1000000
     model: Literal["XM430-W350", "XM540-W270"] = "XM540-W270"
@@ -79,16 +71,13 @@ class Calibration:
     joints: Annotated[dict[str, JointServo], Field(min_length=1)]
 
     def __post_init__(self) -> None:
-        wrong, owner = [], dict[int, str]()
-        for joint, servo in self.joints.items():
-            if servo.id in owner:
-                wrong.append(f"joints.{joint}.id: expected its own id, got {servo.id}, which {owner[servo.id]} has")
-            owner.setdefault(servo.id, joint)
-            if servo.current_a > self.kind.current_a:
-                wrong.append(
-                    f"joints.{joint}.current_a: expected up to {self.kind.current_a:.3g}, the most of an {self.model}, "
-                    f"got {servo.current_a:g}"
-                )
+        wrong = own({joint: servo.id for joint, servo in self.joints.items()}, "id", "its own id")
+        wrong += [
+            f"joints.{joint}.current_a: expected up to {self.kind.current_a:.3g}, the most of an {self.model}, "
+            f"got {servo.current_a:g}"
+            for joint, servo in self.joints.items()
+            if servo.current_a > self.kind.current_a
+        ]
         if wrong:
             raise InvalidInput("; ".join(wrong))
 
@@ -102,38 +91,9 @@ class Calibration:
         """What is written to Bus Watchdog; never longer than asked for."""
         return int(self.watchdog_s / WATCHDOG_S + 1e-9)
 
-    def check(self, joints: Sequence[str]) -> None:
-        """Raise InvalidInput unless it has exactly these joints."""
-        missing = [name for name in joints if name not in self.joints]
-        unknown = [name for name in self.joints if name not in joints]
-        wrong = [f"expected joint {', '.join(missing)}, got nothing"] if missing else []
-        wrong += [f"unknown joint {', '.join(unknown)}"] if unknown else []
-        if wrong:
-            raise InvalidInput("joints: " + "; ".join(wrong))
-
     def ordered(self, joints: Sequence[str]) -> list[JointServo]:
         """The servos of these joints."""
         return [self.joints[name] for name in joints]
-
-    @classmethod
-    def from_yaml(cls, path: str | Path, joints: Sequence[str] | None = None) -> Calibration:
-        """Read a file, YAML or JSON, for a robot with these joints. Raises InvalidInput with all that is wrong."""
-        data = read_yaml(path)
-        if data.get("format") != FORMAT:
-            raise InvalidInput(f"{path}: format: expected {FORMAT}, got {shown(data.get('format'), 40)}")
-        try:
-            found = TypeAdapter(cls).validate_python(data)
-            if joints is not None:
-                found.check(joints)
-        except ValidationError as error:
-            raise InvalidInput(f"{path}: " + "; ".join(refusals(error))) from None
-        except InvalidInput as error:
-            raise InvalidInput(f"{path}: {error}") from None
-        return found
-
-    def write(self, path: str | Path) -> None:
-        """Write a file that ``from_yaml`` reads."""
-        write_text(path, yaml.safe_dump(asdict(self), sort_keys=False))
 
 
 def nominal(joints: Sequence[str], servo: Servo = Servo(), *, port: str, **settings: Any) -> Calibration:

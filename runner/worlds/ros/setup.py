@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 import numpy as np
-import yaml
-from pydantic import ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import ConfigDict, Field
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.refusals import refusals, shown
-from stancekit.planners.files.writing import write_text
+
+from ..setup_file import SetupFile, own
 
 FORMAT: Final = "stancekit/ros/1"
 Name = Annotated[str, Field(pattern=r"^/[A-Za-z0-9_/]+$")]
@@ -33,10 +30,10 @@ class RosJoint:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RosSetup:
+class RosSetup(SetupFile):
     """A robot behind a rosbridge.
 
-    robot: its name; a plan for another one is refused. None says nothing. host, port: of the rosbridge. ros: 1
+    host, port: of the rosbridge. ros: 1
     (actionlib topics) or 2 (actions of the rosbridge protocol). controller: a joint trajectory controller.
     joint_states: where angles are published. estop: topic of std_msgs/Bool, true for pressed; None for none.
     controller_manager: switches the controller off, as near as ROS comes to torque off.
@@ -48,10 +45,7 @@ class RosSetup:
     after its end it may still arrive.
     """
 
-    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
-
     format: Literal["stancekit/ros/1"] = FORMAT
-    robot: Annotated[str | None, Field(min_length=1)] = None
     host: Annotated[str, Field(min_length=1)] = "127.0.0.1"
     port: Annotated[int, Field(ge=1, le=65535)] = 9090
     ros: Literal[1, 2] = 2
@@ -69,49 +63,13 @@ class RosSetup:
     joints: Annotated[dict[str, RosJoint], Field(min_length=1)]
 
     def __post_init__(self) -> None:
-        owner, wrong = dict[str, str](), list[str]()
-        for joint, each in self.joints.items():
-            if each.name in owner:
-                wrong.append(
-                    f"joints.{joint}.name: expected a name of its own, got {each.name}, which {owner[each.name]} has"
-                )
-            owner.setdefault(each.name, joint)
-        if wrong:
+        if wrong := own({joint: each.name for joint, each in self.joints.items()}, "name", "a name of its own"):
             raise InvalidInput("; ".join(wrong))
 
     @property
     def url(self) -> str:
         """Where the rosbridge is."""
         return f"ws://{self.host}:{self.port}"
-
-    def check(self, joints: Sequence[str]) -> None:
-        """Raise InvalidInput unless it has exactly these joints."""
-        missing = [name for name in joints if name not in self.joints]
-        unknown = [name for name in self.joints if name not in joints]
-        wrong = [f"expected joint {', '.join(missing)}, got nothing"] if missing else []
-        wrong += [f"unknown joint {', '.join(unknown)}"] if unknown else []
-        if wrong:
-            raise InvalidInput("joints: " + "; ".join(wrong))
-
-    @classmethod
-    def from_yaml(cls, path: str | Path, joints: Sequence[str] | None = None) -> RosSetup:
-        """Read a file, YAML or JSON, for a robot with these joints. Raises InvalidInput with all that is wrong."""
-        data = read_yaml(path)
-        if data.get("format") != FORMAT:
-            raise InvalidInput(f"{path}: format: expected {FORMAT}, got {shown(data.get('format'), 40)}")
-        try:
-            found = TypeAdapter(cls).validate_python(data)
-            if joints is not None:
-                found.check(joints)
-        except ValidationError as error:
-            raise InvalidInput(f"{path}: " + "; ".join(refusals(error))) from None
-        except InvalidInput as error:
-            raise InvalidInput(f"{path}: {error}") from None
-        return found
-
-    def write(self, path: str | Path) -> None:
-        """Write a file that ``from_yaml`` reads."""
-        write_text(path, yaml.safe_dump(asdict(self), sort_keys=False))
 
 
 def same_names(joints: Sequence[str], **settings: Any) -> RosSetup:

@@ -187,7 +187,7 @@ def test_a_missing_header_is_refused(copy: Path) -> None:
         ({"format": None}, "format: expected 'stancekit/dataset/1', got None"),
         ({"colour": 1, "legs": []}, "legs: List should have at least 1 item after validation, not 0, got []; "
                                     "colour: unknown key"),
-        ({"problem_class": 3}, "problem_class: Input should be a valid string, got 3"),
+        ({"problem_class": 3}, "problem_class: expected a valid string, got 3"),
     ],
 )  # fmt: skip
 def test_a_header_with_wrong_keys_is_refused(copy: Path, changes: dict[str, object], message: str) -> None:
@@ -200,7 +200,7 @@ def test_a_header_with_a_wrong_plan_is_refused(copy: Path) -> None:
     header = json.loads((copy / "header.json").read_text())
     header["plan"] |= {"seed": "x", "colour": 1}
     (copy / "header.json").write_text(json.dumps(header))
-    message = "plan.seed: Input should be a valid integer, got 'x'; plan.colour: unknown key"
+    message = "plan.seed: expected a valid integer, got 'x'; plan.colour: unknown key"
     assert refusal(copy) == f"{copy}/header.json: {message}"
 
 

@@ -20,6 +20,7 @@ from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.training.fitting import METHODS
 from stancekit.planners.answer.answer_file import read_envelopes
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.refusals import validated
 
 PLAN: dict[str, Any] = {
     "problems": ["wall-3"],
@@ -32,7 +33,7 @@ PLAN: dict[str, Any] = {
 
 
 def run(plan: dict[str, Any], folder: Path) -> ClassResult:
-    (result,) = bench.run(Experiment.from_mapping(plan, "plan"), folder, executor=processes(1))
+    (result,) = bench.run(validated(Experiment, plan, "plan"), folder, executor=processes(1))
     return result
 
 
@@ -113,14 +114,14 @@ def test_a_folder_with_other_data_is_refused(made: tuple[Path, ClassResult]) -> 
         ({"calibration": {"feasible": 1, "infeasible": 1, "seed": 1}}, "plan: calibration.seed: expected another seed"),
         ({"problems": ["moon"]}, "plan: distribution: expected one of ground-3, wall-3, wall-5, or FILE.py:NAME, got"),
         ({"fit": {"shar": 0.1}}, "plan: fit.shar: unknown key"),
-        ({"fit": {"share": 0.9}}, "plan: fit.share: expected a number in [0, 0.5), got 0.9"),
-        ({"fit": {"genetic": {"delta": 3.0}}}, "plan: genetic.delta: expected a number in [0, 1), got 3.0"),
+        ({"fit": {"share": 0.9}}, "plan: fit.share: Input should be less than 0.5, got 0.9"),
+        ({"fit": {"genetic": {"delta": 3.0}}}, "plan: genetic.delta: Input should be less than 1, got 3.0"),
         ({"train": {"feasible": "many", "infeasible": 1, "seed": 0}}, "plan: train.feasible: "),
     ],
 )
 def test_plans_that_make_no_sense_are_told_by_key(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidInput) as error:
-        Experiment.from_mapping(PLAN | changes, "plan")
+        validated(Experiment, PLAN | changes, "plan")
     assert str(error.value).startswith(message)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stancekit.envs.memoryless import Observation
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.dataset import Dataset
@@ -18,7 +19,7 @@ from stancekit.learners.evaluation.evaluate import rollout
 from stancekit.learners.selectors.chooser import Chooser, ChooserSettings, costs, fit_chooser
 from stancekit.learners.selectors.gradient import clustered_boxes
 from stancekit.learners.selectors.network import Architecture
-from stancekit.learners.selectors.selector import FixedSelector, Observation
+from stancekit.learners.selectors.selector import FixedSelector
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -125,5 +126,5 @@ def test_what_does_not_fit_is_refused_in_one_line(
         fit_chooser(dataset, replace(envelopes, problem_class="wall-5"))
     with pytest.raises(InvalidInput, match=r"^data set: expected rows of both labels, got 70 and 0$"):
         fit_chooser(dataset.select(dataset.feasible), envelopes)
-    with pytest.raises(InvalidInput, match=r"^epochs: expected 1 or more, got 0$"):
+    with pytest.raises(InvalidInput, match=r"^epochs: Input should be greater than 0, got 0$"):
         ChooserSettings(epochs=0)

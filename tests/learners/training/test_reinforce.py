@@ -13,8 +13,9 @@ import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 
+from stancekit.envs.branching import LargestGap
 from stancekit.envs.distributions.postures import distribution
-from stancekit.envs.refinement import EnvelopeRefinementEnv, LargestGap
+from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import ListedScenes, SampledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.selection_task import RewardWeights

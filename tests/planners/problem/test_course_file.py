@@ -250,7 +250,7 @@ def test_every_wrong_key_is_named_with_the_file(write):
     path = write(FLOOR | {"frames": 0, "gate": "tripod", "candidates": {"count": 0}, "start_m": [0.0]})
     told = refusal(read_course, path)
     assert told.startswith(f"{path}: ")
-    for part in ("frames: Input should be greater than or equal to 1, got 0", "gate: unknown key", "candidates.count:",
+    for part in ("frames: expected greater than or equal to 1, got 0", "gate: unknown key", "candidates.count:",
                  "start_m[1]: expected this key, got nothing",
                  "start_m[2]: expected this key, got nothing"):  # fmt: skip
         assert part in told
@@ -259,18 +259,18 @@ def test_every_wrong_key_is_named_with_the_file(write):
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"gait": "trot"}, "gait: Input should be 'all', 'tripod' or 'wave', got 'trot'"),
-        ({"gait": [["RF"], "x"]}, "gait[1]: Input should be a valid list, got 'x'"),
+        ({"gait": "trot"}, "gait: expected 'all', 'tripod' or 'wave', got 'trot'"),
+        ({"gait": [["RF"], "x"]}, "gait[1]: expected a valid list, got 'x'"),
         ({"robot": {"mass_kg": 0, "limbs": {"a": {"shoulder_m": [0, 0, 0]}}}},
-         "robot.mass_kg: Input should be greater than 0, got 0; robot.limbs.a.reach_m: expected this key, got nothing"),
+         "robot.mass_kg: expected greater than 0, got 0; robot.limbs.a.reach_m: expected this key, got nothing"),
         ({"via_m": [[0, 0, 0], {"at": [1, 2, 3]}]},
          "via_m[1].at_m: expected this key, got nothing; via_m[1].at: unknown key"),
         ({"terrain": {"kind": "walls", "apart_m": -1, "colour": "red"}},
-         "terrain.apart_m: Input should be greater than 0, got -1; terrain.colour: unknown key"),
+         "terrain.apart_m: expected greater than 0, got -1; terrain.colour: unknown key"),
         ({"terrain": {"kind": "icy-walls", "left": ["#."], "right": ["# ."]}},
          "terrain.right[0]: String should match pattern '^[#.]+$', got '# .'"),
         ({"steps": {"com_m": 0.1, "progress_m": 0.2}, "start_m": [0.0, float("nan"), 0.0]},
-         "start_m[1]: Input should be a finite number, got nan; "
+         "start_m[1]: expected a finite number, got nan; "
          "steps.progress_m: expected at most steps.com_m = 0.1, the largest step, got 0.2"),
     ],
 )  # fmt: skip
@@ -304,7 +304,7 @@ def test_keys_are_named_as_they_stand_in_the_file(changes, told):
          "terrain.polygons[0].vertices_m: expected a patch with an area, got one of diameter 0 m"),
         ({"terrain": polygons([(0, 0, 0), (1, 0, 0), (0.1, 0.1, 0), (0, 1, 0)])},
          "terrain.polygons[0].vertices_m: expected a convex polygon, its vertices in order around the border"),
-        ({"terrain": polygons(square(0.0, 0.0, 0.0, 1.0), friction=-0.1)}, "terrain.friction: Input should"),
+        ({"terrain": polygons(square(0.0, 0.0, 0.0, 1.0), friction=-0.1)}, "terrain.friction: expected "),
         ({"robot": {"mass_kg": 5.0, "limbs": {"a": {"shoulder_m": [0, 0, 0], "reach_m": 0.4}}}},
          "gait: expected an even number of limbs, four or more, for a tripod gait, got 1"),
         ({"terrain": {"kind": "stairs", "run_m": 1e-5}}, "terrain: expected at most 5000 patches along the path"),

@@ -142,14 +142,14 @@ def test_all_that_is_wrong_is_said_at_once_with_its_place(data):
     [
         (lambda d: d.pop("goal_m"), "goal_m: expected this key, got nothing"),
         (lambda d: d.update(colour="red"), "colour: unknown key"),
-        (lambda d: d.update(format="stancekit/course/2"), "format: Input should be 'stancekit/course/1'"),
+        (lambda d: d.update(format="stancekit/course/2"), "format: expected 'stancekit/course/1'"),
         (lambda d: d["com_nominal_m"].pop(), "com_nominal_m: expected shape (2, 3), got (1, 3)"),
         (lambda d: d["placements"].pop(), "placements: frame 1, limb RR: expected a placement, since it moves there"),
         (lambda d: d["placements"][0].update(limb="XX"), "placements: frame 0, limb LF: expected a placement"),
         (lambda d: d["placements"][0].update(candidates=[]), "expected one or more candidate patches, got none within"),
         (
             lambda d: d["placements"][0].update(frame="0"),
-            "placements[0].frame: Input should be a valid integer, got '0'",
+            "placements[0].frame: expected a valid integer, got '0'",
         ),
         (lambda d: d["lifts"][1].append("tail"), "leg: expected one of LF, LM, LR, RF, RM, RR, got 'tail'"),
         (lambda d: d.update(goal_m=[0.0, float("nan"), 0.0]), "goal_m: expected finite numbers"),

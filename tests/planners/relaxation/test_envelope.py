@@ -177,21 +177,21 @@ def test_a_set_comes_back_from_its_file_to_the_last_bit(learned, tmp_path):
 
 BOX = ("envelopes", 1)
 BAD = [
-    (("format",), "stancekit/envelope/2", "format: Input should be 'stancekit/envelope/1', got 'stancekit/envelope/2'"),
+    (("format",), "stancekit/envelope/2", "format: expected 'stancekit/envelope/1', got 'stancekit/envelope/2'"),
     (("legs",), ..., "legs: expected this key, got nothing"),
     (("legs",), [], "legs: List should have at least 1 item after validation, not 0, got []"),
     (("legs",), ["RF", "RR"], "normals: expected shape (2, 3), got (3, 3)"),
     (("colour",), 1, "colour: unknown key"),
-    (("problem_class",), 3, "problem_class: Input should be a valid string, got 3"),
-    (("force_scale_n",), "98.1", "force_scale_n: Input should be a valid number, got '98.1'"),
-    (("force_scale_n",), True, "force_scale_n: Input should be a valid number, got True"),
+    (("problem_class",), 3, "problem_class: expected a valid string, got 3"),
+    (("force_scale_n",), "98.1", "force_scale_n: expected a valid number, got '98.1'"),
+    (("force_scale_n",), True, "force_scale_n: expected a valid number, got True"),
     (("normals",), [[0, 0, 1]], "normals: expected shape (3, 3), got (1, 3)"),
     (("tilt_rad", 0), float("nan"), "expected numbers as JSON has them, got NaN"),
     (("envelopes",), [], "envelopes: List should have at least 1 item after validation, not 0, got []"),
-    ((*BOX, "low", 0, 0), None, "envelopes[1].low[0][0]: Input should be a valid number, got None"),
+    ((*BOX, "low", 0, 0), None, "envelopes[1].low[0][0]: expected a valid number, got None"),
     ((*BOX, "mid"), [], "envelopes[1].mid: unknown key"),
     ((*BOX, "high"), ..., "envelopes[1].high: expected this key, got nothing"),
-    (("provenance",), None, "provenance: Input should be a valid dictionary, got None"),
+    (("provenance",), None, "provenance: expected a valid dictionary, got None"),
 ]  # fmt: skip
 
 
@@ -216,8 +216,8 @@ def test_all_wrong_keys_are_reported_at_once(learned):
     record = learned.to_json() | {"colour": 1, "legs": "RF", "force_scale_n": None}
     assert sorted(refusal(EnvelopeSet.from_json, record).split("; ")) == [
         "colour: unknown key",
-        "force_scale_n: Input should be a valid number, got None",
-        "legs: Input should be a valid list, got 'RF'",
+        "force_scale_n: expected a valid number, got None",
+        "legs: expected a valid list, got 'RF'",
     ]
 
 

@@ -1,5 +1,6 @@
 """Contact planning for a robot's file: inner and outer sets, a climb that its own legs reach, and what is refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,10 @@ import pytest
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course_file import read_course, read_robot
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
-from stancekit.planners.robot.plan_postures import plan_postures
+from stancekit.planners.robot.plan_joints import plan_angles
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.robot.workspace_cache import workspaces_of
@@ -77,19 +79,21 @@ def test_inner_sets_are_reached_and_outer_ones_hold_all_toes(folder: Path) -> No
 
 
 def test_a_plan_over_a_step_is_reached_by_the_urdf_itself(folder: Path, plan: Plan) -> None:
-    assert check_plan(plan).accepted
-    model = read_robot(folder / "step.yaml")
+    plan = with_joints(plan)
+    assert check_plan(plan, joints=True).accepted
+    model = plan.course.robot.model
     assert model is not None
-    postures = plan_postures(model, plan)
-    assert postures.reached
-    assert postures.message.startswith("joints: every foot of 40 is reached, within ")
+    assert plan.joints_rad is not None
+    assert plan.joints_rad.shape == (10, 12)
+    columns = {name: plan.joints_rad[:, i] for i, name in enumerate(model.joint_names)}
     known = pin.buildModelFromXML(model.urdf)
     data = known.createData()
     for k in range(plan.course.frames):
         q = pin.neutral(known)
-        for leg, angles in zip(model.legs, postures.angles, strict=True):
-            assert np.all((angles[k] >= leg.lower_rad) & (angles[k] <= leg.upper_rad))
-            for name, angle in zip(leg.joint_names, angles[k], strict=True):
+        for leg in model.legs:
+            angles = np.array([columns[name][k] for name in leg.joint_names])
+            assert np.all((angles >= leg.lower_rad) & (angles <= leg.upper_rad))
+            for name, angle in zip(leg.joint_names, angles, strict=True):
                 q[known.joints[known.getJointId(name)].idx_q] = angle
         pin.framesForwardKinematics(known, data, q)
         turn = pin.exp3(plan.rotation_rad[k])
@@ -135,23 +139,21 @@ def test_a_start_without_ground_under_a_foot_is_refused(folder: Path) -> None:
 
 def test_another_robot_may_take_the_courses_place(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "cat.yaml").write_text(f"urdf: {folder}/dog.urdf\nname: cat\n")
-    assert read_course(folder / "step.yaml", robot=str(tmp_path / "cat.yaml")).robot.name == "cat"
-    assert read_robot(folder / "step.yaml", str(tmp_path / "cat.yaml")).name == "cat"  # type: ignore[union-attr]
-    assert read_robot("walls") is None
+    robot = read_course(folder / "step.yaml", robot=str(tmp_path / "cat.yaml")).robot
+    assert robot.model is not None
+    assert robot.name == robot.model.name == "cat"
+    assert read_course("walls").robot.model is None
 
 
-def test_what_is_out_of_reach_is_said_with_frame_and_leg(folder: Path, plan: Plan) -> None:
+def test_angles_of_shorter_legs_are_the_nearest_ones(plan: Plan) -> None:
+    robot = plan.course.robot
     short = model_of(quadruped().replace('xyz="0 0 -.3"', 'xyz="0 0 -.02"'))
-    postures = plan_postures(short, plan)
-    assert not postures.reached
-    far = postures.error_m > 1e-5
-    frame, leg = np.unravel_index(int(postures.error_m.argmax()), far.shape)
-    assert postures.message == (
-        f"joints: {far.sum()} of 40 feet are out of reach, {short.leg_names[leg]} at frame {frame} by "
-        f"{1e3 * postures.error_m.max():.3g} mm"
-    )
-    with pytest.raises(InvalidInput, match=r"^plan: expected limbs LF, RF, got LF, RF, LH, RH$"):
-        plan_postures(model_of(quadruped(("LF", "RF"))), plan)
+    answers = plan_angles(replace(plan, course=replace(plan.course, robot=replace(robot, model=short))))
+    for answer in answers:
+        assert answer.error_m.min() > 0.03
+        for i, leg in enumerate(short.legs):
+            q = answer.angles[3 * i : 3 * i + 3]
+            assert np.all((q >= leg.lower_rad) & (q <= leg.upper_rad))
 
 
 @pytest.mark.parametrize(

@@ -276,7 +276,7 @@ def test_a_robot_that_lies_on_its_side_is_put_upright(tmp_path: Path) -> None:
          "{0}/q.urdf: joints: expected one of LF_HAA, LF_HFE, LF_KFE, RF_HAA, RF_HFE, RF_KFE, LH_HAA, LH_HFE, LH_KFE, "
          "RH_HAA, RH_HFE, RH_KFE, got 'nose'"),
         ("urdf: q.urdf\njoints: {LF_HAA: {torque_nm: -3}}\n",
-         "joints.LF_HAA.torque_nm: Input should be greater than 0, got -3"),
+         "joints.LF_HAA.torque_nm: expected greater than 0, got -3"),
     ],
 )  # fmt: skip
 def test_a_yaml_file_says_what_is_wrong_with_it(tmp_path: Path, text: str, message: str) -> None:

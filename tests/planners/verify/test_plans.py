@@ -248,7 +248,12 @@ def test_joints_are_a_section_of_their_own(walk):
     report = check_plan(plan, joints=True)
     assert report.joints["verdict"] == "checked"
     assert report.joints["error_m"] < 1e-3
+    assert report.torque["verdict"] == "checked"
+    assert 0.0 < report.torque["share"] < 1.0
+    assert report.checked == ("contacts", "joints", "torque")
+    assert check_plan(plan).checked == ("contacts",)
     heavy = check_plan(replace(plan, forces_n=30.0 * plan.forces_n), joints=True)
-    assert heavy.joints["verdict"] == "failed"
-    assert "Nm in a joint" in heavy.joints["message"]
-    assert heavy.to_json()["joints"]["worst"]["torque"]["limb"] in plan.course.robot.limb_names
+    assert heavy.joints["verdict"] == "checked"
+    assert heavy.torque["verdict"] == "failed"
+    assert "Nm in a joint" in heavy.torque["message"]
+    assert heavy.to_json()["torque"]["worst"]["limb"] in plan.course.robot.limb_names

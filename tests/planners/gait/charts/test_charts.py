@@ -11,8 +11,7 @@ from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import GaitProgram
 from stancekit.planners.gait.method.guess import Walk
 from stancekit.planners.gait.task import GaitSettings, GaitTask
-from stancekit.planners.robot.leg_boxes import Foot
-from stancekit.planners.robot.single_body import GaitRobot, anymal, hexapod_walker
+from stancekit.planners.robot.single_body import Foot, GaitRobot, anymal, hexapod_walker
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.reference import reference_terrain
 from stancekit.planners.warp.spline_map import SplineMap, terrain_digest

@@ -8,10 +8,10 @@ import pytest
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.projection.force_distribution import LEAST, RESERVES, ForceDistribution, distribute_forces
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
-from stancekit.runner.control.force_distribution import LEAST, RESERVES, ForceDistribution, distribute_forces
 
 
 @pytest.fixture(scope="module")

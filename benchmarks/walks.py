@@ -1,0 +1,173 @@
+"""Walks of robots from files, planned, verified and then run in simulation: do they stand, how well, how do feet hold?
+
+    python benchmarks/walks.py --robots FOLDER [--only go1,solo12] [--terrains ripple,rough:0.5:7] [--world bullet]
+        [--offset-deg .5 --delay-ms 15 --mass 1.15 --stiffness .7 --friction .8] [--keep FOLDER] [--json]
+
+FOLDER: example-robot-data's ``robots``; robots that are not there are left out, and said. A walk of ten seconds over
+3.6 times the robot's height, at μ = .6, is planned once and kept in --keep. It is run as it is, whatever the joints'
+limits; why the runner would have refused it else is said at the end of its row.
+
+body: distance of the body's origin from where it should be, root mean square, worst, and at the end [mm]. slip: of the
+worst stance since its foot touched, and stances with more than 10 mm. late: how long after it should have the last foot
+touched [ms]. torque: the largest of any joint in units of its own limit. The options make the robot, or its terrain,
+other than planned.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+import stancekit
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.gait.trajectory_file import write_trajectory
+from stancekit.planners.robot.robot_model import RobotModel, model_of
+from stancekit.planners.robot.urdf_reader import JointCorrection
+from stancekit.planners.robot.walker import walker_of
+from stancekit.runner.acceptance import AcceptedGait
+from stancekit.runner.execution import Execution, Tolerance
+from stancekit.runner.run import Runner
+from stancekit.runner.settings import RunSettings
+from stancekit.runner.worlds import Imperfections, make_world
+
+HEADING_RAD, HEIGHTS, FRICTION, SLIP_M = 0.64, 3.6, 0.6, 0.01
+TERRAINS = "ripple,rough:0.3:7,rough:0.5:7,rough:0.8:3"
+
+
+@dataclass(frozen=True)
+class Example:
+    """A robot of example-robot-data: its files, hip and knee as it stands (turned round behind where ``mirrored``), and
+    what its file says wrongly of its joints."""
+
+    urdf: str
+    srdf: str
+    hip_rad: float
+    knee_rad: float
+    mirrored: bool
+    joint: JointCorrection | None = None
+
+
+B, C = (f"anymal_{kind}_simple_description" for kind in "bc")
+ROBOTS = {
+    "anymal_b": Example(f"{B}/robots/anymal.urdf", f"{B}/srdf/anymal.srdf", 0.75, -1.3, True),
+    "anymal_c": Example(f"{C}/urdf/anymal.urdf", f"{C}/srdf/anymal.srdf", 0.75, -1.3, True),
+    "go1": Example("go1_description/urdf/go1.urdf", "go1_description/srdf/go1.srdf", 0.8, -1.6, False),
+    "a1": Example("a1_description/urdf/a1.urdf", "a1_description/srdf/a1.srdf", 0.8, -1.6, False),
+    "solo12": Example("solo_description/robots/solo12.urdf", "solo_description/srdf/solo.srdf", 0.8, -1.5, True,
+                      JointCorrection(torque_nm=2.7, velocity_rad_s=40.0)),
+}  # fmt: skip
+
+
+def main() -> None:
+    """Plan, run and print."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--robots", type=Path, required=True)
+    parser.add_argument("--only", default=",".join(ROBOTS))
+    parser.add_argument("--terrains", default=TERRAINS)
+    parser.add_argument("--world", default="mujoco")
+    parser.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir()) / "stancekit-walks")
+    parser.add_argument("--json", action="store_true")
+    for name, usual in (("offset-deg", 0.0), ("delay-ms", 0.0), ("mass", 1.0), ("stiffness", 1.0), ("friction", 1.0)):
+        parser.add_argument(f"--{name}", type=float, default=usual)
+    asked = parser.parse_args()
+    wrong = Imperfections(
+        offset_rad=np.deg2rad(asked.offset_deg), delay_s=1e-3 * asked.delay_ms, mass_share=asked.mass,
+        stiffness_share=asked.stiffness,
+    )  # fmt: skip
+    asked.keep.mkdir(parents=True, exist_ok=True)
+    for name in asked.only.split(","):
+        if not (asked.robots / ROBOTS[name].urdf).exists():
+            print(f"{name}: no file {ROBOTS[name].urdf}, left out")
+            continue
+        for terrain in asked.terrains.split(","):
+            found = row(name, asked.robots, terrain, asked.keep, asked.world, wrong, asked.friction)
+            print(json.dumps(found) if asked.json else line(found), flush=True)
+
+
+def model(example: Example, folder: Path) -> RobotModel:
+    """The robot, in the posture that it walks from."""
+    urdf, srdf = folder / example.urdf, folder / example.srdf
+    text = urdf.read_text(encoding="utf-8", errors="replace")
+    bare = model_of(text, folder=urdf.parent)
+    behind = {leg.name: -1.0 if example.mirrored and leg.hip_m[0] < 0.0 else 1.0 for leg in bare.legs}
+    posture = {
+        joint: angle
+        for leg in bare.legs
+        for joint, angle in zip(
+            leg.joint_names, (0.0, behind[leg.name] * example.hip_rad, behind[leg.name] * example.knee_rad), strict=True
+        )
+    }
+    return model_of(
+        text, folder=urdf.parent, srdf=srdf.read_text(encoding="utf-8") if srdf.exists() else "", posture_rad=posture,
+        joints={} if example.joint is None else dict.fromkeys(posture, example.joint),
+    )  # fmt: skip
+
+
+def planned(name: str, folder: Path, terrain: str, keep: Path) -> Path | str:
+    """The file of a walk, planned where it is not there; or why there is none."""
+    path = keep / f"{name}-{terrain.replace(':', '-')}.json"
+    if path.exists():
+        return path
+    robot = walker_of(model(ROBOTS[name], folder))
+    far = HEIGHTS * robot.stand_height_m
+    found = stancekit.walk(
+        terrain, (far * np.cos(HEADING_RAD), far * np.sin(HEADING_RAD)), robot=robot, friction=FRICTION, total_s=120.0
+    )
+    if found.trajectory is None:
+        return str(found.message)
+    write_trajectory(path, found.trajectory, stancekit.verify(found.trajectory))
+    return path
+
+
+def row(
+    name: str, folder: Path, terrain: str, keep: Path, world: str, wrong: Imperfections, friction: float
+) -> dict[str, object]:
+    """One walk, run."""
+    told: dict[str, object] = {"robot": name, "terrain": terrain}
+    path = planned(name, folder, terrain, keep)
+    if isinstance(path, str):
+        return told | {"outcome": f"not planned: {path}"}
+    accepted = AcceptedGait.from_file(path)
+    settings = RunSettings(check_limits=False, tolerance=Tolerance(body_m=0.3, body_rad=0.8, slip_m=SLIP_M))
+    with make_world(world, accepted.robot, imperfections=wrong) as made:
+        try:
+            Runner(made).prepare(accepted)
+            fits = ""
+        except InvalidInput as error:
+            fits = str(error)
+        report = Runner(made, settings=settings).run(accepted, accepted.ground(friction))
+    run = report.execution
+    if run is None:
+        return told | {"outcome": report.message}
+    return told | {"outcome": "stood" if run.fallen_s is None else f"fell at {run.fallen_s:.1f} s"} | figures(run, fits)
+
+
+def figures(run: Execution, fits: str) -> dict[str, object]:
+    """Of a run."""
+    return {
+        "rms_mm": 1e3 * run.body_rms_m, "worst_mm": 1e3 * run.body_worst_m, "end_mm": 1e3 * run.body_final_m,
+        "slip_mm": 1e3 * float(run.slip_m.max()), "slipped": int(np.count_nonzero(run.slip_m > SLIP_M)),
+        "stances": len(run.slip_m), "late_ms": 1e3 * float(run.late_s.max()),
+        "torque": float(run.torque_share.max()), "bump_s": run.bump_s, "fits": fits,
+    }  # fmt: skip
+
+
+def line(found: dict[str, object]) -> str:
+    """For people."""
+    start = f"{found['robot']:<9} {found['terrain']:<12} {found['outcome']:<14}"
+    if "rms_mm" not in found:
+        return start
+    return (
+        f"{start} body {found['rms_mm']:5.1f} {found['worst_mm']:5.1f} {found['end_mm']:5.1f} mm  slip "
+        f"{found['slip_mm']:5.1f} mm, {found['slipped']} of {found['stances']}  late {found['late_ms']:3.0f} ms  "
+        f"torque {found['torque']:.2f}  bumped {found['bump_s']:.2f} s  {found['fits']}"
+    )
+
+
+if __name__ == "__main__":
+    main()

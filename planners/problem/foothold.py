@@ -1,0 +1,50 @@
+"""Who stands where, and who carries: toes put down, and limbs that carry the robot alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, frozen
+from ..terrain.patch import Patch
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Placement:
+    """One toe put down: by ``limb``, at key frame ``frame``, on one of the candidates.
+
+    toe_m: where the toe already stands, shape (3,) [m]; None where the planner chooses. candidates: at least one; a toe
+    that already stands has exactly one, the surface under it. yaws_rad: of a sole on each candidate [rad]; () for 0.
+    The same patch with several yaws is several candidates. toe_m of a sole is its centre.
+    """
+
+    limb: str
+    frame: int
+    candidates: tuple[Patch, ...]
+    toe_m: Array | None = None
+    yaws_rad: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        where = f"frame {self.frame}, limb {self.limb}"
+        if len(self.yaws_rad):
+            yaws = frozen(self.yaws_rad, (None,), f"{where}: yaws_rad")
+            if len(yaws) != len(self.candidates):
+                raise InvalidInput(
+                    f"{where}: yaws_rad: expected {len(self.candidates)}, one a candidate, got {len(yaws)}"
+                )
+            object.__setattr__(self, "yaws_rad", tuple(yaws.tolist()))
+        if not self.candidates:
+            raise InvalidInput(f"{where}: expected one or more candidate patches, got none within reach")
+        object.__setattr__(self, "candidates", tuple(self.candidates))
+        if self.toe_m is not None:
+            object.__setattr__(self, "toe_m", frozen(self.toe_m, (3,), f"{where}: toe_m"))
+            if len(self.candidates) != 1:
+                raise InvalidInput(f"{where}: expected one patch under a toe that stands, got {len(self.candidates)}")
+
+
+@dataclass(frozen=True)
+class Stance:
+    """Limbs that carry the robot alone at a key frame, by index, in the robot's order."""
+
+    frame: int
+    limbs: tuple[int, ...]

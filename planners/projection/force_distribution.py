@@ -1,0 +1,144 @@
+"""Forces for a robot that stands on given toes: the smallest ones that keep a reserve of friction, or of torque.
+
+A planner's forces may lie on the border of their cones, where a simulated or a real foot slips, or ask more of a joint
+than it has. With toes and body held the balances are linear, and so are the torques at rest with the joints held, so
+this is one small second-order cone program.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..answer.plan import Plan
+from ..equilibrium.rows import Rows
+from ..files.arrays import Array
+from ..problem.course import Course
+from ..terrain.patch import Patch
+
+RESERVES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98)
+"""Shares of μ that are tried, the safest first."""
+TIES = 1e-4
+"""Of Σ‖f‖² beside the largest torque's share, forces in units of the weight."""
+LEAST = 0.02
+"""Every limb that carries presses on its patch with this share of the weight or more, so that it stays there."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Stance:
+    """arms: maps the forces to their sum and moment, (6, 3N); friction: (N,); low, high: on the forces, (N, 3). rest,
+    levers: torques as shares of their limits are rest − levers · f, (J,), (J, 3); none where nobody asks."""
+
+    arms: Array
+    friction: Array
+    low: Array
+    high: Array
+    rest: Array
+    levers: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Loads:
+    """What the torques of a robot that rests are made of; J joints.
+
+    weight_nm: of the limbs' own masses, shape (J,). levers_m: τ = weight_nm − levers_m · f, f on the joint's own foot
+    in the world frame, shape (J, 3). limit_nm: of every joint, inf for none, shape (J,).
+    """
+
+    weight_nm: Array
+    levers_m: Array
+    limit_nm: Array
+
+
+NONE = Loads(weight_nm=np.zeros(0), levers_m=np.zeros((0, 3)), limit_nm=np.zeros(0))
+
+
+class ForceDistribution:
+    """Least Σ‖f‖² in balance, inside cones of a part of μ, for N contacts; with joints the least largest torque."""
+
+    def __init__(self, contacts: int, foot_of: Sequence[int] = ()) -> None:
+        """foot_of: the contact that every joint leads to, shape (J,): the largest torque as a share of its limit is
+        then minimised, and forces only break ties."""
+        self._contacts, self._foot_of = contacts, np.array(foot_of, dtype=int)
+        self._rows = rows = Rows[_Stance](keep=True)
+        forces = rows.variable("forces", contacts, 3)
+        balance = rows.equal("balance", 6)
+        rows.put(balance[:, None], forces.reshape(1, -1), lambda d: d.arms)
+        rows.right(balance[2:3], 1.0)
+        most, least = rows.at_most("most", contacts, 3), rows.at_most("least", contacts, 3)
+        rows.put(most, forces, 1.0)
+        rows.put(least, forces, -1.0)
+        rows.right(most, lambda d: d.high)
+        rows.right(least, lambda d: -d.low)
+        cone = rows.cones("cone", contacts, 3)
+        rows.put(cone[:, 0], forces[:, 0], lambda d: -d.friction)
+        rows.put(cone[:, 1:], forces[:, 1:], -1.0)
+        rows.square(forces, None, lambda _: TIES if len(foot_of) else 1.0)
+        if len(foot_of):
+            share, joints = rows.variable("share", 1), len(foot_of)
+            above, below = rows.at_most("above", joints), rows.at_most("below", joints)
+            rows.put(above[:, None], forces[self._foot_of], lambda d: -d.levers)
+            rows.put(below[:, None], forces[self._foot_of], lambda d: d.levers)
+            rows.put(np.stack([above, below]), share, -1.0)
+            rows.right(above, lambda d: -d.rest)
+            rows.right(below, lambda d: d.rest)
+            rows.linear(share, 1.0)
+
+    def solve(self, plan: Plan, stance: int) -> Array | None:
+        """Forces of a plan's stance, world frame, shape (N, 3) [N]; None where even the whole cones leave no room."""
+        course, of = plan.course, plan.course.stances[stance]
+        patches = [course.patch(int(index), plan.choice) for index in course.holds[of.frame]]
+        bears = np.isin(np.arange(self._contacts), of.limbs)
+        return self.forces(course, plan.toes_at(of.frame) - plan.com_m[of.frame], patches, bears)
+
+    def forces(
+        self,
+        course: Course,
+        arms_m: Array,
+        patches: Sequence[Patch],
+        bears: NDArray[np.bool_],
+        *,
+        loads: Loads = NONE,
+        reserves: Sequence[float] = RESERVES,
+        least: float = LEAST,
+    ) -> Array | None:
+        """The same for toes that are so far from the centre of mass, shape (N, 3) [m], on these patches.
+
+        bears: who carries, shape (N,); course: its weight and its bounds of the forces. loads: of the joints. reserves:
+        shares of μ that are tried, one after the other, until one has forces. least: share of the weight with which
+        every limb that carries presses at least.
+        """
+        carries = bears[:, None]
+        frames = np.array([patch.frame for patch in patches])
+        arms = np.einsum("nij,njk->nik", _skew(arms_m / course.length_scale_m), frames)
+        stance = _Stance(
+            arms=np.concatenate([frames.transpose(1, 0, 2).reshape(3, -1), arms.transpose(1, 0, 2).reshape(3, -1)]),
+            friction=np.array([patch.friction for patch in patches]),
+            low=np.where(carries, np.maximum(course.force_min, [least, -np.inf, -np.inf]), 0.0),
+            high=np.where(carries, course.force_max, 0.0),
+            rest=loads.weight_nm / loads.limit_nm,
+            levers=np.einsum("jk,jki->ji", loads.levers_m, frames[self._foot_of])
+            * (course.weight_n / loads.limit_nm)[:, None],
+        )
+        for reserve in reserves:
+            solution = self._rows.solve(replace(stance, friction=reserve * stance.friction))
+            if solution.solved:
+                local = solution.value("forces") * course.weight_n
+                return np.asarray(np.where(carries, np.einsum("nij,nj->ni", frames, local), 0.0))
+        return None
+
+
+def distribute_forces(plan: Plan) -> Array:
+    """Forces of all stances with a reserve of friction, the plan's own where there is none, shape (S, N, 3) [N]."""
+    distribution = ForceDistribution(len(plan.course.robot.limbs))
+    found = [distribution.solve(plan, index) for index in range(len(plan.course.stances))]
+    return np.array([plan.forces_n[i] if forces is None else forces for i, forces in enumerate(found)])
+
+
+def _skew(v: Array) -> Array:
+    zero = np.zeros(len(v))
+    rows = [[zero, -v[:, 2], v[:, 1]], [v[:, 2], zero, -v[:, 0]], [-v[:, 1], v[:, 0], zero]]
+    return np.array(rows).transpose(2, 0, 1)

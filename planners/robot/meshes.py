@@ -1,0 +1,119 @@
+"""Meshes of a robot's links, as pictures need them: read by coal, of few triangles, and kept on disk once thinned."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.archive import read_archive
+from ..files.arrays import Array, frozen
+from ..files.writing import write_bytes
+from .workspace_cache import cache_folder
+
+VERSION = "mesh/2"
+"""Part of every digest: a change of method changes it, and older files are no longer found."""
+FINEST, COARSER = 96, 0.85
+"""Cells along a mesh's longest side at first, and by how much fewer there are at every further try."""
+DISAGREE = 0.02
+"""Share of edges at which two faces turn opposite ways, beyond which nobody knows which side of a mesh is outside."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Triangles:
+    """A surface: vertices_m, shape (V, 3) [m], and faces, corners by index, shape (F, 3)."""
+
+    vertices_m: Array
+    faces: Any
+
+
+def read_mesh(path: Path, scale: Array) -> Triangles | None:
+    """All of a mesh's file, in the formats that assimp knows; None where it cannot be had."""
+    try:
+        import coal
+
+        loaded = coal.MeshLoader().load(str(path), np.array(scale, dtype=np.float64))
+        corners = map(loaded.tri_indices, range(loaded.num_tris))
+        faces = np.array([[corner[0], corner[1], corner[2]] for corner in corners], dtype=np.int64).reshape(-1, 3)
+        return Triangles(vertices_m=np.array(loaded.vertices(), dtype=np.float64), faces=faces)
+    except Exception:  # what assimp meets
+        return None
+
+
+def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) -> Triangles | None:
+    """A mesh of ``most`` triangles or fewer, to the left from outside, kept by the digest of its file; None where it
+    cannot be had. One whose faces disagree has all of them twice, seen from either side.
+
+    cached: False reads the file and keeps nothing.
+    """
+    if not cached:
+        whole = read_mesh(path, scale)
+        return None if whole is None or not len(whole.faces) else faced_outward(thinned(whole, most))
+    try:
+        said = f"{VERSION}\0{most}\0{np.asarray(scale).tolist()}\0".encode() + path.read_bytes()
+    except OSError:
+        return None
+    kept = cache_folder() / "meshes" / f"{hashlib.sha256(said).hexdigest()}.npz"
+    with suppress(InvalidInput, KeyError, ValueError):
+        arrays = read_archive(kept)
+        return _checked(arrays["vertices"], arrays["faces"])
+    found = thinned_mesh(path, scale, most, cached=False)
+    if found is not None:
+        with suppress(InvalidInput, OSError):
+            kept.parent.mkdir(parents=True, exist_ok=True)
+            stream = io.BytesIO()
+            np.savez_compressed(stream, vertices=np.float32(found.vertices_m), faces=np.int32(found.faces))
+            write_bytes(kept, stream.getvalue())
+    return found
+
+
+def _checked(vertices: Any, faces: Any) -> Triangles:
+    """What was kept. Raises InvalidInput for a file that something else has written."""
+    points = frozen(vertices, (None, 3), "vertices")
+    whole = faces.ndim == 2 and faces.shape[1] == 3 and faces.dtype.kind == "i"
+    if not whole or not np.all((faces >= 0) & (faces < len(points))):
+        raise InvalidInput(f"faces: expected corners of {len(points)} vertices by index")
+    return Triangles(vertices_m=points, faces=faces.astype(np.int64))
+
+
+def thinned(mesh: Triangles, most: int) -> Triangles:
+    """The mesh with ``most`` triangles or fewer: vertices in one cell of a grid become one, in their middle (Rossignac
+    and Borrel, 1993), the grid as fine as may be. Needs no mesh that is closed or clean."""
+    cells = float(FINEST)
+    low, size = mesh.vertices_m.min(axis=0), float(np.ptp(mesh.vertices_m, axis=0).max())
+    found = mesh
+    while len(found.faces) > most and cells >= 2.0 and size > 0.0:
+        cell = np.floor((mesh.vertices_m - low) * (cells / size)).astype(np.int64)
+        _, own = np.unique(cell, axis=0, return_inverse=True)
+        own = own.reshape(-1)
+        count = np.bincount(own)
+        middle = np.stack([np.bincount(own, mesh.vertices_m[:, k]) / count for k in range(3)], axis=1)
+        faces = own[mesh.faces]
+        apart = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+        faces = faces[apart]
+        _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+        found = Triangles(vertices_m=middle, faces=faces[np.sort(first)])
+        cells *= COARSER
+    return found
+
+
+def faced_outward(mesh: Triangles) -> Triangles:
+    """The mesh with its faces to the left as seen from outside, whichever way it was written or mirrored; where faces
+    disagree, each of them from both sides."""
+    faces, count = mesh.faces, len(mesh.vertices_m)
+    ends = np.stack([faces, np.roll(faces, -1, axis=1)], axis=-1).reshape(-1, 2)
+    _, edge, uses = np.unique(np.sort(ends, axis=1) @ [count, 1], return_inverse=True, return_counts=True)
+    ahead = np.bincount(edge, ends[:, 0] < ends[:, 1])
+    pairs = uses == 2
+    if int(np.count_nonzero(pairs & (ahead != 1))) > DISAGREE * int(np.count_nonzero(pairs)):
+        both = np.vstack([faces, faces[:, ::-1] + count])
+        return Triangles(vertices_m=np.vstack([mesh.vertices_m, mesh.vertices_m]), faces=both)
+    corners = (mesh.vertices_m - mesh.vertices_m.mean(axis=0))[faces]
+    volume = float(np.einsum("fi,fi->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))
+    return mesh if volume >= 0.0 else Triangles(vertices_m=mesh.vertices_m, faces=faces[:, ::-1])

@@ -1,0 +1,147 @@
+"""A robot's model as a walker: one rigid body, and for every foot the box of its inner set about where it stands (W4).
+
+The box R_i of W4 is "the largest rectangular reachable set". Here it is the upright box in the leg's inner polytope
+that has most room about the standing foot, up and down, ahead and back, in and out (the largest product of the six
+distances: the largest volume alone leaves a foot on the border of its box). Boxes of two feet do not cross: each is on
+its own side of the plane half way between where the two stand, so that every foot is nearer to its own place than to
+another's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..files.documents import read_yaml
+from ..files.refusals import shown
+from .contact_robot import contact_robot, standing_toes
+from .polytope import Polytope
+from .robot_file import YAML, model_of_keys, named_robot, read_keys
+from .robot_model import RobotModel
+from .single_body import Foot, GaitRobot, anymal, half_sides, hexapod_walker
+from .solids import shape_points, solid_shapes
+from .workspace import Workspace
+from .workspace_cache import workspaces_of
+
+BUILT_IN = {"anymal": anymal, "hexapod": hexapod_walker}
+ROOM = 0.05
+"""Of the leg's length: a foot stands so far inside what it reaches, or farther."""
+DEEPEST, CROUCHES = 0.5, 101
+"""How deep a robot may crouch for that, as a share of its height, and how many heights are tried."""
+UP = np.array([0.0, 0.0, 1.0])
+UP.setflags(write=False)
+
+
+def named_walker(name: str | Path) -> GaitRobot:
+    """The walker of a built-in name, a ``.urdf`` file, or a ``.yaml`` file that names one or has a walker's numbers.
+
+    Raises InvalidInput, in one line, for anything else.
+    """
+    path = Path(name)
+    if path.suffix in YAML:
+        data = read_yaml(path)
+        if isinstance(data, dict) and "urdf" not in data:
+            return GaitRobot.from_yaml(path)
+        keys = read_keys(path)
+        return walker_of(
+            model_of_keys(keys, path), trunk_half_m=keys.trunk_half_m, ceiling_m=keys.ceiling_m, inner_m=keys.inner_m
+        )
+    if path.suffix == ".urdf":
+        return walker_of(named_robot(path))
+    if str(name) in BUILT_IN:
+        return BUILT_IN[str(name)]()
+    raise InvalidInput(f"robot: expected {', '.join(BUILT_IN)} or a robot's file, got {shown(str(name))}")
+
+
+def walker_of(
+    model: RobotModel,
+    workspaces: Sequence[Workspace] | None = None,
+    *,
+    trunk_half_m: Sequence[float] | None = None,
+    ceiling_m: float = 0.0,
+    inner_m: float = 0.0,
+) -> GaitRobot:
+    """The walker of a robot's model: its mass and inertia as it stands, reach boxes (W4), and its trunk.
+
+    workspaces: of its legs; measured, or taken from the cache, where not given. trunk_half_m: half sides of the trunk's
+    box, shape (3,) [m]; of the shapes that no leg carries where not given. ceiling_m: how high above the centre of mass
+    a foot may be; inner_m: how far a foot stays from the planes half way to the others [m]. Where a foot has no room
+    about it as the model stands, the walker stands a little lower, and its feet where they are.
+    Raises InvalidInput for a leg without a workspace, or whose foot has no room about it at any height, and for a robot
+    of less than three feet, or without a trunk.
+    """
+    measured = workspaces_of(model) if workspaces is None else workspaces
+    toes = standing_toes(model)
+    inner = list[Polytope]()
+    for i, limb in enumerate(contact_robot(model, measured).limbs):
+        rows = limb.reach_rows
+        assert rows is not None
+        sides = _own_side(toes, i, ceiling_m, inner_m)
+        inner.append(Polytope(normals=rows.normals, offsets_m=rows.bounds_m).cut(*sides))
+    room = ROOM * np.array([leg.chain.length_m for leg in model.legs])
+    crouch_m = _crouch(model, inner, toes, room)
+    toes = toes + crouch_m * UP
+    boxes = [each.box_about(toe, 0.99 * least) for each, toe, least in zip(inner, toes, room, strict=True)]
+    feet = [
+        Foot(name=leg.name, nominal_m=toe, reach_min_m=low, reach_max_m=high, hip_m=leg.hip_m - model.body.com_m)
+        for leg, toe, (low, high) in zip(model.legs, toes, boxes, strict=True)
+    ]
+    trunk = _trunk(model) if trunk_half_m is None else half_sides(trunk_half_m, "trunk_half_m")
+    return GaitRobot(
+        name=model.name, mass_kg=model.body.mass_kg, inertia_kgm2=model.body.inertia_kgm2, feet=tuple(feet),
+        stand_height_m=model.stand_height_m - crouch_m, trunk_half_m=trunk, model=model,
+    )  # fmt: skip
+
+
+def _crouch(model: RobotModel, inner: Sequence[Polytope], toes: Array, room_m: Array) -> float:
+    """How far the body goes down from its standing height until every foot has room about it, 0 where it has [m].
+
+    Raises InvalidInput, with the foot that lacks most, where none is deep enough.
+    """
+    depths = np.linspace(0.0, DEEPEST * model.stand_height_m, CROUCHES)
+    lack = np.array([
+        [least - float(np.min(each.offsets_m - each.normals @ (toe + depth * UP)))
+         for each, toe, least in zip(inner, toes, room_m, strict=True)]
+        for depth in depths
+    ])  # fmt: skip
+    enough = np.flatnonzero(np.all(lack <= 0.0, axis=1))
+    if len(enough):
+        return float(depths[enough[0]])
+    worst = int(np.argmax(lack[int(np.argmin(lack.max(axis=1)))]))
+    raise InvalidInput(
+        f"leg {model.legs[worst].name}: expected a height to stand at with {1e3 * room_m[worst]:.0f} mm of reach about "
+        f"the foot, found none with it at ({toes[worst, 0]:.3g}, {toes[worst, 1]:.3g}) m from the centre of mass: say "
+        "another posture_rad in a YAML file"
+    )
+
+
+def _own_side(toes: Array, foot: int, ceiling_m: float, inner_m: float) -> tuple[Array, Array]:
+    """Half-spaces below the ceiling, and nearer to the foot's own place than to another's, seen from above."""
+    normals, offsets = [UP], [ceiling_m]
+    for other in np.delete(toes, foot, axis=0):
+        away = (other - toes[foot]) * [1.0, 1.0, 0.0]
+        if (far := float(np.linalg.norm(away))) > 1e-9:
+            normals.append(away / far)
+            offsets.append(float(away @ (other + toes[foot])) / (2.0 * far) - inner_m)
+    return np.array(normals), np.array(offsets)
+
+
+def _trunk(model: RobotModel) -> Array:
+    """Half sides of a box about the centre of mass that has the lower face of what no leg carries, shape (3,) [m].
+
+    Only the lower face is ever asked for: what is above the centre of mass does not count.
+    """
+    found = []
+    for shape in solid_shapes(model.shapes):
+        mount = model.mounts[shape.link]
+        if mount.leg is None and (points := shape_points(shape)) is not None:
+            found.append((shape.origin_m + points @ shape.rotation.T) @ mount.rotation.T + mount.origin_m)
+    if not found:
+        raise InvalidInput("trunk_half_m: expected shapes of the base, found none: say it in a YAML file")
+    points = np.vstack(found) - model.body.com_m
+    below = max(-float(points[:, 2].min()), 1e-3)
+    return np.array([*np.abs(points[:, :2]).max(axis=0), below])

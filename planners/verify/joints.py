@@ -1,0 +1,185 @@
+"""Judging joints: is every foot at its toe, is every joint within its limits, does any need more torque than it has?
+
+A plan that comes with angles is judged by them: pinocchio puts the feet where the robot's URDF has them, while the
+angles were found over chains of our own (``robot.chain``). For one without, inverse kinematics finds some here. Torques
+are those at rest, under the plan's own forces, in every stance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..answer.plan import Plan
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..problem.course import Course
+from ..robot.urdf import Servo
+
+if TYPE_CHECKING:
+    from ..robot.kinematics import Kinematics
+
+REACHED_M = 1e-5
+"""A foot farther than this from its toe is not there."""
+LIMIT_RAD = 1e-6
+"""Angles that a plan brings may be so far beyond a limit."""
+Place = tuple[int, str]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class JointReport:
+    """Can the joints do what a plan asks for? M frames, S stances, N limbs, J joints.
+
+    angles: shape (M, J) [rad]. error_m: of every foot from its toe, shape (M, N). limit_rad: how far the worst joint of
+    a limb is beyond its limits; of angles found here, how far it would have to be, shape (M, N). torque_nm: largest
+    joint torque of a limb in a stance, shape (S, N); excess_nm: how far one of its joints is over its limit, 0 where
+    within. share: largest torque as a share of its joint's limit, of joints whose limit counts.
+    worst_…: where the largest is, as (frame, limb's name). shift_m: how far the whole robot's centre of mass is from
+    the body's origin, which paper E takes for it, shape (M,) [m]; nothing is judged by it. unlimited: what is wrong
+    with torque limits that count for nothing, a line each: the file has none, or one that no such joint has.
+    """
+
+    angles: Array
+    error_m: Array
+    limit_rad: Array
+    torque_nm: Array
+    excess_nm: Array
+    share: float
+    shift_m: Array
+    worst_error: Place
+    worst_limit: Place
+    worst_torque: Place
+    postures_message: str
+    torque_message: str
+    unlimited: tuple[str, ...]
+
+    @property
+    def accepted(self) -> bool:
+        """Every foot is where it should be, and no joint needs more than it has as far as that is known."""
+        return not self.message
+
+    @property
+    def message(self) -> str:
+        """What is wrong, in one line; empty where nothing is."""
+        return "; ".join(filter(None, (self.postures_message, self.torque_message)))
+
+    def to_json(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        """The groups ``joints`` and ``torque`` of a report, JSON-ready."""
+        wrong = self.postures_message
+        joints = {
+            "verdict": "failed" if wrong else "checked",
+            "message": wrong,
+            "error_m": float(self.error_m.max()),
+            "limit_rad": float(self.limit_rad.max()),
+            "shift_m": float(self.shift_m.max()),
+            "worst": {"error": _place(self.worst_error), "limit": _place(self.worst_limit)},
+        }
+        verdict = "failed" if self.torque_message else "not checked" if self.unlimited else "checked"
+        torque = {
+            "verdict": verdict,
+            "message": self.torque_message or "; ".join(self.unlimited),
+            "torque_nm": float(self.torque_nm.max()),
+            "share": self.share,
+            "worst": _place(self.worst_torque),
+        }
+        return joints, torque
+
+
+def check_joints(plan: Plan) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """Can the joints do it? Groups ``joints`` and ``torque``, each with a verdict (checked, failed or not checked), a
+    message, and what was measured. Nothing is checked without pinocchio, or where the legs are not known."""
+    try:
+        return joint_report(plan).to_json()
+    except InvalidInput as error:
+        return ({"verdict": "not checked", "message": str(error)},) * 2
+
+
+def joint_report(plan: Plan, servo: Servo = Servo(), *, reached_m: float = REACHED_M) -> JointReport:
+    """Joints of every key frame, torques of every stance. Raises InvalidInput without pinocchio.
+
+    servo: drives the joints of a robot without its own legs. reached_m: a foot farther than this from where it should
+    be is out of reach.
+    """
+    from ..robot.kinematics import Kinematics, rotation_of  # slow to import
+
+    course = plan.course
+    solver = Kinematics(course.robot, servo, gravity_m_s2=course.gravity_m_s2)
+    angles, error, limit, wrong = _postures(plan, solver, reached_m)
+    torque = np.array(
+        [
+            np.abs(solver.torques(angles[of.frame], rotation_of(plan.rotation_rad[of.frame]), forces))
+            for of, forces in zip(course.stances, plan.forces_n, strict=True)
+        ]
+    )
+    model, most = course.robot.model, solver.torque_nm
+    shares, over = torque / most, torque - most
+    row, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
+    place = course.stances[row].frame, course.robot.limb_names[int(solver.legs[joint])]
+    tired = ""
+    if over.max() > 0.0:
+        tired = (
+            f"frame {place[0]}, limb {place[1]}: {torque[row, joint]:.3g} Nm in a joint, "
+            f"where {solver.joints[joint]} has {most[joint]:g}"
+        )
+    frames = list(range(course.frames))
+    return JointReport(
+        angles=angles,
+        error_m=error,
+        limit_rad=limit,
+        torque_nm=_by_leg(solver, torque),
+        excess_nm=np.maximum(_by_leg(solver, over), 0.0),
+        share=float(shares.max()),
+        shift_m=np.array([np.linalg.norm(solver.com_offset(q) - course.robot.origin_m) for q in angles]),
+        worst_error=_where(error, frames, course),
+        worst_limit=_where(limit, frames, course),
+        worst_torque=place,
+        postures_message=wrong,
+        torque_message=tired,
+        unlimited=() if model is None else model.lines_of(model.torque_doubts),
+    )
+
+
+def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, Array, Array, str]:
+    """Angles, errors of the feet, what is beyond limits, and what is wrong with them."""
+    from ..robot.plan_joints import normals_at, plan_angles
+    from ..robot.rotation import rotation_of
+
+    course, frames = plan.course, list(range(plan.course.frames))
+    if plan.joints_rad is None:
+        answers = plan_angles(plan, solver)
+        angles = np.array([answer.angles for answer in answers])
+        error, limit = np.array([a.error_m for a in answers]), np.array([a.limit_rad for a in answers])
+    else:
+        angles = plan.joints_rad
+        feet = [
+            solver.targets(plan.com_m[k], rotation_of(plan.rotation_rad[k]), plan.toes_at(k), normals_at(plan, k))
+            for k in frames
+        ]
+        error = np.array([np.linalg.norm(solver.feet(angles[k]) - feet[k], axis=1) for k in frames])
+        limit = _by_leg(solver, solver.beyond(angles))
+    wrong = list[str]()
+    (far, limb), (bent, owner) = _where(error, frames, course), _where(limit, frames, course)
+    if not error.max() <= reached_m:
+        away = f"{1e3 * error.max():.3g} mm away from its toe"
+        found = f"its foot stays {away} within the joints' limits" if plan.joints_rad is None else f"its foot is {away}"
+        wrong.append(f"frame {far}, limb {limb}: {found}")
+    if plan.joints_rad is not None and not limit.max() <= LIMIT_RAD:
+        wrong.append(f"frame {bent}, limb {owner}: a joint is {limit.max():.3g} rad beyond its limit")
+    return angles, error, limit, "; ".join(wrong)
+
+
+def _by_leg(solver: Kinematics, values: Array) -> Array:
+    """The largest number of a limb's joints, shape (K, J) to (K, N)."""
+    return np.array([[row[solver.joints_of(i)].max() for i in range(len(solver.robot.limbs))] for row in values])
+
+
+def _where(table: Array, frames: Sequence[int], course: Course) -> Place:
+    row, limb = np.unravel_index(int(np.argmax(table)), table.shape)
+    return frames[int(row)], course.robot.limb_names[int(limb)]
+
+
+def _place(at: Place) -> dict[str, Any]:
+    return {"frame": at[0], "limb": at[1]}

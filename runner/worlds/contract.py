@@ -1,0 +1,63 @@
+"""What every world has to be and to say: a driver of one's own is asked before anything moves, and after every step."""
+
+from __future__ import annotations
+
+from typing import Any, get_args
+
+import numpy as np
+
+from stancekit.planners.errors import HardwareFault, InvalidInput
+from stancekit.planners.files.arrays import checked, checked_name
+from stancekit.planners.files.refusals import shown
+from stancekit.planners.robot import Robot
+from stancekit.planners.robot.urdf import Servo
+
+from ..safety.latch import StopLatch
+from .capabilities import WorldCapabilities
+from .world import State, WorldKind
+
+VERBS = ("reset", "step", "close")
+
+
+def check_world(world: Any) -> None:
+    """Raise InvalidInput, in one line, for an object that is no ``World``: what it lacks, or has of another kind."""
+    name = checked_name(getattr(world, "name", None), "world: name")
+    types = {"latch": StopLatch, "robot": Robot, "servo": Servo}
+    for attribute, type_ in types.items():
+        if not isinstance(found := getattr(world, attribute, None), type_):
+            raise InvalidInput(f"world {name}: {attribute}: expected a {type_.__name__}, got {shown(found)}")
+    if (kind := getattr(world, "kind", None)) not in get_args(WorldKind):
+        raise InvalidInput(f"world {name}: kind: expected one of {', '.join(get_args(WorldKind))}, got {shown(kind)}")
+    checked(getattr(world, "rate_hz", None), f"world {name}: rate_hz", above=0.0)
+    joints = getattr(world, "joints", None)
+    if not isinstance(joints, tuple) or not joints or not all(isinstance(each, str) for each in joints):
+        raise InvalidInput(f"world {name}: joints: expected a tuple of names, got {shown(joints)}")
+    can = getattr(world, "capabilities", None)
+    if can is not None and not isinstance(can, WorldCapabilities):
+        raise InvalidInput(f"world {name}: capabilities: expected a WorldCapabilities, got {shown(can)}")
+    if can is not None and can.joints != joints:
+        raise InvalidInput(f"world {name}: capabilities: expected those of its joints, got others'")
+    for verb in VERBS:
+        if not callable(getattr(world, verb, None)):
+            raise InvalidInput(f"world {name}: expected the verb {verb}, got none")
+
+
+def check_state(state: Any, joints: int, limbs: int, name: str) -> None:
+    """Raise HardwareFault for measurements that are no ``State`` of so many joints and limbs, or no finite numbers."""
+    if not isinstance(state, State):
+        raise HardwareFault(f"world {name}: expected a State, got {shown(state)}")
+    shapes: dict[str, tuple[int, ...]] = {
+        "time_s": (), "bump_n": (), "position_m": (3,), "rotation": (3, 3), "velocity": (6,),
+        **dict.fromkeys(("angles_rad", "rates_rad_s", "torques_nm", "sent_rad"), (joints,)),
+        **dict.fromkeys(("feet_m", "forces_n"), (limbs, 3)),
+    }  # fmt: skip
+    for attribute, shape in shapes.items():
+        try:
+            found = np.asarray(getattr(state, attribute))
+            finite = found.shape == shape and bool(np.isfinite(found).all())
+        except (TypeError, ValueError):
+            raise HardwareFault(f"world {name}: expected numbers in {attribute}, got others") from None
+        if found.shape != shape:
+            raise HardwareFault(f"world {name}: expected shape {shape} of {attribute}, got {found.shape}")
+        if not finite:
+            raise HardwareFault(f"world {name}: expected finite measurements, got others in {attribute}")

@@ -1,0 +1,133 @@
+"""`stancekit plan` and `verify` on a robot's own legs: one verdict, and what a file does not say is told."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tyro
+
+from stancekit.cli.main import run
+from stancekit.cli.plan import PlanCourse
+from stancekit.cli.verify import Verify
+from tests.planners.robot.small_urdfs import quadruped
+
+pytest.importorskip("pinocchio")
+
+COURSE = """
+name: flat
+robot: dog.urdf
+frames: 3
+gait: wave
+start_m: [0.0, 0.0]
+goal_m: [0.1, 0.0, 0.45]
+terrain: {kind: flat, friction: 0.7}
+"""
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory):
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture
+def call(capsys, monkeypatch, tmp_path, cache):
+    """``call(Verify, "plan.json")`` in a folder with a course and its robot: exit code, output, errors."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("STANCEKIT_CACHE", str(cache))
+    Path("dog.urdf").write_text(quadruped())
+    Path("flat.yaml").write_text(COURSE)
+
+    def call(verb, *arguments):
+        config = (tyro.conf.OmitArgPrefixes, tyro.conf.FlagCreatePairsOff)
+        made = tyro.cli(verb, args=[str(a) for a in arguments], config=config)
+        capsys.readouterr()
+        code = run(made)
+        said = capsys.readouterr()
+        return code, said.out, said.err
+
+    return call
+
+
+def test_a_plan_has_joints_and_verify_says_the_same_of_its_file(call):
+    code, out, err = call(PlanCourse, "flat.yaml", "--out", "plan.json")
+    assert (code, err) == (0, "")
+    assert "verifier: accepted: " in out
+    assert "\njoints: checked; torque: checked\n" in out
+    Path("dog.urdf").unlink()  # the plan's file is enough
+    code, out, err = call(Verify, "plan.json")
+    assert (code, err) == (0, "")
+    assert out.startswith("plan.json: accepted: ")
+    assert out.endswith("; joints: checked; torque: checked\n")
+    code, out, err = call(Verify, "plan.json", "--json")
+    record = json.loads(out)
+    assert record["report"]["checked"] == ["contacts", "joints", "torque"]
+    assert record["report"]["torque"]["share"] < 1.0
+
+
+def test_numbers_for_programs_have_the_joints(call):
+    code, out, _ = call(PlanCourse, "flat.yaml", "--json")
+    record = json.loads(out)
+    assert code == 0
+    assert np.array(record["plan"]["joints_rad"]).shape == (3, 12)
+    assert record["verdict"]["joints"]["verdict"] == record["verdict"]["torque"]["verdict"] == "checked"
+    assert record["verdict"]["joints"]["error_m"] < 1e-6
+
+
+def test_a_robot_that_is_too_weak_has_a_plan_that_nobody_calls_accepted(call):
+    Path("dog.urdf").write_text(quadruped(effort=8.0))
+    code, out, err = call(PlanCourse, "flat.yaml", "--out", "plan.json")
+    assert code == 1
+    assert "feasible" in out  # of the contacts, and that is what the planner proved
+    assert "accepted" not in out + err
+    assert "verifier: rejected: contacts hold, the joints cannot do it" in out
+    assert "joints: checked; torque: failed (frame " in out
+    code, out, err = call(Verify, "plan.json")
+    assert code == 1
+    told = "plan.json: rejected: contacts hold, the joints cannot do it; joints: checked; torque: failed ("
+    assert out.startswith(told)
+    assert "another verdict" not in out
+
+
+def test_a_torque_limit_that_the_file_does_not_say_is_not_checked(call):
+    Path("dog.urdf").write_text(quadruped(effort=0.0))
+    code, out, _ = call(PlanCourse, "flat.yaml", "--out", "plan.json")
+    assert code == 0
+    assert "joints: checked; torque: not checked (joints LF_HAA, " in out
+    assert out.count("no torque limit") == 1
+    code, out, _ = call(Verify, "plan.json")
+    assert code == 0
+    assert "torque: not checked (joints LF_HAA, " in out
+
+
+def test_verify_refuses_a_plan_for_another_robot_than_the_one_that_is_named(call):
+    assert call(PlanCourse, "flat.yaml", "--out", "plan.json")[0] == 0
+    assert call(Verify, "plan.json", "--robot", "dog.urdf")[0] == 0
+    Path("cat.urdf").write_text(quadruped(effort=41.0).replace('name="quadruped"', 'name="cat"'))
+    code, out, err = call(Verify, "plan.json", "--robot", "cat.urdf")
+    assert (code, out) == (2, "")
+    assert err == "stancekit: error: plan.json: expected a plan for the robot cat, got one for 'quadruped'\n"
+    code, out, err = call(Verify, "flat.yaml", "--robot", "cat.urdf")
+    assert (code, err) == (2, "stancekit: error: --robot: expected a plan with it, got flat.yaml\n")
+
+
+def test_legs_that_are_drawn_up_are_not_checked_by_plan_and_that_is_said(call):
+    code, out, err = call(PlanCourse, "stairs", "--frames", 2, "--out", "plan.json")
+    assert (code, err) == (0, "")
+    assert "not checked here: joints, torque; `stancekit verify` checks them" in out
+    assert "joints" not in json.loads(Path("plan.json").read_text())["arrays"]
+    assert "joints: checked; torque: checked" in call(Verify, "plan.json")[1]
+
+
+def test_without_pinocchio_the_extra_is_named(call, monkeypatch):
+    assert call(PlanCourse, "flat.yaml", "--out", "plan.json")[0] == 0
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    code, out, err = call(Verify, "plan.json")
+    assert (code, out) == (2, "")
+    assert err.startswith("stancekit: error: plan.json: course: robot quadruped: ")
+    assert err.endswith("pip install 'stancekit[kin]'\n")
+    assert err.count("\n") == 1

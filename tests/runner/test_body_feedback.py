@@ -1,0 +1,160 @@
+"""The wrench that brings a body to its place, and who gives it: sums, cones, and a quadruped that walks with it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("mujoco")
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
+from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.trajectory_file import write_trajectory
+from stancekit.planners.robot.robot_model import model_of
+from stancekit.planners.robot.walker import walker_of
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.verify.trajectories import check_trajectory
+from stancekit.runner.acceptance import AcceptedGait
+from stancekit.runner.control.body_feedback import BodyController, BodyFeedback, BodyPose
+from stancekit.runner.motion.motion import MotionSample
+from stancekit.runner.run import Runner
+from stancekit.runner.settings import RunSettings
+from stancekit.runner.worlds import make_world
+from stancekit.runner.worlds.simulation import SimulatedWorld
+from tests.planners.robot.small_urdfs import quadruped
+
+MASS, WEIGHT = 20.0, 196.2
+INERTIA = np.diag([0.4, 0.9, 1.1])
+FEET = np.array([[0.3, 0.2, -0.4], [0.3, -0.2, -0.38], [-0.3, 0.2, -0.42], [-0.3, -0.2, -0.4]])
+ALL = np.ones(4, dtype=np.bool_)
+
+
+def controller(**options: float) -> BodyController:
+    return BodyController(MASS, INERTIA, WEIGHT, BodyFeedback(**options))
+
+
+def sample(friction: float = 0.7) -> MotionSample:
+    up = np.tile([0.0, 0.0, 1.0], (4, 1))
+    return MotionSample(
+        com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=FEET, forces_n=0.25 * WEIGHT * up,
+        placement=(0, 1, 2, 3), normals=up, friction=np.full(4, friction),
+    )  # fmt: skip
+
+
+def total(forces: Array) -> Array:
+    return np.concatenate([forces.sum(axis=0), np.cross(FEET, forces).sum(axis=0)])
+
+
+def pose(turn: Rotation = Rotation.identity(), origin: Array | None = None, speed: Array | None = None) -> BodyPose:
+    return BodyPose(
+        origin_m=np.zeros(3) if origin is None else origin, rotation=turn.as_matrix(),
+        velocity=np.zeros(6) if speed is None else speed,
+    )  # fmt: skip
+
+
+def test_the_wrench_pulls_back_and_damps_and_is_nothing_where_nothing_is_off() -> None:
+    of = controller()
+    np.testing.assert_allclose(of.wrench(pose(), pose()), 0.0, atol=1e-12)
+    low = of.wrench(pose(), pose(origin=np.array([0.0, 0.0, -0.01])))
+    np.testing.assert_allclose(low, [0.0, 0.0, MASS * 80.0 * 0.01, 0.0, 0.0, 0.0], atol=1e-9)
+    turning = of.wrench(pose(), pose(speed=np.array([0.0, 0.0, 0.0, 0.0, 0.1, 0.0])))
+    np.testing.assert_allclose(turning, [0.0, 0.0, 0.0, 0.0, -30.0 * 0.1 * INERTIA[1, 1], 0.0], atol=1e-9)
+    yawed = Rotation.from_rotvec([0.0, 0.0, 0.5 * np.pi])
+    tipped = Rotation.from_rotvec([0.01, 0.0, 0.0]) * yawed  # about the world's x, which is the body's y
+    np.testing.assert_allclose(
+        of.wrench(pose(yawed), pose(tipped))[3:], [-250.0 * 0.01 * INERTIA[1, 1], 0.0, 0.0], atol=1e-6
+    )
+
+
+def test_forces_of_feet_add_up_to_what_was_planned_and_the_wrench() -> None:
+    rng = np.random.default_rng(4)
+    now = sample(friction=2.0)
+    for _ in range(20):
+        wrench = rng.uniform(-1.0, 1.0, 6) * [10.0, 10.0, 20.0, 3.0, 3.0, 1.0]
+        forces = controller().forces(wrench, now, FEET, now.forces_n, ALL)
+        np.testing.assert_allclose(total(forces) - total(now.forces_n), wrench, atol=0.02 * np.linalg.norm(wrench))
+
+
+def test_no_foot_leaves_its_share_of_the_cone_or_pulls_or_carries_in_the_air() -> None:
+    rng, now = np.random.default_rng(5), sample(friction=0.5)
+    bound = 0
+    for _ in range(50):
+        stands = rng.random(4) < 0.7
+        wrench = rng.normal(size=6) * [80.0, 80.0, 150.0, 20.0, 20.0, 10.0]
+        given = np.where(stands[:, None], now.forces_n, 0.0)
+        forces = controller().forces(wrench, now, FEET, given, stands)
+        assert (forces[~stands] == 0.0).all()
+        along, across = forces[stands, 2], np.linalg.norm(forces[stands, :2], axis=1)
+        assert (along >= 0.03 * WEIGHT - 1e-9).all()
+        assert (across <= 0.8 * 0.5 * along + 1e-9).all()
+        bound += int((across > 0.8 * 0.5 * along - 1e-6).sum())
+    assert bound > 20
+
+
+@pytest.fixture(scope="module")
+def walked() -> Attempted:
+    """A small quadruped, two seconds over low waves."""
+    model = model_of(quadruped(), posture_rad={"*_HAA": 0.0, "*_HFE": 0.7, "*_KFE": -1.3})
+    waves = HeightField.from_function(lambda x, y: 0.02 * np.sin(4 * x + 0.3) * np.cos(3 * y), 1.5, 0.1, name="waves")
+    task = GaitTask(
+        robot=walker_of(model), terrain=waves, start_xy_m=np.zeros(2), goal_xy_m=np.array([0.2, 0.1]), duration_s=2.5,
+        friction=0.6,
+    )  # fmt: skip
+    found = Workbench(task, GaitSettings()).run(Attempt(chart="decoupled"))
+    assert found.report.accepted, found.report.message
+    return found
+
+
+@pytest.fixture
+def accepted(walked: Attempted, tmp_path: Path) -> AcceptedGait:
+    write_trajectory(tmp_path / "walk.json", walked.trajectory, walked.report)
+    return AcceptedGait.from_file(tmp_path / "walk.json")
+
+
+@pytest.fixture
+def world(accepted: AcceptedGait) -> Iterator[SimulatedWorld]:
+    with make_world("mujoco", accepted.robot) as made:
+        assert isinstance(made, SimulatedWorld)
+        yield made
+
+
+def test_a_quadruped_of_a_file_walks_as_planned(accepted: AcceptedGait, world: SimulatedWorld) -> None:
+    report = Runner(world).run(accepted, accepted.ground())
+    assert report.succeeded, report.message
+    run = report.execution
+    assert run is not None
+    assert run.body_rms_m < 8e-3
+    assert run.slip_m.max() < 8e-3
+    assert run.bump_s == 0.0
+    assert 0.0 < run.torque_share.max() < 0.9
+    np.testing.assert_allclose((run.trace.com_m[-1] - run.trace.com_m[0])[:2], [0.2, 0.1], atol=0.02)
+
+
+def test_without_the_wrench_its_body_strays_farther(accepted: AcceptedGait, world: SimulatedWorld) -> None:
+    off = BodyFeedback(position_s2=0.0, velocity_s=0.0, rotation_s2=0.0, turn_s=0.0)
+    runs = []
+    for body in (BodyFeedback(), off):
+        with make_world("mujoco", accepted.robot) as made:
+            report = Runner(made, settings=RunSettings(body=body)).run(accepted, accepted.ground())
+        assert report.execution is not None
+        runs.append(report.execution.body_worst_m)
+    assert runs[1] > 1.5 * runs[0]
+
+
+def test_a_walk_for_other_legs_or_weaker_joints_is_refused_in_one_line(accepted: AcceptedGait) -> None:
+    weaker = model_of(quadruped(effort=12.0), posture_rad={"*_HAA": 0.0, "*_HFE": 0.7, "*_KFE": -1.3})
+    other = replace(accepted.robot, model=weaker)
+    with make_world("mujoco", other) as made, pytest.raises(InvalidInput, match="the plan is for another"):
+        Runner(made).prepare(accepted)
+    own = replace(accepted.trajectory, robot=replace(accepted.trajectory.robot, model=weaker))
+    refused = AcceptedGait(trajectory=own, robot=other, digest=check_trajectory(own).digest, source="walk")
+    with make_world("mujoco", other) as made, pytest.raises(InvalidInput, match=r"Nm at rest, expected less than 10.8"):
+        Runner(made).prepare(refused)

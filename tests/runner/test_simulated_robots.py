@@ -1,0 +1,202 @@
+"""Robots from files in both simulators: masses, feet, limits, meshes, what touches what, and what is imperfect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.model import Limb, Robot
+from stancekit.planners.robot.robot_model import RobotModel, model_of
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.runner.worlds import Imperfections, make_world
+from stancekit.runner.worlds.simulated_body import simulated_body
+from stancekit.runner.worlds.world import Ground, State, World
+from tests.planners.robot.small_urdfs import quadruped
+
+MODULES = {"bullet": "pybullet", "mujoco": "mujoco"}
+STANCE = {"*_HAA": 0.0, "*_HFE": 0.6, "*_KFE": -1.2}
+FLAT = Ground(heights=HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1), friction=0.7)
+TETRAHEDRON = "v 0 0 0\nv .2 0 0\nv 0 .2 0\nv 0 0 .2\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+def model(text: str = "", **options: object) -> RobotModel:
+    return model_of(text or quadruped(), posture_rad=STANCE, **options)  # type: ignore[arg-type]
+
+
+def robot(of: RobotModel) -> Robot:
+    limbs = tuple(
+        Limb(name=leg.name, shoulder_m=leg.hip_m - of.body.com_m, reach_m=leg.chain.length_m) for leg in of.legs
+    )
+    return Robot(name=of.name, mass_kg=of.body.mass_kg, limbs=limbs, model=of)
+
+
+def stance(of: RobotModel) -> Array:
+    return np.concatenate([leg.stance_rad for leg in of.legs])
+
+
+def feet(of: RobotModel, state: State) -> Array:
+    """By the legs' chains, which no simulator had a part in."""
+    angles = np.split(state.angles_rad, np.cumsum([len(leg.joints) for leg in of.legs])[:-1])
+    local = np.array([leg.chain.feet(q[None])[0] for leg, q in zip(of.legs, angles, strict=True)])
+    return np.asarray(state.position_m + local @ state.rotation.T)
+
+
+@pytest.fixture(params=list(MODULES))
+def made(request: pytest.FixtureRequest) -> Callable[..., World]:
+    pytest.importorskip(MODULES[request.param])
+    return lambda of, **options: make_world(request.param, robot(of), **options)
+
+
+def dropped(world: World, of: RobotModel, periods: int = 600, above_m: float = 0.001) -> State:
+    """A robot in its stance, just above the ground, after a while."""
+    height = of.stand_height_m - float(of.body.com_m[2]) + above_m
+    state = world.reset(FLAT, stance(of), np.array([0.0, 0.0, height]), np.eye(3))
+    for _ in range(periods):
+        state = world.step(stance(of))
+    return state
+
+
+def test_a_robot_of_a_file_stands_on_its_feet_with_its_weight(made: Callable[..., World]) -> None:
+    of = model()
+    with made(of) as world:
+        assert world.joints == tuple(name for leg in of.legs for name in leg.joint_names)
+        state = dropped(world, of)
+    np.testing.assert_allclose(state.forces_n.sum(axis=0), [0.0, 0.0, of.body.mass_kg * 9.81], atol=1.0)
+    assert (state.forces_n[:, 2] > 0.1 * of.body.mass_kg * 9.81).all()
+    assert state.bump_n == 0.0
+    np.testing.assert_allclose(state.feet_m, feet(of, state), atol=1e-4)
+    np.testing.assert_allclose(state.feet_m[:, 2], [leg.radius_m for leg in of.legs], atol=2e-3)
+
+
+def test_its_base_is_where_it_was_put_wherever_the_base_s_mass_is(made: Callable[..., World]) -> None:
+    heavy = '<link name="base"><inertial><mass value="10.0"/>'
+    of = model(quadruped().replace(heavy, f'{heavy}<origin xyz=".05 -.02 .03" rpy=".3 0 .1"/>'))
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    with made(of) as world:
+        state = world.reset(FLAT, stance(of), np.array([0.1, 0.2, 1.0]), turn)
+        np.testing.assert_allclose(state.position_m, [0.1, 0.2, 1.0], atol=1e-9)
+        np.testing.assert_allclose(state.rotation, turn, atol=1e-9)
+        np.testing.assert_allclose(state.feet_m, feet(of, state), atol=1e-5)
+        for _ in range(20):
+            state = world.step(stance(of))
+    assert state.velocity[2] == pytest.approx(-9.81 * 0.1, rel=0.02)
+    assert state.position_m[2] == pytest.approx(1.0 - 0.5 * 9.81 * 0.1**2, abs=2e-3)
+
+
+def test_joints_have_the_torque_and_the_speed_of_their_file(made: Callable[..., World]) -> None:
+    of = model(quadruped(effort=15.0))
+    with made(of) as world:
+        state = dropped(world, of, periods=1)
+        state = world.step(stance(of) + 0.9)
+        np.testing.assert_allclose(state.sent_rad - stance(of), 10.0 / world.rate_hz, atol=1e-12)
+        for _ in range(40):
+            state = world.step(stance(of) + 0.9)
+            assert np.abs(state.torques_nm).max() <= 15.0 + 1e-9
+
+
+def with_mesh(folder: Path, name: str) -> RobotModel:
+    """Its trunk is a mesh, a tetrahedron .2 m high."""
+    text = quadruped().replace('<box size="0.6 0.25 0.1"/>', f'<mesh filename="{name}" scale="2 2 2"/>')
+    return model(text, folder=folder)
+
+
+def test_meshes_collide_as_their_hulls_and_a_missing_one_with_nothing(
+    tmp_path: Path, made: Callable[..., World]
+) -> None:
+    (tmp_path / "trunk.obj").write_text(TETRAHEDRON)
+    body = simulated_body(with_mesh(tmp_path, "trunk.obj"))
+    corners = [line.split()[1:] for line in body.hulls["hull_0.obj"].decode().splitlines() if line.startswith("v")]
+    np.testing.assert_allclose(np.sort(np.array(corners, dtype=float), axis=0).max(axis=0), [0.4, 0.4, 0.4])
+    lost = simulated_body(with_mesh(tmp_path, "lost.obj"))
+    assert (lost.missing, dict(lost.hulls)) == (("lost.obj",), {})
+    assert ElementTree.fromstring(lost.urdf).find("link[@name='base']/collision") is None
+    for of, bumps in ((with_mesh(tmp_path, "trunk.obj"), True), (with_mesh(tmp_path, "lost.obj"), False)):
+        with made(of) as world:
+            tucked = np.tile([0.0, 1.3, -2.3], 4)
+            state = world.reset(FLAT, tucked, np.array([0.0, 0.0, 0.06]), np.eye(3))
+            upside_down = np.diag([1.0, -1.0, -1.0])
+            state = world.reset(FLAT, tucked, np.array([0.0, 0.0, 0.395]), upside_down)
+            for _ in range(10):
+                state = world.step(tucked)
+        assert (state.bump_n > 0.0) == bumps
+
+
+def test_links_stop_each_other_unless_they_may_touch(made: Callable[..., World]) -> None:
+    fat = quadruped().replace('<sphere radius="0.02"/>', '<sphere radius="0.1"/>')
+    inwards = {"LF_HAA": -0.6, "RF_HAA": 0.6}
+    pair = '<robot name="quadruped"><disable_collisions link1="LF_FOOT" link2="RF_FOOT" reason="drawn"/></robot>'
+    found = []
+    for of in (model(fat), model(fat, srdf=pair)):
+        angles = stance(of)
+        for leg, name in enumerate(of.leg_names):
+            angles[3 * leg] += inwards.get(f"{name}_HAA", 0.0)
+        with made(of) as world:
+            world.reset(FLAT, stance(of), np.array([0.0, 0.0, 2.0]), np.eye(3))
+            states = [world.step(angles) for _ in range(60)]
+        found.append(max(state.bump_n for state in states))
+    assert found[0] > 1.0
+    assert found[1] == 0.0
+
+
+def test_a_root_without_mass_and_inertias_that_files_rounded_off_are_made_ones_that_bodies_have() -> None:
+    text = quadruped().replace('<robot name="quadruped">', '<robot name="quadruped"><link name="root"/>')
+    text = text.replace(
+        "</robot>", '<joint name="up" type="fixed"><parent link="root"/><child link="base"/></joint></robot>'
+    )
+    flat = 'ixx=".01" ixy=".01" ixz=".01" iyy=".01" iyz=".01" izz=".01"'
+    text = text.replace('ixx=".01" ixy="0" ixz="0" iyy=".01" iyz="0" izz=".01"', flat, 1)
+    body = simulated_body(model(text))
+    assert body.base == "root"
+    for link in ElementTree.fromstring(body.urdf).findall("link"):
+        inertia = link.find("inertial/inertia")
+        assert inertia is not None
+        xx, xy, xz, yy, yz, zz = (float(inertia.get(k, "0")) for k in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+        a, b, c = np.linalg.eigvalsh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        assert a > 0.0
+        assert a + b >= c * (1.0 - 1e-9)
+
+
+def test_a_joint_without_a_torque_limit_is_refused(made: Callable[..., World]) -> None:
+    with pytest.raises(InvalidInput, match="joint LF_HAA: expected a torque limit above 0 Nm, got 0"):
+        made(model(quadruped(effort=0.0)))
+
+
+def test_late_commands_and_joints_mounted_off_are_as_said(made: Callable[..., World]) -> None:
+    of = model()
+    start = np.array([0.0, 0.0, 2.0])
+    with made(of, imperfections=Imperfections(delay_s=0.02)) as late, made(of) as prompt:
+        for world in (late, prompt):
+            world.reset(FLAT, stance(of), start, np.eye(3))
+        waited = [late.step(stance(of) + 0.02).angles_rad for _ in range(12)][4:]
+        at_once = [prompt.step(stance(of) + 0.02).angles_rad for _ in range(8)]
+    away = np.abs(np.array(waited) - np.array(at_once)).max()
+    assert away < 2e-3  # it fell for four periods more
+    off = Imperfections(offset_rad=0.02, seed=3)
+    with made(of, imperfections=off) as world:
+        state = world.reset(FLAT, stance(of), start, np.eye(3))
+        wrong = np.linalg.norm(state.feet_m - feet(of, state), axis=1)
+    np.testing.assert_allclose(state.angles_rad, stance(of), atol=1e-6)
+    assert 1e-3 < wrong.max() < 0.02 * sum(0.6 for _ in range(3))
+
+
+def test_a_heavier_robot_and_softer_loops_are_as_said() -> None:
+    of = model()
+    heavier = simulated_body(of, mass_share=1.15)
+    again = replace(of, urdf=heavier.urdf)
+    masses = [float(m.get("value", "0")) for m in ElementTree.fromstring(again.urdf).findall("link/inertial/mass")]
+    assert sum(masses) == pytest.approx(1.15 * of.body.mass_kg)
+    pytest.importorskip("mujoco")
+    sunk = []
+    for share in (1.0, 0.7):
+        with make_world("mujoco", robot(of), imperfections=Imperfections(stiffness_share=share)) as world:
+            sunk.append(of.stand_height_m - float(of.body.com_m[2]) - dropped(world, of).position_m[2])
+    assert sunk[1] > 1.2 * sunk[0] > 0.0

@@ -1,0 +1,134 @@
+"""A robot's own links: what they look like, or collide with, as one mesh for all that moves together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from matplotlib.colors import to_rgb as rgb
+from scipy.spatial import ConvexHull, QhullError
+
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.meshes import thinned_mesh
+from stancekit.planners.robot.robot_model import RobotModel
+from stancekit.planners.robot.shapes import Shape
+from stancekit.planners.robot.solids import shape_points
+from stancekit.planners.robot.toes import base_of
+
+from .scene import Body, Colour, between
+from .shapes import Faces, Mesh, Sphere, hull
+from .sheet import leg_colour
+
+SHELL, STEEL, RIM = "#aab5c0", "#7b8a99", "#2b3642"
+TINT = 0.3
+"""How much of its leg's colour a link has."""
+TRIANGLES = 3000
+"""Of the mesh of one file at most: a quadruped is drawn with 20,000 to 50,000, and its page opens at once."""
+SMALLEST = 0.012
+"""Radius of the ball that marks a foot, in stand heights, where the foot is a point."""
+
+
+class Links:
+    """The links of a robot's model, in the frames of the joints that carry them."""
+
+    def __init__(self, model: RobotModel) -> None:
+        self.model = model
+
+    @cached_property
+    def meshes(self) -> dict[tuple[int | None, int], Mesh]:
+        """What is carried by a leg's joint, (leg, joint), in its frame; by none, (None, -1), in the base's."""
+        pieces = dict[tuple[int | None, int], list[tuple[Array, Faces]]]()
+        for shape in self._shapes():
+            found = _mesh(shape)
+            if found is not None:
+                mount = self.model.mounts[shape.link]
+                points = (shape.origin_m + found.vertices_m @ shape.rotation.T) @ mount.rotation.T + mount.origin_m
+                pieces.setdefault((mount.leg, mount.joint), []).append((points, found.faces))
+        return {key: _joined(each) for key, each in pieces.items()}
+
+    def _shapes(self) -> Iterator[Shape]:
+        """For each link what it looks like, or where that cannot be had what it collides with."""
+        for link in self.model.mounts:
+            own = [shape for shape in self.model.shapes if shape.link == link]
+            seen = [shape for shape in own if not shape.collides and (shape.kind != "mesh" or shape.mesh is not None)]
+            yield from seen or [shape for shape in own if shape.collides]
+
+    @cached_property
+    def outline_m(self) -> Array:
+        """What no leg carries, from above, or where nothing is seen of it the hips: corners about the centre of mass,
+        shape (K, 3) [m]."""
+        trunk = self.meshes.get((None, -1))
+        points = np.array([leg.hip_m for leg in self.model.legs]) if trunk is None else trunk.vertices_m
+        flat = (points - self.model.body.com_m)[:, :2]
+        try:
+            return np.pad(flat[ConvexHull(flat).vertices], ((0, 0), (0, 1)))
+        except QhullError:
+            return np.pad(flat, ((0, 0), (0, 1)))
+
+    def bodies(self, com_m: Array, rotation: Array, angles: Sequence[Array], *, prefix: str = "") -> list[Body]:
+        """The robot with its centre of mass at p_WC, R_WB, and the angles of every leg, shape (n,) [rad].
+
+        Legs without shapes are bars from joint to joint.
+        """
+        base, model = base_of(self.model, com_m, rotation), self.model
+        chains, trunk = self.chains(com_m, rotation, angles), self.meshes.get((None, -1))
+        found = [] if trunk is None else [self._body(f"{prefix}base", trunk, base, rotation, SHELL)]
+        for i, (leg, q, chain) in enumerate(zip(model.legs, angles, chains, strict=True)):
+            colour = _mixed(STEEL, leg_colour(i), TINT)
+            turns, places = (part[0] for part in leg.chain.frames(np.asarray(q)[None]))
+            own = [k for k in range(len(leg.joints)) if (i, k) in self.meshes]
+            found += [
+                self._body(f"{prefix}{leg.name} link {k}", self.meshes[i, k], base + rotation @ places[k],
+                           rotation @ turns[k], colour)
+                for k in own
+            ]  # fmt: skip
+            if not own:
+                thick = 0.05 * model.stand_height_m
+                found += [
+                    between(f"{prefix}{leg.name} bar {k}", a, b, (1.2 * thick, thick), colour, RIM)
+                    for k, (a, b) in enumerate(pairwise(chain)) if np.linalg.norm(b - a) > 1e-9
+                ]  # fmt: skip
+            radius = max(leg.radius_m, SMALLEST * model.stand_height_m)
+            foot = Sphere(radius)
+            found.append(Body(name=f"{prefix}{leg.name} foot", shape=foot, position_m=chain[-1], colour=leg_colour(i)))
+        return found
+
+    def split(self, angles: Array) -> list[Array]:
+        """Angles of all joints, shape (J,), leg by leg."""
+        return np.split(angles, np.cumsum([len(leg.joints) for leg in self.model.legs])[:-1])
+
+    def chains(self, com_m: Array, rotation: Array, angles: Sequence[Array]) -> list[Array]:
+        """Joints of every leg in the world, the foot last, shape (n + 1, 3) [m]."""
+        base, found = base_of(self.model, com_m, rotation), []
+        for leg, q in zip(self.model.legs, angles, strict=True):
+            q = np.asarray(q)[None]
+            found.append(base + np.vstack([leg.chain.frames(q)[1][0], leg.chain.feet(q)]) @ rotation.T)
+        return found
+
+    @staticmethod
+    def _body(name: str, mesh: Mesh, place: Array, rotation: Array, colour: Colour) -> Body:
+        return Body(name=name, shape=mesh, position_m=place, rotation=rotation, colour=colour)
+
+
+def _mesh(shape: Shape) -> Mesh | None:
+    """One shape in its own frame; None for what cannot be had or is flat."""
+    if shape.kind == "mesh":
+        found = None if shape.mesh is None else thinned_mesh(shape.mesh, shape.size_m, TRIANGLES)
+        return None if found is None or not len(found.faces) else Mesh(found.vertices_m, found.faces)
+    try:
+        points = shape_points(shape)
+        return None if points is None else hull(points)
+    except QhullError:
+        return None
+
+
+def _joined(pieces: Sequence[tuple[Array, Faces]]) -> Mesh:
+    starts = np.cumsum([0, *(len(points) for points, _ in pieces[:-1])])
+    faces = [each + start for (_, each), start in zip(pieces, starts, strict=True)]
+    return Mesh(np.vstack([points for points, _ in pieces]), np.vstack(faces))
+
+
+def _mixed(one: Colour, other: Colour, share: float) -> Colour:
+    return tuple((1.0 - share) * np.array(rgb(one)) + share * np.array(rgb(other)))
