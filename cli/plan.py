@@ -15,7 +15,7 @@ from .console import as_options, complain, emit, out, progress
 from .names import named
 from .options import OptionalInt, OptionalPath, OptionalText, check_drawn, check_planner
 from .plan_table import message_of, row, table_of
-from .robot_plan import refuted, with_its_joints
+from .robot_plan import along, refuted, with_its_joints
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
@@ -87,6 +87,9 @@ class PlanCourse:
     (much slower)."""
     time_limit_s: float = 60.0
     """Limit for the planner; what is not decided by then is undecided [s]."""
+    motion: bool = False
+    """Judge bodies all along the motion that `stancekit run` makes of the plan, not at key frames alone; takes
+    seconds."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
     """Plan file, for `stancekit verify`, `stancekit simulate` and `stancekit run`."""
     proof: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
@@ -191,7 +194,7 @@ class PlanCourse:
         """Verify the plan once more, and write the files that were asked for."""
         from stancekit.planners.verify import check_plan
 
-        report = check_plan(plan, joints=True)
+        report = check_plan(plan, joints=True, way=along if self.motion else None)
         if self.out is not None:
             from stancekit.planners.answer.plan_file import write_plan
 

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from stancekit.planners.answer.plan import PlanOutcome
+    from stancekit.planners.answer.plan import Plan, PlanOutcome
     from stancekit.planners.problem.course import Course
+    from stancekit.planners.robot.bodies import WholeBody
+    from stancekit.planners.robot.kinematics import Kinematics
 
 
 def with_its_joints(outcome: PlanOutcome) -> PlanOutcome:
@@ -37,3 +40,10 @@ def refuted(course: Course, outcome: PlanOutcome, around: Course, second: PlanOu
     return course, replace(
         outcome, status=Status.UNDECIDED, certificate=None, bound=math.nan, message=message, claim=""
     )
+
+
+def along(plan: Plan, kinematics: Kinematics) -> Iterator[tuple[float, WholeBody]]:
+    """The runner's motion; what makes it is slow to import."""
+    from stancekit.runner.motion import bodies
+
+    return bodies.along(plan, kinematics)

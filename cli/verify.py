@@ -15,6 +15,7 @@ from stancekit.planners.files.refusals import shown
 
 from .console import complain, emit, out, text_of
 from .options import OptionalPath, OptionalText
+from .robot_plan import along
 
 TOLERANCE = 1e-6
 EVIDENCE = {"feasible": "posture", "infeasible": "certificate"}
@@ -45,6 +46,9 @@ class Verify:
     """Largest violation of an accepted posture (non-dimensional)."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE")] = None
     """The robot that a plan is for, a .urdf or a .yaml file: a plan whose own copy of it differs is refused."""
+    motion: bool = False
+    """Of a plan: judge bodies all along the motion that `stancekit run` makes of it, too; so is one whose file lists
+    that."""
     explain: bool = False
     """Say for every proof what would have to give, and by how much at least."""
     json: bool = False
@@ -54,8 +58,9 @@ class Verify:
         """Verify and print the verdicts."""
         if not 0.0 < self.tolerance < 1.0:
             raise InvalidInput(f"--tolerance: expected a number between 0 and 1, got {self.tolerance:g}")
-        if self.robot is not None and not (self.answers is None and self.problems.is_file()):
-            raise InvalidInput("--robot: expected a plan's file with it")
+        for option, given in (("--robot", self.robot is not None), ("--motion", self.motion)):
+            if given and not (self.answers is None and self.problems.is_file()):
+                raise InvalidInput(f"{option}: expected a plan's file with it")
         if self.answers is None:
             return self._file() if self.problems.is_file() else self._dataset()
         refused = 0
@@ -87,10 +92,13 @@ class Verify:
         if self.explain and not proof_file.is_proof(data):
             raise InvalidInput(f"--explain: expected a file of answers with it, got {name} alone")
         of_plan = plan_file.is_plan_file(self.problems)
-        if self.robot is not None and not of_plan:
-            raise InvalidInput(f"--robot: expected a plan with it, got {name}")
+        for option, given in (("--robot", self.robot is not None), ("--motion", self.motion)):
+            if given and not of_plan:
+                raise InvalidInput(f"{option}: expected a plan with it, got {name}")
         if of_plan:
-            checked = plan_file.check_file(self.problems, tolerance=self.tolerance, robot=self._robot())
+            checked = plan_file.check_file(
+                self.problems, tolerance=self.tolerance, robot=self._robot(), way=along, motion=self.motion
+            )
             accepted, message, found = checked.accepted, checked.message, checked.to_json()
         elif proof_file.is_proof(data):
             if self.tolerance != TOLERANCE:

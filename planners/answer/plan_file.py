@@ -31,6 +31,7 @@ from .plan import Plan
 
 if TYPE_CHECKING:
     from ..robot.robot_model import RobotModel
+    from ..verify.bodies import Way
 
 __all__ = ["FORMAT", "FileCheck", "check_file", "check_name", "is_plan_file", "plan_paths", "read_plan", "write_plan"]
 
@@ -157,11 +158,18 @@ def read_plan(path: str | Path) -> tuple[Plan, dict[str, Any]]:
 
 
 def check_file(
-    path: str | Path, *, tolerance: float = 1e-6, joints: bool = True, robot: RobotModel | None = None
+    path: str | Path,
+    *,
+    tolerance: float = 1e-6,
+    joints: bool = True,
+    robot: RobotModel | None = None,
+    way: Way | None = None,
+    motion: bool = False,
 ) -> FileCheck:
     """Verify a plan file anew, whatever it says of itself.
 
-    robot: whose legs the file's robot has to have; without it the file is believed what its robot is. Raises
+    robot: whose legs the file's robot has to have; without it the file is believed what its robot is. way: see
+    ``check_plan``; taken where the file says that its motion was judged, or where ``motion`` asks for that. Raises
     InvalidInput for a file that cannot be read, and for one of another robot.
     """
     plan, header = read_plan(path)
@@ -172,8 +180,9 @@ def check_file(
             f"{path}: expected a plan for the robot {robot.name} as its file is, got one for {plan.course.robot.name} "
             f"with {got}"
         )
-    report = check_plan(plan, tolerance=tolerance, joints=joints)
     said = header["verdict"]
+    way = way if motion or "motion" in said.get("checked", ()) else None
+    report = check_plan(plan, tolerance=tolerance, joints=joints, way=way)
     listed = [getattr(report, name) for name in WHOLE_BODY if name in said.get("checked", ())]
     found = report.contacts and all(group["verdict"] != "failed" for group in listed)
     same = found == said["accepted"] == header["verified"]

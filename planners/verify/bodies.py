@@ -6,18 +6,21 @@ Links are the shapes of the robot's file, the terrain is ``Obstacles``; a foot m
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..answer.plan import Plan
+from ..errors import InvalidInput
 from ..files.arrays import Array
 
 if TYPE_CHECKING:
     from ..robot.bodies import Bodies, Overlap, WholeBody
     from ..robot.kinematics import Kinematics
+
+    Way = Callable[[Plan, Kinematics], Iterable[tuple[float, WholeBody]]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,14 +83,27 @@ def bodies_report(bodies: Bodies, postures: Iterable[tuple[float, WholeBody]]) -
     )
 
 
-def check_bodies(plan: Plan, angles: Array, solver: Kinematics) -> Mapping[str, Any]:
-    """The group ``bodies``: every key frame of a plan, with these angles, shape (M, J) [rad]. Raises InvalidInput
-    without coal."""
+def check_bodies(
+    plan: Plan, angles: Array, solver: Kinematics, way: Way | None = None
+) -> dict[str, Mapping[str, Any]]:
+    """The group ``bodies``: every key frame of a plan, with these angles, shape (M, J) [rad].
+
+    way: who moves the robot from one to the next; with it the group ``motion``, of postures so near to each other that
+    they stand for the motion, each with its progress in key frames. Raises InvalidInput without coal.
+    """
     from ..robot.bodies import Bodies  # slow to import
     from ..terrain.obstacles import Obstacles
 
     bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
-    return bodies_report(bodies, enumerate(_key_frames(plan, angles))).to_json()
+    found: dict[str, Mapping[str, Any]] = {
+        "bodies": bodies_report(bodies, enumerate(_key_frames(plan, angles))).to_json()
+    }
+    if way is not None:
+        try:
+            found["motion"] = bodies_report(bodies, way(plan, solver)).to_json()
+        except InvalidInput as error:
+            found["motion"] = {"verdict": "not checked", "message": str(error)}
+    return found
 
 
 def _key_frames(plan: Plan, angles: Array) -> Iterable[WholeBody]:

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,21 +33,28 @@ from .report import NOT_ASKED, PLAN_GROUPS, WHOLE_BODY, GroupViolation, Report, 
 from .soles import counts_of, off_sole, sole_points
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 
+if TYPE_CHECKING:
+    from .bodies import Way
+
 BETWEEN = tuple(k / 6.0 for k in range(1, 6))
 """Shares of the way from one frame to the next at which it is recomputed."""
 
 
-def check_plan(plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, between: bool = True) -> Report:
+def check_plan(
+    plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, between: bool = True, way: Way | None = None
+) -> Report:
     """Check every constraint of the course at the plan; never raises for a bad plan.
 
     tolerance: largest violation allowed in any group, with lengths in the course's length scale, forces in the robot's
     weight, moments in their product and angles in rad. joints: judge joints, torques and bodies, too. between:
-    recompute points between the frames; without them, what convexity proves of the way is taken as proved.
+    recompute points between the frames; without them, what convexity proves of the way is taken as proved. way: who
+    moves the robot between key frames, as the runner does (``runner.motion.bodies.along``): with joints, judge bodies
+    all along that motion, too.
     """
     defect, frame, limb = plan_defect(plan)
     if defect:
         return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
-    groups = check_whole_body(plan) if joints else {name: {"verdict": NOT_ASKED} for name in WHOLE_BODY}
+    groups = {name: {"verdict": NOT_ASKED} for name in WHOLE_BODY} | (check_whole_body(plan, way) if joints else {})
     with np.errstate(all="ignore"):
         return _Sweep(plan).report(tolerance, groups, BETWEEN if between else ())
 
@@ -104,6 +111,7 @@ class _Sweep:
             between=between if shares else math.nan, proved=len(ways), linearisation_m=bent, exact_reach_m=exact_m,
             goal_m=float(length(self._plan.com_m[-1] - self._course.goal_m)),
             joints=groups["joints"], torque=groups["torque"], bodies=groups["bodies"],
+            motion=groups["motion"],
         )  # fmt: skip
 
     def _stances(self, ways: list[tuple[int, int, int, list[int]]], shares: tuple[float, ...]) -> float:

@@ -41,8 +41,8 @@ PLAN_GROUPS = {
     "progress": "m",
 }
 """Those of a plan: those of its stances, and what couples its key frames."""
-WHOLE_BODY = ("joints", "torque", "bodies")
-"""Groups of a plan that are of more of the robot than its contacts."""
+WHOLE_BODY = ("joints", "torque", "bodies", "motion")
+"""Groups of a plan that are of more of the robot than its contacts; motion is bodies between key frames."""
 NOT_ASKED = "not asked for"
 OPTIONAL = ("modes", "joints_rad")
 """Arrays that a plan may be without."""
@@ -85,15 +85,15 @@ class Report:
     """What the verifier says of one posture, or of one plan.
 
     worst: largest non-dimensional violation of all groups; accepted: it is at most ``tolerance``, and none of joints,
-    torque and bodies failed.
+    torque, bodies and motion failed.
     residual_nm: norm of the net moment about the COM, at a plan's worst stance [Nm].
     Of plans alone: between: largest violation at the points between frames, by recomputation. proved: steps from frame
     to frame on which limbs carry all the way; on the others every limb moves at once, and the course asks for the
     frames only. linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does [m]; exact_reach_m:
     how far a toe is out of reach with the exact rotation [m]. Both are reported and decide nothing: reach is what
     E11 says. goal_m: distance of the last COM from the goal [m].
-    joints, torque, bodies: what ``check_whole_body`` says, with a verdict of "checked", "failed", "not checked" or "not
-    asked for".
+    joints, torque, bodies, motion: what ``check_whole_body`` says, with a verdict of "checked", "failed", "not
+    checked" or "not asked for".
     """
 
     accepted: bool
@@ -111,6 +111,7 @@ class Report:
     joints: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
     torque: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
     bodies: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
+    motion: Mapping[str, Any] = field(default_factory=lambda: {"verdict": NOT_ASKED})
     defect: str = ""
     """Why there was nothing to check; empty when there was."""
 
@@ -121,25 +122,25 @@ class Report:
 
     @property
     def checked(self) -> tuple[str, ...]:
-        """What was judged: contacts, and joints, torque and bodies where they were."""
+        """What was judged: contacts, and what of the whole body was."""
         found = [name for name in WHOLE_BODY if getattr(self, name)["verdict"] in ("checked", "failed")]
         return ("contacts", *found)
 
     @property
     def joints_message(self) -> str:
-        """What is said of joints, torque and bodies; empty where nobody asked."""
+        """What is said of the groups of the whole body that somebody asked for; empty where nobody did."""
         said = list[str]()
         for name in WHOLE_BODY:
             group = getattr(self, name)
             why = group.get("message")
-            said.append(f"{name}: {group['verdict']}{f' ({why})' if why else ''}")
-        asked = any(getattr(self, name)["verdict"] != NOT_ASKED for name in WHOLE_BODY)
-        return "; ".join(said) if asked else ""
+            if group["verdict"] != NOT_ASKED:
+                said.append(f"{name}: {group['verdict']}{f' ({why})' if why else ''}")
+        return "; ".join(said)
 
     @property
     def _cannot(self) -> str:
         """Why a plan whose contacts hold is none."""
-        collide = self.bodies["verdict"] == "failed"
+        collide = "failed" in (self.bodies["verdict"], self.motion["verdict"])
         cannot = any(getattr(self, name)["verdict"] == "failed" for name in ("joints", "torque"))
         return " and ".join(["the joints cannot do it"] * cannot + ["bodies collide"] * collide)
 

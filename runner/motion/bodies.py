@@ -14,6 +14,8 @@ from stancekit.planners.terrain.obstacles import Obstacles
 from stancekit.planners.verify.bodies import BodyReport, bodies_report
 
 from ..control.tracker import Target
+from .time_parametrization import undisturbed
+from .timeline import PlanMotion
 
 APART_M = 0.01
 """Between two postures that are judged no foot and no body's origin goes farther."""
@@ -26,6 +28,13 @@ def motion_bodies(plan: Plan, targets: Sequence[Target], kinematics: Kinematics)
     """
     bodies = Bodies(kinematics, Obstacles.of(plan.course.terrain))
     return bodies_report(bodies, ((target.sample.frame, posture(target, kinematics)) for target in spaced(targets)))
+
+
+def along(plan: Plan, kinematics: Kinematics) -> Iterator[tuple[float, WholeBody]]:
+    """The postures of a plan's motion at the runner's own pace, ``APART_M`` apart, each with its progress in key
+    frames: what ``check_plan`` takes as the way between them. Raises InvalidInput where all limbs lift at once."""
+    for target in spaced(undisturbed(PlanMotion(plan), kinematics)):
+        yield target.sample.frame, posture(target, kinematics)
 
 
 def posture(target: Target, kinematics: Kinematics) -> WholeBody:

@@ -149,7 +149,23 @@ def test_legs_that_are_drawn_up_are_checked_by_plan_as_by_verify(call):
     assert (code, err) == (0, "")
     assert "\njoints: checked; torque: checked; bodies: checked\n" in out
     assert "joints" not in json.loads(Path("plan.json").read_text())["arrays"]
-    assert "joints: checked; torque: checked; bodies: checked" in call(Verify, "plan.json")[1]
+    assert "joints: checked; torque: checked; bodies: checked\n" in call(Verify, "plan.json")[1]
+
+
+def test_bodies_between_key_frames_are_judged_where_that_is_asked_for(call):
+    whole = "joints: checked; torque: checked; bodies: checked; motion: checked\n"
+    code, out, err = call(PlanCourse, "stairs", "--frames", 2, "--motion", "--out", "plan.json")
+    assert (code, err) == (0, "")
+    assert whole in out
+    verdict = json.loads(Path("plan.json").read_text())["verdict"]
+    assert verdict["checked"] == ["contacts", "joints", "torque", "bodies", "motion"]
+    assert verdict["motion"]["postures"] > 10
+    assert whole in call(Verify, "plan.json")[1]  # the file says that it was judged
+    assert call(PlanCourse, "stairs", "--frames", 2, "--out", "plan.json")[0] == 0
+    assert "motion" not in call(Verify, "plan.json")[1]
+    assert whole in call(Verify, "plan.json", "--motion")[1]
+    code, _, err = call(Verify, "flat.yaml", "--motion")
+    assert (code, err) == (2, "stancekit: error: --motion: expected a plan with it, got flat.yaml\n")
 
 
 def test_without_pinocchio_the_extra_is_named(call, monkeypatch):

@@ -252,7 +252,7 @@ def _list(header: dict[str, Any], arrays: dict[str, Any]) -> None:
         (_short, ": arrays: joints_rad: expected numbers of shape (3, 12), got float64 of shape (3, 8)"),
         (_renamed, ": arrays.joints: expected the names of the robot's joints in its order"),
         (_unnamed, ": arrays.joints: expected the names of the robot's joints in its order"),
-        (_list, ": verdict.checked: expected contacts, joints, torque, bodies or fewer"),
+        (_list, ": verdict.checked: expected contacts, joints, torque, bodies, motion or fewer"),
         (in_urdf('<mass value="10.0"/>', '<mass value="10.001"/>'),
          ": course: robot quadruped: expected the mass of its model, 22.401 kg, got 22.4"),
     ],

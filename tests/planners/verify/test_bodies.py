@@ -1,0 +1,91 @@
+"""Plans judged by bodies: a block in the way is found with link, depth and frame, in a file as in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_file import check_file, write_plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.terrain import Patch
+from stancekit.planners.verify import check_plan
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("coal")
+from stancekit.planners.robot.bodies import WholeBody
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.urdf import BODY_HEIGHT_M
+
+
+def plate(x: float, height: float, half: float = 0.01) -> Patch:
+    """A small level plate over or under the middle of the path."""
+    corners = np.array([(x - half, -half, height), (x + half, -half, height), (x + half, half, height),
+                        (x - half, half, height)])  # fmt: skip
+    return Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
+
+
+def with_patch(plan: Plan, patch: Patch) -> Plan:
+    return replace(plan, course=replace(plan.course, terrain=(*plan.course.terrain, patch)))
+
+
+def test_a_block_in_the_goal_is_refused_with_link_depth_and_frame(walk) -> None:
+    plan = walk(5)
+    under = plan.com_m[-1, 2] - BODY_HEIGHT_M / 2
+    radius = 0.75 * np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in plan.course.robot.limbs])
+    ahead = plan.com_m[-1, 0] + radius  # under the front of the trunk as it stands in the end, and not before
+    inside = with_patch(plan, plate(ahead - 0.015, under + 0.006))
+    assert check_plan(inside).accepted  # contacts know nothing of bodies
+    report = check_plan(inside, joints=True)
+    assert not report.accepted
+    assert report.message == "rejected: contacts hold, bodies collide"
+    assert report.bodies["message"] == "frame 4: body is 6 mm inside patch 1"
+    assert report.bodies["depth_m"] == pytest.approx(0.006, abs=1e-6)
+    assert report.bodies["worst"] == {"frame": 4, "link": "body", "other": "patch 1"}
+    below = check_plan(with_patch(plan, plate(ahead - 0.015, under + 0.0009)), joints=True)
+    assert below.accepted
+    assert below.bodies["hit"] == 0
+
+
+def test_a_file_has_the_verdict_of_its_plan(walk, tmp_path: Path) -> None:
+    plan = with_patch(walk(3), plate(0.0, 0.2))
+    report = check_plan(plan, joints=True)
+    write_plan(tmp_path / "plan.json", plan, report)
+    check = check_file(tmp_path / "plan.json")
+    assert not check.accepted
+    assert check.same
+    assert check.report.digest == report.digest
+    assert check.report.checked == ("contacts", "joints", "torque", "bodies")
+    assert "; bodies: failed (frame 0: body is " in check.message
+
+
+def test_a_motion_is_judged_where_somebody_moves_the_robot(walk) -> None:
+    plan = walk(2)
+
+    def sinks(plan: Plan, solver: Kinematics) -> Iterable[tuple[float, WholeBody]]:
+        angles = np.concatenate([leg.stance_rad for leg in solver.model.legs])
+        for part in (0.0, 0.25, 0.3):
+            yield part, WholeBody(
+                rotation=np.eye(3), origin_m=np.array([0.0, 0.0, 0.3 - 0.5 * part]), angles=angles,
+                toes_m=np.zeros((6, 3)), normals=np.tile([0.0, 0.0, 1.0], (6, 1)), stands=np.zeros(6, dtype=bool),
+            )  # fmt: skip
+
+    def cannot(plan: Plan, solver: Kinematics) -> Iterable[tuple[float, WholeBody]]:
+        raise InvalidInput("all of them lift at once")
+
+    report = check_plan(plan, joints=True, way=sinks)
+    assert not report.accepted
+    assert report.bodies["verdict"] == "checked"
+    assert report.checked[-2:] == ("bodies", "motion")
+    assert (report.motion["postures"], report.motion["hit"]) == (3, 2)
+    assert report.motion["message"].startswith("frame 0.3: ")
+    assert report.motion["message"].endswith(" inside patch 0, the deepest of 2 of 3 postures")
+    other = check_plan(plan, joints=True, way=cannot)
+    assert other.accepted
+    assert other.motion == {"verdict": "not checked", "message": "all of them lift at once"}
+    assert "motion" not in other.checked
+    assert "motion" not in check_plan(plan, joints=True).joints_message

@@ -1,0 +1,72 @@
+"""Bodies along the runner's own motion: what is clear at key frames may not be on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("coal")
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.robot.bodies import TOUCH_M
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.terrain import Patch
+from stancekit.planners.verify import check_plan
+from stancekit.runner.acceptance import Accepted
+from stancekit.runner.control.tracker import Target
+from stancekit.runner.motion.bodies import APART_M, along, spaced
+from stancekit.runner.motion.time_parametrization import undisturbed
+from stancekit.runner.motion.timeline import PlanMotion
+from stancekit.runner.run import Runner
+from tests.emulators.memory_world import MemoryWorld
+
+
+@pytest.fixture(scope="module")
+def plan(step: Callable[[str], Plan]) -> Plan:
+    return step("stairs")
+
+
+@pytest.fixture(scope="module")
+def targets(plan: Plan) -> list[Target]:
+    return undisturbed(PlanMotion(plan), Kinematics(plan.course.robot))
+
+
+def test_postures_that_are_judged_are_a_centimetre_apart_from_start_to_end(targets: list[Target]) -> None:
+    chosen = list(spaced(targets))
+    assert chosen[0] is targets[0]
+    assert chosen[-1] is targets[-1]
+    for one, other in pairwise(chosen):
+        moved = np.linalg.norm(other.sample.feet_m - one.sample.feet_m, axis=1)
+        assert moved.max() <= APART_M
+        assert np.linalg.norm(other.origin_m - one.origin_m) <= APART_M
+    assert len(chosen) < len(targets) / 3
+
+
+def test_a_motion_through_something_is_refused_before_anything_moves(plan: Plan) -> None:
+    """The trunk's front goes into a plate that is ahead of it at the first key frame."""
+    radius = 0.75 * np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in plan.course.robot.limbs])
+    front = plan.com_m[-1] + [radius - 0.006, 0.0, 0.0]
+    assert front[0] > plan.com_m[0, 0] + radius + TOUCH_M
+    corners = front + 0.02 * np.array([(0, -1, -1), (0, -1, 1), (0, 1, 1), (0, 1, -1)])
+    sign = Patch(vertices_m=corners, normal=[-1, 0, 0], shear_reference=[0, 1, 0], friction=0.5)
+    lit = replace(plan, course=replace(plan.course, terrain=(*plan.course.terrain, sign)))
+    assert check_plan(lit).accepted
+    report = check_plan(lit, joints=True, way=along)
+    assert report.motion["verdict"] == "failed"
+    assert report.motion["worst"]["link"] == "body"
+    shift = report.joints["shift_m"]  # the runner keeps the whole robot's centre of mass on the path, not the base
+    assert report.motion["depth_m"] == pytest.approx(0.006, abs=shift)
+    assert shift < 0.015
+    assert 0.0 < report.motion["worst"]["frame"] <= plan.course.frames - 1
+    assert check_plan(plan, joints=True, way=along).motion["verdict"] == "checked"
+    runner = Runner(MemoryWorld())
+    wanted = "sign: expected a motion in which no bodies collide: frame .*: body is .* mm inside patch "
+    with pytest.raises(InvalidInput, match=wanted):
+        runner.prepare(Accepted.verified(lit, "sign"))
+    assert runner.prepare(Accepted.verified(plan, "stairs")).pace > 0.0
