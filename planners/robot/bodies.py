@@ -109,9 +109,7 @@ class Bodies:
         found += self._in_terrain(turns, origins, body)
         return tuple(sorted((each for each in found if each.depth_m > beyond_m), key=lambda each: -each.depth_m))
 
-    def _among_links(
-        self, turns: Array, origins: Array, pairs: NDArray[np.int_]
-    ) -> Iterator[tuple[int, int, float]]:
+    def _among_links(self, turns: Array, origins: Array, pairs: NDArray[np.int_]) -> Iterator[tuple[int, int, float]]:
         """Pairs of shapes whose boxes meet, and how deep one is inside the other, negative outside."""
         first, second = pairs.T
         middles = origins + np.einsum("sij,sj->si", turns, self._middles)
@@ -206,8 +204,8 @@ def _coal() -> Any:
     try:
         import coal
     except ImportError:
-        told = "bodies: expected coal for collisions, it is not installed: pip install 'stancekit[kin]'"
-        raise InvalidInput(told) from None
+        message = "bodies: expected coal for collisions, it is not installed: pip install 'stancekit[kin]'"
+        raise InvalidInput(message) from None
     return coal
 
 

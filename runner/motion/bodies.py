@@ -43,7 +43,7 @@ def posture(target: Target, kinematics: Kinematics) -> WholeBody:
     return WholeBody(
         rotation=rotation_of(sample.rotation_rad), origin_m=target.origin_m, angles=target.angles_rad,
         toes_m=sample.feet_m - kinematics.radii_m[:, None] * sample.normals, normals=sample.normals,
-        stands=np.array(sample.placement) >= 0,
+        stands=np.array(sample.foothold) >= 0,
     )  # fmt: skip
 
 
