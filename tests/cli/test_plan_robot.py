@@ -114,8 +114,8 @@ def test_a_robot_that_is_too_weak_has_a_plan_that_nobody_calls_accepted(call):
     assert "joints: checked; torque: failed (frame " in out
     code, out, err = call(Verify, "plan.json")
     assert code == 1
-    told = "plan.json: rejected: contacts hold, the joints cannot do it; joints: checked; torque: failed ("
-    assert out.startswith(told)
+    message = "plan.json: rejected: contacts hold, the joints cannot do it; joints: checked; torque: failed ("
+    assert out.startswith(message)
     assert "another verdict" not in out
 
 
