@@ -387,7 +387,7 @@ FAULTS = {
     "swing_time": (standing, lambda t: changed(t, "contact", False, np.s_[40:45, 0]), "LF", 0.2),
     "lift": (stepping, lambda t: flattened(t, 0.05), "LF", 0.15),
     "clearance": (stepping, lambda t: changed(t, "feet_m", 5e-4, (50, 0, 2)), "LF", 0.15),
-    "drag": (stepping, lambda t: flattened(t, 0.0, 1.5), "LF", 0.15),
+    "drag": (stepping, lambda t: flattened(t, 0.0, 1.8), "LF", 0.15),
     "penetration_between": (stepping, lambda t: changed(t, "feet_m", [2e-2, 2e-4, 2e-4, 2e-2], np.s_[49:53, 0, 2]),
                             "LF", 0.2525),
     "heading": (standing, lambda t: replace(t, heading_rad=0.02), "torso", 0.0),
