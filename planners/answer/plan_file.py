@@ -174,7 +174,9 @@ def check_file(
     """
     plan, header = read_plan(path)
     own = plan.course.robot.model
-    if robot is not None and (own is None or own.digest != robot.digest):
+    if robot is not None and (
+        own is None or own.digest != robot.digest or own.disabled_pairs != robot.disabled_pairs
+    ):
         got = "legs or numbers of its own" if own is not None else "no legs in its file"
         raise InvalidInput(
             f"{path}: expected a plan for the robot {robot.name} as its file is, got one for {plan.course.robot.name} "

@@ -283,3 +283,13 @@ def test_a_robot_that_is_named_has_to_be_the_files(path: Path) -> None:
         f"{path}: expected a plan for the robot quadruped as its file is, got one for quadruped with legs or numbers "
         "of its own"
     )
+
+
+def test_links_that_only_the_file_lets_touch_are_not_the_robots(path: Path) -> None:
+    def lets_touch(header: dict[str, Any], arrays: dict[str, Any]) -> None:
+        header["course"]["robot"]["model"]["disabled_pairs"] = [["LF_FOOT", "RF_FOOT"]]
+
+    forged(path, lets_touch)
+    assert check_file(path).accepted
+    with pytest.raises(InvalidInput, match="expected a plan for the robot quadruped as its file is"):
+        check_file(path, robot=model_of(quadruped()))
