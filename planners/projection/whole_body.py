@@ -1,24 +1,96 @@
-"""From a plan of contacts to one of the whole body: joint angles, and forces that ask of no joint more than it has.
+"""From a plan of contacts to one of the whole body: joint angles, and no joint asked for more torque than it has.
 
-With toes, body and joints held, forces that spare the joints are found stance by stance (``ForceDistribution``).
-Balances, cones and bounds hold for them as for the plan's own, so that the plan stays one.
+Three things are tried, each where the one before leaves a torque above its limit:
+
+* forces that spare the joints, with toes, body and joints held: stance by stance, exact (``restoration``);
+* steps of the whole plan, body, toes, joints and forces at once (``whole_body_step``), each restored to an exact plan;
+* both again with all of the friction, where the plan keeps a reserve of it.
+
+What is found takes the plan's place only where the verifier accepts it and its largest torque, as a share of what the
+joint has, is lower. Nothing is proved where it is not: that a torque stays too large says nothing of the course.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..answer.plan import Plan
-from ..files.arrays import Array
+from ..answer.outcome import Status
+from ..answer.plan import Plan, PlanOutcome
+from ..equilibrium.programs import Programs
+from ..equilibrium.scaled import Scaled
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.plan_joints import plan_angles
+from ..robot.urdf import Servo
 from ..verify import check_plan
-from .force_distribution import ForceDistribution, Loads
+from ..verify.joints import joint_report
+from .restoration import Restoration, Restored
+from .whole_body_step import WholeBody, WholeBodyStep
 
 EASY = 0.8
 """Forces that ask for no more than this share of any joint's torque are left as they are."""
+AIM, CONE = 0.97, 0.98
+"""Steps aim at this share of what is wanted, and keep to this share of the friction: restoration takes some of both."""
+WIDER, NARROWER, NARROWEST, WIDEST = 1.4, 0.4, 0.02, 2.0
+"""Of the trust region's radius: after a step that was one, after one that was none, and its bounds."""
+GAIN = 1e-4
+"""A step lowers the largest share by so much, or is none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueLimits:
+    """What a plan of the whole body is to keep to.
+
+    Arguments:
+        torque_nm: no joint may take more, whatever it has itself [Nm]; None: what it has.
+        share: of that, steps aim at it; a plan within its limits is left as it is.
+        steps: most steps of the whole plan; 0: forces alone.
+    Raises:
+        InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative number of steps.
+    """
+
+    torque_nm: float | None = None
+    share: float = 0.9
+    steps: int = 20
+
+    def __post_init__(self) -> None:
+        if self.torque_nm is not None:
+            checked(self.torque_nm, "torque_nm", above=0.0)
+        checked(self.share, "torque_share", above=0.0, most=1.0)
+        if self.steps < 0:
+            raise InvalidInput(f"steps: expected 0 or more, got {self.steps}")
+
+    @property
+    def servo(self) -> Servo:
+        """What drives the joints of legs that are drawn up."""
+        return Servo() if self.torque_nm is None else Servo(torque_nm=self.torque_nm)
+
+    def of(self, solver: Kinematics) -> Array:
+        """Of every joint, shape (J,) [Nm]; inf where nothing is known and nothing asked for."""
+        return np.asarray(np.minimum(solver.torque_nm, np.inf if self.torque_nm is None else self.torque_nm))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WholeBodyPlan:
+    """A plan with joint angles, and what it took. steps: of the whole plan. before, after: (share, Nm) of the torque
+    that has the largest share of its limit, of the plan as it came and of this one."""
+
+    plan: Plan
+    steps: int
+    before: tuple[float, float]
+    after: tuple[float, float]
+
+    @property
+    def details(self) -> dict[str, float]:
+        """The same by name."""
+        (share, torque), (less, lower) = self.before, self.after
+        return {
+            "torque_steps": float(self.steps), "torque_nm_before": torque, "torque_nm": lower,
+            "torque_share_before": share, "torque_share": less,
+        }  # fmt: skip
 
 
 def with_joints(plan: Plan, kinematics: Kinematics | None = None) -> Plan:
@@ -27,36 +99,110 @@ def with_joints(plan: Plan, kinematics: Kinematics | None = None) -> Plan:
     Joints and torques may still be beyond what the robot has: that is the verifier's to say. Raises InvalidInput
     without pinocchio.
     """
-    solver = kinematics or Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
-    angles = np.array([answer.angles for answer in plan_angles(plan, solver)])
-    plan = replace(plan, joints_rad=angles)
-    spared = replace(plan, forces_n=_spared(plan, solver, angles))
-    return spared if check_plan(spared).accepted else plan
+    return whole_body(plan, TorqueLimits(steps=0), kinematics).plan
 
 
-def _spared(plan: Plan, solver: Kinematics, angles: Array) -> Array:
-    """Forces of all stances, other ones where the plan's own ask much of a joint, shape (S, N, 3) [N]."""
-    course, found = plan.course, np.array(plan.forces_n)
-    kept = float(plan.provenance.get("friction_share", 1.0))
-    distribution = ForceDistribution(len(course.robot.limbs), solver.legs.tolist())
-    for row, of in enumerate(course.stances):
-        weight, levers = solver.loads(angles[of.frame], rotation_of(plan.rotation_rad[of.frame]))
-        loads = Loads(weight_nm=weight, levers_m=levers, limit_nm=solver.torque_nm)
+def whole_body(
+    plan: Plan, limits: TorqueLimits = TorqueLimits(), kinematics: Kinematics | None = None
+) -> WholeBodyPlan:
+    """The plan with joint angles and with torques within the limits where such a plan is found; never a worse one.
 
-        def share(forces: Array, loads: Loads = loads) -> float:
-            torque = loads.weight_nm - (loads.levers_m * forces[solver.legs]).sum(axis=1)
-            return float((np.abs(torque) / loads.limit_nm).max())
+    Raises InvalidInput without pinocchio, and for a robot whose legs are not known.
+    """
+    solver = kinematics or Kinematics(plan.course.robot, limits.servo, gravity_m_s2=plan.course.gravity_m_s2)
+    limit_nm = limits.of(solver)
+    plan = replace(plan, joints_rad=np.array([answer.angles for answer in plan_angles(plan, solver)]))
+    before = largest(plan, solver, limit_nm)
+    best, after, taken = plan, before, 0
+    if before[0] > EASY:
+        found, steps = _Stage(plan, solver, limits).run()
+        if found is not None and check_plan(found).accepted:
+            share = largest(found, solver, limit_nm)
+            if share < before:
+                best, after, taken = found, share, steps
+    return WholeBodyPlan(plan=best, steps=taken, before=before, after=after)
 
-        asked = share(found[row])
-        if asked <= EASY:
-            continue
-        patches = [course.patch(int(index), plan.choice) for index in course.holds[of.frame]]
-        bears = np.isin(np.arange(len(patches)), of.limbs)
-        arms = plan.toes_at(of.frame) - plan.com_m[of.frame]
-        for reserve in dict.fromkeys((kept, 1.0)):  # a reserve of friction goes only where torque needs it
-            other = distribution.forces(course, arms, patches, bears, loads=loads, reserves=(reserve,), least=0.0)
-            if other is not None and share(other) < asked:
-                found[row], asked = other, share(other)
-            if asked <= 1.0:
+
+def with_whole_body(outcome: PlanOutcome, limits: TorqueLimits = TorqueLimits()) -> PlanOutcome:
+    """An outcome whose plan is one of the whole body; undecided where its joints cannot do it, since nothing is proved.
+
+    As it came where there is no plan, and where nobody asks for the legs that the robot has none of its own.
+    """
+    plan = outcome.plan
+    if plan is None or (plan.course.robot.model is None and limits.torque_nm is None):
+        return outcome
+    found = whole_body(plan, limits)
+    outcome = replace(outcome, plan=found.plan, details={**outcome.details, **found.details})
+    said = joint_report(found.plan, limits.servo).message
+    return replace(outcome, status=Status.UNDECIDED, message=said) if said else outcome
+
+
+def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, float]:
+    """Of all torques of a plan with joints the one with the largest share of its limit: (share, Nm)."""
+    assert plan.joints_rad is not None
+    rows = zip(plan.course.stances, plan.forces_n, strict=True)
+    torques = np.abs([
+        solver.torques(plan.joints_rad[of.frame], rotation_of(plan.rotation_rad[of.frame]), forces)
+        for of, forces in rows
+    ])  # fmt: skip
+    at = np.unravel_index(int(np.argmax(torques / limit_nm)), torques.shape)
+    return float((torques / limit_nm)[at]), float(torques[at])
+
+
+class _Stage:
+    """One plan on its way."""
+
+    def __init__(self, plan: Plan, solver: Kinematics, limits: TorqueLimits) -> None:
+        self._plan, self._solver, self._limits, self._limit_nm = plan, solver, limits, limits.of(solver)
+        self._scaled, self._programs = Scaled.of(plan.course).chosen(plan.choice), Programs()
+
+    def run(self) -> tuple[Plan | None, int]:
+        """The best plan that was met, None where not even the first was one, and how many steps it took."""
+        kept, taken = float(self._plan.provenance.get("friction_share", 1.0)), 0
+        best, wanted, angles = None, EASY, np.asarray(self._plan.joints_rad)
+        for share in dict.fromkeys((kept, 1.0)):  # a reserve of friction goes only where torque needs it
+            scaled = replace(self._scaled, friction=share * self._scaled.friction)
+            restoration = Restoration(self._plan, scaled, self._solver, self._limit_nm, friction_share=share)
+            start = (restoration.point(), angles) if best is None else (best[0].point, best[0].angles)
+            state = restoration.restore(*start, wanted=wanted)
+            if state is None:
+                continue
+            if state.share > 1.0:
+                state, steps = self._stepped(scaled, restoration, state)
+                taken += steps
+            if best is None or state.share < best[0].share:
+                best = state, share
+            if state.share <= 1.0:
                 break
-    return found
+            wanted = 1.0
+        return (None if best is None else self._as_plan(*best)), taken
+
+    def _stepped(self, scaled: Scaled, restoration: Restoration, state: Restored) -> tuple[Restored, int]:
+        """After steps that each lower the largest share, until it is what is wanted, or none does; and how many."""
+        step = self._programs.get(WholeBodyStep, scaled.layout, tuple(self._solver.legs.tolist()))
+        cautious, radius, taken = replace(scaled, friction=CONE * scaled.friction), 1.0, 0
+        for _ in range(self._limits.steps):
+            if state.share <= self._limits.share or radius < NARROWEST:
+                break
+            found = step.solve(
+                WholeBody(
+                    cautious, state.point, solver=self._solver, angles=state.angles, limit_nm=self._limit_nm,
+                    wanted=AIM * self._limits.share, radius=radius,
+                )
+            )  # fmt: skip
+            other = None if found is None else restoration.restore(*found, wanted=self._limits.share)
+            if other is not None and other.share < state.share - GAIN:
+                state, radius, taken = other, min(WIDER * radius, WIDEST), taken + 1
+            else:
+                radius *= NARROWER
+        return state, taken
+
+    def _as_plan(self, state: Restored, friction_share: float) -> Plan:
+        """With its units back."""
+        point, length_m = state.point, self._scaled.length_m
+        kept = {"friction_share": friction_share} if "friction_share" in self._plan.provenance else {}
+        return replace(
+            self._plan, com_m=point.com * length_m, rotation_rad=point.rotation, toes_m=point.toes * length_m,
+            forces_n=self._scaled.forces_si(point)[0], joints_rad=state.angles,
+            provenance={**self._plan.provenance, **kept},
+        )  # fmt: skip
