@@ -16,18 +16,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..answer.outcome import Status
-from ..answer.plan import Plan, PlanOutcome
+from ..answer.plan import Plan
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Scaled
-from ..errors import InvalidInput
-from ..files.arrays import Array, checked
+from ..files.arrays import Array
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.plan_joints import plan_angles
-from ..robot.urdf import Servo
 from ..verify import check_plan
-from ..verify.joints import joint_report
 from .restoration import Restoration, Restored
+from .torque_limits import TorqueLimits
 from .whole_body_step import WholeBody, WholeBodyStep
 
 EASY = 0.8
@@ -38,39 +35,6 @@ WIDER, NARROWER, NARROWEST, WIDEST = 1.4, 0.4, 0.02, 2.0
 """Of the trust region's radius: after a step that was one, after one that was none, and its bounds."""
 GAIN = 1e-4
 """A step lowers the largest share by so much, or is none."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TorqueLimits:
-    """What a plan of the whole body is to keep to.
-
-    Arguments:
-        torque_nm: no joint may take more, whatever it has itself [Nm]; None: what it has.
-        share: of that, steps aim at it; a plan within its limits is left as it is.
-        steps: most steps of the whole plan; 0: forces alone.
-    Raises:
-        InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative number of steps.
-    """
-
-    torque_nm: float | None = None
-    share: float = 0.9
-    steps: int = 20
-
-    def __post_init__(self) -> None:
-        if self.torque_nm is not None:
-            checked(self.torque_nm, "torque_nm", above=0.0)
-        checked(self.share, "torque_share", above=0.0, most=1.0)
-        if self.steps < 0:
-            raise InvalidInput(f"steps: expected 0 or more, got {self.steps}")
-
-    @property
-    def servo(self) -> Servo:
-        """What drives the joints of legs that are drawn up."""
-        return Servo() if self.torque_nm is None else Servo(torque_nm=self.torque_nm)
-
-    def of(self, solver: Kinematics) -> Array:
-        """Of every joint, shape (J,) [Nm]; inf where nothing is known and nothing asked for."""
-        return np.asarray(np.minimum(solver.torque_nm, np.inf if self.torque_nm is None else self.torque_nm))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -121,20 +85,6 @@ def whole_body(
             if share < before:
                 best, after, taken = found, share, steps
     return WholeBodyPlan(plan=best, steps=taken, before=before, after=after)
-
-
-def with_whole_body(outcome: PlanOutcome, limits: TorqueLimits = TorqueLimits()) -> PlanOutcome:
-    """An outcome whose plan is one of the whole body; undecided where its joints cannot do it, since nothing is proved.
-
-    As it came where there is no plan, and where nobody asks for the legs that the robot has none of its own.
-    """
-    plan = outcome.plan
-    if plan is None or (plan.course.robot.model is None and limits.torque_nm is None):
-        return outcome
-    found = whole_body(plan, limits)
-    outcome = replace(outcome, plan=found.plan, details={**outcome.details, **found.details})
-    said = joint_report(found.plan, limits.servo).message
-    return replace(outcome, status=Status.UNDECIDED, message=said) if said else outcome
 
 
 def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, float]:

@@ -88,11 +88,12 @@ class JointReport:
         return joints, torque
 
 
-def check_joints(plan: Plan) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+def check_joints(plan: Plan, servo: Servo = Servo()) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """Can the joints do it? Groups ``joints`` and ``torque``, each with a verdict (checked, failed or not checked), a
-    message, and what was measured. Nothing is checked without pinocchio, or where the legs are not known."""
+    message, and what was measured. Nothing is checked without pinocchio, or where the legs are not known. servo: drives
+    the joints of a robot without its own legs."""
     try:
-        return joint_report(plan).to_json()
+        return joint_report(plan, servo).to_json()
     except InvalidInput as error:
         return ({"verdict": "not checked", "message": str(error)},) * 2
 
