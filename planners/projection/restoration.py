@@ -77,7 +77,8 @@ class Restoration:
     def restore(self, point: Point, angles: Array, *, wanted: float = 1.0) -> Restored | None:
         """An exact plan with this body and these toes; None where the joints do not reach, or no forces balance.
 
-        angles: to begin at, shape (M, J). wanted: forces whose torques' share is below this are left as they are.
+        angles: to begin at, shape (M, J). wanted: forces whose torques' share is below this are left as they are, as
+        are those that would not lower the largest one.
         """
         turns = np.array([rotation_of(vector) for vector in point.rotation])
         found = self._angles(point, turns, angles)
@@ -86,18 +87,19 @@ class Restoration:
         loads = [self._solver.loads(*each) for each in zip(found, turns, strict=True)]
         forces, sound = self._balanced(point)
         shares = self._shares(loads, forces)
-        for s in np.flatnonzero(~sound | (shares > wanted)):
+        first = np.lexsort((-shares, sound))  # what must be found anew, then the largest shares
+        for s in first[: np.count_nonzero(~sound | (shares > wanted))]:
+            if sound[s] and shares[s] < shares.max():
+                break  # the largest cannot be less
             other = self._spared(int(s), point, loads)
-            if other is None:
-                if not sound[s]:
-                    return None
-                continue
-            mine = self._scaled.layout.contacts[0] == s
-            tried = forces.copy()
-            tried[mine] = other
-            share = self._shares(loads, tried)[s]
-            if share < shares[s] or not sound[s]:
-                forces, shares[s] = tried, share
+            if other is None and not sound[s]:
+                return None
+            if other is not None:
+                tried = forces.copy()
+                tried[self._scaled.layout.contacts[0] == s] = other
+                share = self._shares(loads, tried)[s]
+                if share < shares[s] or not sound[s]:
+                    forces, shares[s] = tried, share
         return Restored(point=replace(point, forces=forces, residual=0.0), angles=found, shares=shares)
 
     def _angles(self, point: Point, turns: Array, start: Array) -> Array | None:

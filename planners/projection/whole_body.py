@@ -29,8 +29,9 @@ from .whole_body_step import WholeBody, WholeBodyStep
 
 EASY = 0.8
 """Forces that ask for no more than this share of any joint's torque are left as they are."""
-AIM, CONE = 0.97, 0.98
-"""Steps aim at this share of what is wanted, and keep to this share of the friction: restoration takes some of both."""
+AIM, SPARE = 0.97, 0.02
+"""Steps aim at this share of what is wanted. They leave this share of the friction, and with it every limb that carries
+presses, in units of the weight; times the radius: what a step is wrong by falls with its square."""
 WIDER, NARROWER, NARROWEST, WIDEST = 1.4, 0.4, 0.02, 2.0
 """Of the trust region's radius: after a step that was one, after one that was none, and its bounds."""
 GAIN = 1e-4
@@ -130,13 +131,13 @@ class _Stage:
     def _stepped(self, scaled: Scaled, restoration: Restoration, state: Restored) -> tuple[Restored, int]:
         """After steps that each lower the largest share, until it is what is wanted, or none does; and how many."""
         step = self._programs.get(WholeBodyStep, scaled.layout, tuple(self._solver.legs.tolist()))
-        cautious, radius, taken = replace(scaled, friction=CONE * scaled.friction), 1.0, 0
+        radius, taken = 1.0, 0
         for _ in range(self._limits.steps):
             if state.share <= self._limits.share or radius < NARROWEST:
                 break
             found = step.solve(
                 WholeBody(
-                    cautious, state.point, solver=self._solver, angles=state.angles, limit_nm=self._limit_nm,
+                    _cautious(scaled, SPARE * min(radius, 1.0)), state.point, solver=self._solver, angles=state.angles, limit_nm=self._limit_nm,
                     wanted=AIM * self._limits.share, radius=radius,
                 )
             )  # fmt: skip
@@ -156,3 +157,10 @@ class _Stage:
             forces_n=self._scaled.forces_si(point)[0], joints_rad=state.angles,
             provenance={**self._plan.provenance, **kept},
         )  # fmt: skip
+
+
+def _cautious(scaled: Scaled, spare: float) -> Scaled:
+    """The problem inside of its cones: less friction, and none of those who carry may carry nothing."""
+    low = scaled.force_min.copy()
+    low[:, 0] = np.minimum(np.maximum(low[:, 0], spare), scaled.force_max[:, 0])
+    return replace(scaled, friction=(1.0 - spare) * scaled.friction, force_min=low)
