@@ -27,10 +27,9 @@ class FixToes:
 
     def __init__(self, layout: Layout, hold_body: bool, least_moment: bool) -> None:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, forces, moments = Body(rows, layout), Forces.of_contacts(rows, layout), Moments(layout)
+        body, forces = Body(rows, layout), Forces.of_contacts(rows, layout)
         forces.balance()
-        moments.add(forces.stance, forces.columns, Of("held_arms"))
-        moments.of_weight(body)
+        moments = held_moments(layout, body, forces)
         if least_moment:
             rows.linear(moments.within(rows), 1.0)
         else:
@@ -123,13 +122,18 @@ class Linearised:
         return _point(solution, toes=toes_of(solution, scaled), forces=solution.value("forces"))
 
 
+def held_moments(layout: Layout, body: Body, forces: Forces) -> Moments:
+    """p̄ × F less that of the weight, of every stance: exact with the toes held."""
+    moments = Moments(layout)
+    moments.add(forces.stance, forces.columns, Of("held_arms"))
+    moments.of_weight(body)
+    return moments
+
+
 def linearised_moments(layout: Layout, body: Body, toes: FreeToes, forces: Forces) -> Moments:
     """p̄ × F + (p − p̄) × F̄ less that of the weight, of every stance; toes: explicit."""
-    moments = Moments(layout)
-    stance, _, foothold = layout.contacts
-    moments.add(forces.stance, forces.columns, Of("held_arms"))
+    moments, (stance, _, foothold) = held_moments(layout, body, forces), layout.contacts
     _levers(moments, layout, toes)
-    moments.of_weight(body)
 
     def offset(given: Given) -> Array:
         """−Σ p̄ × F̄ of every stance."""

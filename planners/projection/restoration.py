@@ -24,8 +24,9 @@ EXACT_M = 1e-10
 """A foot this close to its toe is there."""
 REACHED_M = 1e-9
 """And none may be farther."""
-BALANCED = 1e-9
-"""Largest residual of a balance, and violation of a cone or a bound, non-dimensional."""
+BALANCED, INSIDE = 1e-9, 1e-7
+"""Largest residual of a balance, and violation of a cone or a bound, non-dimensional: a quadruped that lifts one foot
+after the other stands on a line, where the forces of a foot are zero to a solver's tolerance."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -131,7 +132,7 @@ class Restoration:
         left = np.abs(missing - np.einsum("sij,sj->si", square, pull)).max(axis=1)
         cone = np.hypot(forces[:, 1], forces[:, 2]) - scaled.friction[foothold] * forces[:, 0]
         over = np.maximum(forces - scaled.force_max, scaled.force_min - forces).max(axis=1)
-        return forces, np.maximum(left, np.maximum.reduceat(np.maximum(cone, over), first)) <= BALANCED
+        return forces, (left <= BALANCED) & (np.maximum.reduceat(np.maximum(cone, over), first) <= INSIDE)
 
     def _shares(self, loads: list[tuple[Array, Array]], forces: Array) -> Array:
         """The largest torque of every stance as a share of its limit, (S,)."""

@@ -30,8 +30,8 @@ from .whole_body_step import WholeBody, WholeBodyStep
 EASY = 0.8
 """Forces that ask for no more than this share of any joint's torque are left as they are."""
 AIM, SPARE = 0.97, 0.02
-"""Steps aim at this share of what is wanted. They leave this share of the friction, and with it every limb that carries
-presses, in units of the weight; times the radius: what a step is wrong by falls with its square."""
+"""Steps aim at this share of what is wanted, and leave this share of the friction, times the radius: what a step is
+wrong by falls with its square."""
 WIDER, NARROWER, NARROWEST, WIDEST = 1.4, 0.4, 0.02, 2.0
 """Of the trust region's radius: after a step that was one, after one that was none, and its bounds."""
 GAIN = 1e-4
@@ -83,7 +83,7 @@ def whole_body(
         found, steps = _Stage(plan, solver, limits).run()
         if found is not None and check_plan(found).accepted:
             share = largest(found, solver, limit_nm)
-            if share < before:
+            if share[0] < before[0]:
                 best, after, taken = found, share, steps
     return WholeBodyPlan(plan=best, steps=taken, before=before, after=after)
 
@@ -105,6 +105,7 @@ class _Stage:
 
     def __init__(self, plan: Plan, solver: Kinematics, limits: TorqueLimits) -> None:
         self._plan, self._solver, self._limits, self._limit_nm = plan, solver, limits, limits.of(solver)
+        self._bounds = solver.lowest_rad, solver.highest_rad
         self._scaled, self._programs = Scaled.of(plan.course).chosen(plan.choice), Programs()
 
     def run(self) -> tuple[Plan | None, int]:
@@ -130,23 +131,38 @@ class _Stage:
 
     def _stepped(self, scaled: Scaled, restoration: Restoration, state: Restored) -> tuple[Restored, int]:
         """After steps that each lower the largest share, until it is what is wanted, or none does; and how many."""
-        step = self._programs.get(WholeBodyStep, scaled.layout, tuple(self._solver.legs.tolist()))
         radius, taken = 1.0, 0
         for _ in range(self._limits.steps):
             if state.share <= self._limits.share or radius < NARROWEST:
                 break
-            found = step.solve(
-                WholeBody(
-                    _cautious(scaled, SPARE * min(radius, 1.0)), state.point, solver=self._solver, angles=state.angles, limit_nm=self._limit_nm,
-                    wanted=AIM * self._limits.share, radius=radius,
-                )
-            )  # fmt: skip
-            other = None if found is None else restoration.restore(*found, wanted=self._limits.share)
+            other = self._step(scaled, restoration, state, radius)
             if other is not None and other.share < state.share - GAIN:
                 state, radius, taken = other, min(WIDER * radius, WIDEST), taken + 1
             else:
                 radius *= NARROWER
         return state, taken
+
+    def _step(self, scaled: Scaled, restoration: Restoration, state: Restored, radius: float) -> Restored | None:
+        """An exact plan after a step; None where there is none.
+
+        Where the forces of the step cannot be mended alone, body and joints are found once more for its toes.
+        """
+        layout, leg_of = scaled.layout, tuple(self._solver.legs.tolist())
+        inside = replace(scaled, friction=(1.0 - SPARE * min(radius, 1.0)) * scaled.friction)
+        at = WholeBody(
+            inside, state.point, solver=self._solver, angles=state.angles, limit_nm=self._limit_nm,
+            wanted=AIM * self._limits.share, radius=radius,
+        )  # fmt: skip
+        found = self._programs.get(WholeBodyStep, layout, leg_of, False).solve(at)
+        if found is None:
+            return None
+        other = restoration.restore(*found, wanted=self._limits.share)
+        if other is None:
+            point, angles = found
+            at = replace(at, scaled=scaled, about=point, angles=np.clip(angles, *self._bounds))
+            found = self._programs.get(WholeBodyStep, layout, leg_of, True).solve(at)
+            other = None if found is None else restoration.restore(*found, wanted=self._limits.share)
+        return other
 
     def _as_plan(self, state: Restored, friction_share: float) -> Plan:
         """With its units back."""
@@ -157,10 +173,3 @@ class _Stage:
             forces_n=self._scaled.forces_si(point)[0], joints_rad=state.angles,
             provenance={**self._plan.provenance, **kept},
         )  # fmt: skip
-
-
-def _cautious(scaled: Scaled, spare: float) -> Scaled:
-    """The problem inside of its cones: less friction, and none of those who carry may carry nothing."""
-    low = scaled.force_min.copy()
-    low[:, 0] = np.minimum(np.maximum(low[:, 0], spare), scaled.force_max[:, 0])
-    return replace(scaled, friction=(1.0 - spare) * scaled.friction, force_min=low)

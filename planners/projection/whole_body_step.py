@@ -23,11 +23,11 @@ from ..equilibrium.layout import Index, Layout
 from ..equilibrium.objective import objective
 from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, skew
-from ..equilibrium.terms import Body, Forces, FreeToes, Given
+from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Toes
 from ..files.arrays import Array, cross
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.leg_slopes import LegSlopes, turning
-from .held import linearised_moments, toes_of
+from .held import held_moments, linearised_moments, toes_of
 
 TORQUE_PRICE = 3.0
 """Of the largest torque's share above what is wanted, in units of the objective."""
@@ -185,37 +185,45 @@ class Torques:
 
 
 class WholeBodyStep:
-    """The program; one candidate a foothold, point feet. leg_of: the leg of every joint."""
+    """The program; one candidate a foothold, point feet.
 
-    def __init__(self, layout: Layout, leg_of: tuple[int, ...]) -> None:
+    leg_of: the leg of every joint. hold_toes: they stay where the point has them; then balances are linear (E6) and
+    hold exactly.
+    """
+
+    def __init__(self, layout: Layout, leg_of: tuple[int, ...], hold_toes: bool) -> None:
         layout.check_point_feet("whole body")
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, toes = Body(rows, layout), FreeToes(rows, layout, explicit=True)
-        forces = Forces.of_contacts(rows, layout)
-        assert toes.points is not None
+        body, forces = Body(rows, layout), Forces.of_contacts(rows, layout)
+        free = None if hold_toes else FreeToes(rows, layout, explicit=True)
+        toes: Toes = HeldToes(rows) if free is None else free
         joints, share = rows.variable("joints", layout.frames, len(leg_of)), rows.variable("share", 1)
         forces.balance()
-        residual = linearised_moments(layout, body, toes, forces).within(rows)
+        if free is None:
+            held_moments(layout, body, forces).vanish(rows)
+        else:
+            rows.linear(linearised_moments(layout, body, free, forces).within(rows), MOMENT_PRICE)
         forces.in_cones()
         forces.in_box(implied=False)
         body.reach(toes, inner=True)
         body.limits()
-        body.steps(toes)
+        body.steps(free)
         self._feet(body, toes, joints, np.array(leg_of), layout)
         self._torques(TorqueRows.of(layout, leg_of), body, forces, joints, share)
-        columns = {"com": body.com, "rotation": body.rotation, "toes": toes.points, "joints": joints}
+        columns = {"com": body.com, "rotation": body.rotation, "joints": joints}
+        if free is not None and free.points is not None:
+            columns["toes"] = free.points
         for name, its in columns.items():
             for side, sign in (("above", 1.0), ("below", -1.0)):
                 near = rows.at_most(f"{name}_{side}", *its.shape)
                 rows.put(near, its, sign)
                 rows.right(near, _bound(side, name, sign))
-        objective(rows, layout, body, toes)
+        objective(rows, layout, body, free)
         rows.square(joints, None, lambda _: STILL)
         rows.square(forces.columns, None, lambda _: EVEN)
         rows.linear(share, TORQUE_PRICE)
-        rows.linear(residual, MOMENT_PRICE)
 
-    def _feet(self, body: Body, toes: FreeToes, joints: Index, leg_of: Index, layout: Layout) -> None:
+    def _feet(self, body: Body, toes: Toes, joints: Index, leg_of: Index, layout: Layout) -> None:
         """Every foot is at its toe."""
         rows = self.rows
         feet = rows.equal("feet", layout.frames, layout.limbs, 3)
@@ -243,9 +251,11 @@ class WholeBodyStep:
         solution = self.rows.solve(at)
         if not solution.solved:
             return None
+        free = "weights" in solution.columns
         point = Point(
-            com=solution.value("com"), rotation=solution.value("rotation"), toes=toes_of(solution, at.scaled),
-            forces=solution.value("forces"), residual=float(solution.value("residual")[0]),
+            com=solution.value("com"), rotation=solution.value("rotation"), forces=solution.value("forces"),
+            toes=toes_of(solution, at.scaled) if free else at.held.toes,
+            residual=float(solution.value("residual")[0]) if free else 0.0,
             objective=solution.objective, seconds=solution.seconds,
         )  # fmt: skip
         return point, at.angles + solution.value("joints")
