@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -20,15 +21,23 @@ from .arguments import Sampler, checked
 
 @checked
 def sample(
-    problems: str | Sampler, count: int = 1, *, rng: np.random.Generator | int = 0
+    problems: str | Sampler,
+    count: int = 1,
+    *,
+    robot: str | Path | None = None,
+    terrain: str | Path | None = None,
+    rng: np.random.Generator | int = 0,
 ) -> list[PostureProblem]:
     """Draw posture problems from a distribution of terrains.
 
     Arguments:
-        problems: something with ``sample(rng)``, or the name of a distribution: "ground-3", "wall-3", "wall-5" (three
-            or five limbs on the ground or on two facing walls), one that a package registered under the entry point
-            ``stancekit.distributions``, "FILE.py:NAME", or a YAML file.
+        problems: something with ``sample(rng)``, or the name of a distribution: "ground-k" and "wall-k" (k limbs on the
+            ground or on two facing walls; paper E has "ground-3", "wall-3", "wall-5"), "terrain-k" (cut from
+            ``terrain``), one that a package registered under the entry point ``stancekit.distributions``,
+            "FILE.py:NAME", or a YAML file.
         count: how many, 1 or more.
+        robot: whose limbs they are, a built-in name, a .urdf file, or a .yaml file that names one; with a name only.
+        terrain: a mesh or a grid; with "terrain-k".
         rng: a generator, or a seed; equal seeds give equal problems.
     Returns:
         ``count`` independent problems.
@@ -47,7 +56,7 @@ def sample(
     if isinstance(problems, str):
         from stancekit.envs.distributions.postures import distribution  # loads Gymnasium
 
-        problems = distribution(problems)
+        problems = distribution(problems, robot=robot, terrain=terrain)
     if not isinstance(rng, np.random.Generator) and rng < 0:
         raise InvalidInput(f"rng: expected a generator or a seed of 0 or more, got {rng}")
     source, drawn = problems, np.random.default_rng(rng)

@@ -31,6 +31,8 @@ def label(
     problems: str | Sampler,
     folder: str | Path,
     *,
+    robot: str | Path | None = None,
+    terrain: str | Path | None = None,
     feasible: int = 500,
     infeasible: int = 500,
     natural: bool = False,
@@ -42,6 +44,7 @@ def label(
     Arguments:
         problems: a distribution or its name, as for ``sample``. One that has no ``name`` goes by its class's.
         folder: of the data set; what is there already is not made again.
+        robot, terrain: as for ``sample``. Rows of a robot's file say *infeasible* of the inner sets of its legs.
         feasible, infeasible: rows of each label; the infeasible ones need their moment balance to be so.
         natural: keep the first samples as they come, whatever their label.
         seed: of the random stream; use another one for training than for testing.
@@ -60,7 +63,10 @@ def label(
         (12, True)
     """
     name, source = (problems, None) if isinstance(problems, str) else _named(problems)
-    plan = LabelPlan(distribution=name, feasible=feasible, infeasible=infeasible, natural=natural, seed=seed)
+    plan = LabelPlan(
+        distribution=name, feasible=feasible, infeasible=infeasible, natural=natural, seed=seed,
+        robot=None if robot is None else str(robot), terrain=None if terrain is None else str(terrain),
+    )  # fmt: skip
     labelled(plan, folder, workers=workers, source=source)
     return Dataset.open(folder)
 

@@ -33,6 +33,7 @@ def walk(
     duration_s: float = 10.0,
     friction: float = 0.75,
     adhesive: Sequence[str] = (),
+    suction_n: float | None = None,
     chart: str = "portfolio",
     total_s: float = 240.0,
 ) -> GaitPlan:
@@ -48,7 +49,8 @@ def walk(
         gait: order of the steps; tripod is for six feet, the others are for four.
         duration_s: time to walk [s].
         friction: Coulomb coefficient ν of the ground.
-        adhesive: names of feet that stick: they may pull, and have no friction cone.
+        adhesive: names of feet that stick: they may pull.
+        suction_n: what such a foot may pull with, and where its friction cone begins; twice the weight if missing [N].
         chart: coordinates to solve in ("decoupled", "warped-exact", "ambient", ..., or "FILE.py:NAME"); "portfolio"
             tries one after another until the verifier accepts.
         total_s: processor time of all solves; the best walk until then is the answer [s].
@@ -79,6 +81,7 @@ def walk(
         duration_s=duration_s,
         friction=friction,
         adhesive=tuple(name in adhesive for name in body.foot_names),
+        suction_n=suction_n,
         gait=gait,
     )
     attempts = None if chart == "portfolio" else [Attempt(chart=chart)]

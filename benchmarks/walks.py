@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,8 +42,8 @@ TERRAINS = "ripple,rough:0.3:7,rough:0.5:7,rough:0.8:3"
 
 @dataclass(frozen=True)
 class Example:
-    """A robot of example-robot-data: its files, hip and knee as it stands (turned round behind where ``mirrored``), and
-    what its file says wrongly of its joints."""
+    """A robot of example-robot-data: its files, hip and knee as it stands (turned round behind where ``mirrored``),
+    what its file says wrongly of its joints, and the mesh of a foot that is a ball of this radius [m]."""
 
     urdf: str
     srdf: str
@@ -50,6 +51,8 @@ class Example:
     knee_rad: float
     mirrored: bool
     joint: JointCorrection | None = None
+    foot_mesh: str = ""
+    foot_m: float = 0.0
 
 
 B, C = (f"anymal_{kind}_simple_description" for kind in "bc")
@@ -59,7 +62,7 @@ ROBOTS = {
     "go1": Example("go1_description/urdf/go1.urdf", "go1_description/srdf/go1.srdf", 0.8, -1.6, False),
     "a1": Example("a1_description/urdf/a1.urdf", "a1_description/srdf/a1.srdf", 0.8, -1.6, False),
     "solo12": Example("solo_description/robots/solo12.urdf", "solo_description/srdf/solo.srdf", 0.8, -1.5, True,
-                      JointCorrection(torque_nm=2.7, velocity_rad_s=40.0)),
+                      JointCorrection(torque_nm=2.7, velocity_rad_s=40.0), "solo_foot.stl", 0.016),
 }  # fmt: skip
 
 
@@ -93,6 +96,8 @@ def model(example: Example, folder: Path) -> RobotModel:
     """The robot, in the posture that it walks from."""
     urdf, srdf = folder / example.urdf, folder / example.srdf
     text = urdf.read_text(encoding="utf-8", errors="replace")
+    if example.foot_mesh:
+        text = re.sub(rf'<mesh[^>]*{example.foot_mesh}"[^>]*/>', f'<sphere radius="{example.foot_m}"/>', text)
     bare = model_of(text, folder=urdf.parent)
     behind = {leg.name: -1.0 if example.mirrored and leg.hip_m[0] < 0.0 else 1.0 for leg in bare.legs}
     posture = {

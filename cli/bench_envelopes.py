@@ -6,10 +6,14 @@ import json
 import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
 
 from .console import emit, make_folder, out, stages
 from .evaluate import score_table
+from .names import ROBOT, TERRAIN
+from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,6 +34,12 @@ class BenchEnvelopes:
     """Experiment file (YAML); configs/bench-envelopes.yaml where there is none."""
     quick: bool = False
     """Use the file's section quick: small data, short training."""
+    problem: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME ...")] = ()
+    """Classes of problems, instead of the file's."""
+    robot: Annotated[OptionalText, ROBOT] = None
+    """Robot whose legs stand, instead of the file's: a .urdf file, or a .yaml file that names one."""
+    terrain: Annotated[OptionalPath, TERRAIN] = None
+    """Mesh or grid that scenes are cut from, instead of the file's."""
     out: Path | None = None
     """Folder for everything that is made; out/bench, or out/bench-quick, where there is none."""
     workers: int = max(os.cpu_count() or 1, 1)
@@ -50,7 +60,14 @@ class BenchEnvelopes:
         from stancekit.planners.files.writing import write_text
         from stancekit.views.sheet import save
 
-        experiment = Experiment.from_yaml(self.config or config_path("bench-envelopes.yaml"), quick=self.quick)
+        given = {
+            "problems": list(self.problem) or None, "robot": self.robot,
+            "terrain": None if self.terrain is None else str(self.terrain),
+        }  # fmt: skip
+        experiment = Experiment.from_yaml(
+            self.config or config_path("bench-envelopes.yaml"), quick=self.quick,
+            overrides={name: value for name, value in given.items() if value is not None},
+        )  # fmt: skip
         where = executor(self.executor, workers=self.workers, address=self.address)
         folder = self.out or Path("out/bench-quick" if self.quick else "out/bench")
         make_folder(folder)

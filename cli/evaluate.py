@@ -14,7 +14,8 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, progress
-from .names import named
+from .names import ROBOT, TERRAIN, named
+from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.learners.evaluation.evaluate import Score, Share
@@ -34,6 +35,10 @@ class Evaluate:
 
     dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Data set folder of `stancekit label`."""
+    robot: Annotated[OptionalText, ROBOT] = None
+    """Robot that the data set must be of; one of another is refused."""
+    terrain: Annotated[OptionalPath, TERRAIN] = None
+    """Terrain's file that the data set must be of."""
     envelope: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
     """Envelope files to compare."""
     selector: Annotated[tuple[str, ...], named("stancekit.learners.selectors.own:SELECTORS", "FILE|FILE.py:NAME")] = ()
@@ -55,6 +60,7 @@ class Evaluate:
         """Roll every selector out and print the table."""
         from stancekit.learners.data.dataset import Dataset
         from stancekit.learners.data.executor import executor
+        from stancekit.learners.data.origin import check_of
         from stancekit.learners.data.scenes import scenes_of
         from stancekit.learners.evaluation.evaluate import check_same_class, evaluate, evaluate_lift
         from stancekit.learners.selectors.selector import Learned
@@ -66,6 +72,7 @@ class Evaluate:
         if not (self.envelope or self.selector or self.lift):
             raise InvalidInput("--envelope, --selector: expected one or more files to compare, or the lift, got none")
         dataset = Dataset.open(self.dataset)
+        check_of(dataset, self.robot, self.terrain)
         selectors = [(str(path), Learned.fixed(path.stem, read_envelopes(path))) for path in self.envelope]
         selectors += [(name, load_selector(name)) for name in self.selector]
         for where, learned in selectors:

@@ -11,7 +11,8 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, progress
-from .names import named
+from .names import ROBOT, TERRAIN, named
+from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.learners.training.fit_settings import FitSettings
@@ -33,6 +34,10 @@ class Fit:
     """Data set folder of `stancekit label`; for modes one a terrain, in the order in which z counts them."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """File to write: JSON for envelopes, safetensors for what has a network."""
+    robot: Annotated[OptionalText, ROBOT] = None
+    """Robot that the data set must be of; one of another is refused."""
+    terrain: Annotated[OptionalPath, TERRAIN] = None
+    """Terrain's file that the data set must be of."""
     method: Annotated[str, named("stancekit.learners.training.fitting:METHODS")] = "gmm"
     """How to learn."""
     share: float = 0.05
@@ -61,6 +66,7 @@ class Fit:
     def run(self) -> int:
         """Fit and write."""
         from stancekit.learners.data.dataset import Dataset
+        from stancekit.learners.data.origin import check_of
         from stancekit.learners.selectors.selector import FixedSelector
         from stancekit.learners.training.fitting import learn
         from stancekit.planners.answer.answer_file import write_boxes
@@ -71,6 +77,8 @@ class Fit:
         if not self.dataset:
             raise InvalidInput("FOLDER: expected a data set folder, got none")
         datasets = [Dataset.open(folder) for folder in self.dataset]
+        for dataset in datasets:
+            check_of(dataset, self.robot, self.terrain)
         held = None if self.calibration is None else Dataset.open(self.calibration)
         settings = self._settings()
         with progress(f"fit {self.method}") as bar:

@@ -67,7 +67,10 @@ class Gait:
     friction: float = 0.75
     """Friction coefficient of the terrain."""
     adhesive: Annotated[str, tyro.conf.arg(metavar="FEET")] = ""
-    """Feet that stick, e.g. LF,RF: they may pull, and have no friction cone."""
+    """Feet that stick, e.g. LF,RF: they may pull."""
+    suction_n: float | None = None
+    """What a foot that sticks may pull with; its friction cone begins at that pull. Twice the weight where there is
+    none [N]."""
     seeds: int = 1
     """How many initial guesses of each chart to try; the smoothest accepted walk is kept."""
     seed: int = 0
@@ -177,6 +180,7 @@ class Gait:
                 duration_s=self.duration_s,
                 friction=self.friction,
                 adhesive=tuple(name in sticky for name in robot.foot_names),
+                suction_n=self.suction_n,
                 gait=self.gait or ("trot" if len(robot.feet) == 4 else "tripod"),
                 timings=self.timings,
             )

@@ -10,7 +10,8 @@ from typing import Annotated, Literal
 import tyro
 
 from .console import as_options, emit, out, progress
-from .names import DISTRIBUTION
+from .names import DISTRIBUTION, ROBOT, TERRAIN
+from .options import OptionalPath, OptionalText
 
 
 @dataclass
@@ -23,9 +24,14 @@ class LabelPostures:
     """
 
     problem: Annotated[str, tyro.conf.Positional, DISTRIBUTION]
-    """Distribution: ground-3, wall-3, wall-5, one that another package brings, a YAML file, or FILE.py:NAME."""
+    """Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; one that another package brings, a YAML file,
+    or FILE.py:NAME."""
     folder: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Folder of the data set."""
+    robot: Annotated[OptionalText, ROBOT] = None
+    """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the default hexapod."""
+    terrain: Annotated[OptionalPath, TERRAIN] = None
+    """Mesh or grid that the scenes of terrain-k are cut from."""
     feasible: int = 500
     """Feasible rows."""
     infeasible: int = 500
@@ -49,7 +55,7 @@ class LabelPostures:
         """Label and sum up."""
         from stancekit.learners.data.executor import executor
         from stancekit.learners.data.labelling import Progress, label
-        from stancekit.learners.data.ledger import LabelPlan
+        from stancekit.learners.data.ledger import LabelPlan, read_header
 
         with as_options():
             plan = LabelPlan(
@@ -59,6 +65,8 @@ class LabelPostures:
                 natural=self.natural,
                 seed=self.seed,
                 shard_size=self.shard_size,
+                robot=self.robot,
+                terrain=None if self.terrain is None else str(self.terrain),
             )
             where = executor(self.executor, workers=self.workers, address=self.address)
         with progress(f"label {self.problem}") as bar:
@@ -67,11 +75,13 @@ class LabelPostures:
                 bar(state.rows, plan.rows)
 
             summary = label(plan, self.folder, run=where, progress=told)
-        record = summary.to_json()
+        record, header = summary.to_json(), read_header(self.folder)
         if self.json:
             emit(record)
         else:
             out.print(str(self.folder))
+            if header.speaks_of is not None:
+                out.print(f"  {header.problem_class}: {header.speaks_of}", highlight=False)
             for name, value in record.items():
                 out.print(f"  {name:15} {_plain(value)}")
         return 0

@@ -25,3 +25,5 @@ def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
 
 
 DISTRIBUTION = tyro.conf.arg(metavar="NAME")
+ROBOT = tyro.conf.arg(metavar="FILE|NAME")
+TERRAIN = tyro.conf.arg(metavar="FILE")

@@ -27,6 +27,8 @@ def run_table(report: RunReport) -> Table:
     if report.joint_worst:
         worst, rms = 1e3 * report.joint_worst_rad, 1e3 * report.joint_rms_rad
         table.add_row("joints", f"{worst:.1f} mrad from the plan at most ({report.joint_worst}), {rms:.1f} mrad (RMS)")
+    if not report.body_measured:
+        table.add_row("body", "not measured: joints alone were followed")
     if report.execution is not None:
         run = report.execution
         table.add_row(

@@ -12,7 +12,8 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out
-from .names import DISTRIBUTION
+from .names import DISTRIBUTION, ROBOT, TERRAIN
+from .options import OptionalPath, OptionalText
 
 
 @dataclass
@@ -23,7 +24,12 @@ class Sample:
     """
 
     problem: Annotated[str, tyro.conf.Positional, DISTRIBUTION]
-    """Distribution: ground-3, wall-3, wall-5, one that another package brings, a YAML file, or FILE.py:NAME."""
+    """Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; one that another package brings, a YAML file,
+    or FILE.py:NAME."""
+    robot: Annotated[OptionalText, ROBOT] = None
+    """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the default hexapod."""
+    terrain: Annotated[OptionalPath, TERRAIN] = None
+    """Mesh or grid that the scenes of terrain-k are cut from."""
     count: int = 1
     """How many problems."""
     seed: int = 0
@@ -44,7 +50,8 @@ class Sample:
             raise InvalidInput(f"--count: expected 1 or more, got {self.count}")
         if self.seed < 0:
             raise InvalidInput(f"--seed: expected 0 or more, got {self.seed}")
-        source, rng = distribution(self.problem), np.random.default_rng(self.seed)
+        source = distribution(self.problem, robot=self.robot, terrain=self.terrain)
+        rng = np.random.default_rng(self.seed)
         records = (source.sample(rng).to_json() for _ in range(self.count))
         if self.out is None:
             for record in records:
@@ -53,7 +60,7 @@ class Sample:
         check_writable(self.out)
         write_text(self.out, "".join(json.dumps(record) + "\n" for record in records))
         if self.json:
-            emit({"out": str(self.out), "problem_class": self.problem, "problems": self.count})
+            emit({"out": str(self.out), "problem_class": source.name, "problems": self.count})
         else:
-            out.print(f"{self.out}: {self.count} problem(s) of {self.problem}")
+            out.print(f"{self.out}: {self.count} problem(s) of {source.name}")
         return 0

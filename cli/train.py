@@ -12,6 +12,8 @@ from rich.table import Table
 from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, progress
+from .names import ROBOT, TERRAIN
+from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.learners.training.reinforce import Trained
@@ -28,6 +30,12 @@ class Train:
 
     config: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     """YAML file; its keys are those of `TrainConfig` in learners/training/train_config.py."""
+    problem: Annotated[OptionalText, tyro.conf.arg(metavar="NAME")] = None
+    """Distribution, instead of the file's."""
+    robot: Annotated[OptionalText, ROBOT] = None
+    """Robot whose legs stand, instead of the file's: a .urdf file, or a .yaml file that names one."""
+    terrain: Annotated[OptionalPath, TERRAIN] = None
+    """Mesh or grid that scenes are cut from, instead of the file's."""
     out: Path = Path("out/train")
     """Folder of the run."""
     steps: int | None = None
@@ -47,7 +55,10 @@ class Train:
         except ModuleNotFoundError as error:
             raise InvalidInput(f"train: expected the extra rl (pip install 'stancekit[rl]'), {error.name} is missing") \
                 from None  # fmt: skip
-        given = {"steps": self.steps, "seed": self.seed}
+        given = {
+            "steps": self.steps, "seed": self.seed, "problem": self.problem, "robot": self.robot,
+            "terrain": None if self.terrain is None else str(self.terrain),
+        }  # fmt: skip
         config = TrainConfig.from_yaml(self.config, {name: value for name, value in given.items() if value is not None})
         with progress(f"train {config.problem}") as bar:
             trained = train(config, self.out, resume=self.resume, progress=bar)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -19,8 +20,8 @@ from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
-from .distributions.postures import distribution
-from .scenes import MAX_DRAWS, SampledScenes, Scene, SceneSource
+from .distributions.postures import Distribution
+from .scenes import MAX_DRAWS, Scene, SceneKind, SceneSource, kind_of, scenes_of_kind
 from .selection_task import VERTICES, scene_space
 
 Observation = dict[str, NDArray[np.float32]]
@@ -84,7 +85,9 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
 
     | argument | default | meaning |
     |---|---|---|
-    | problem | 'wall-3' | a distribution by name, a YAML file, or "FILE.py:NAME" |
+    | problem | 'wall-3' | as for ``EnvelopeSelectionEnv`` |
+    | robot | None | whose legs stand: a built-in name, a URDF, a YAML file; the default hexapod where None |
+    | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | projection | 'fix-toes' | the P2 that is tried at every box |
     | budget | 200 | convex problems an episode |
     | balanced | True | half of the scenes infeasible, none trivially |
@@ -101,8 +104,10 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
 
     def __init__(
         self,
-        problem: str = "wall-3",
+        problem: str | Distribution | SceneKind = "wall-3",
         *,
+        robot: str | Path | None = None,
+        terrain: str | Path | None = None,
         projection: Projection = "fix-toes",
         budget: int = 200,
         balanced: bool = True,
@@ -116,14 +121,14 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
             raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
         if budget < 1:
             raise InvalidInput(f"budget: expected 1 or more, got {budget}")
-        chosen = distribution(problem)
+        chosen = kind_of(problem, robot, terrain)
         self.render_mode = render_mode
         self._count = len(chosen.legs)
         self._projection: Projection = projection
         self._budget = budget
         self._programs = programs or Programs()
         self._acceptance = Acceptance()
-        self._scenes = scenes or SampledScenes(chosen, balanced=balanced, programs=self._programs)
+        self._scenes = scenes or scenes_of_kind(chosen, balanced=balanced, programs=self._programs)
         self._scene: Scene | None = None
         self._scaled: Scaled | None = None
         self._search: BoxSearch | None = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -14,7 +15,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.search.exact import ExactPlanner
 
-from .distributions.postures import Distribution
+from .distributions.postures import Distribution, distribution
 
 MAX_DRAWS = 10_000
 
@@ -43,6 +44,14 @@ class Scene:
             lower_bound=outcome.lower_bound,
             expert_seconds=outcome.seconds,
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SceneKind:
+    """What scenes are of that come from elsewhere, from a data set for one: their class by name, and their limbs."""
+
+    name: str
+    legs: tuple[str, ...]
 
 
 class SceneSource(Protocol):
@@ -79,6 +88,24 @@ class SampledScenes:
             if not self._balanced or (scene.feasible == wanted and not outcome.details["trivial"]):
                 return scene
         raise PlanningFailed(f"{self._distribution.name}: no scene of the wanted label in {MAX_DRAWS} draws")
+
+
+def kind_of(
+    problem: str | Distribution | SceneKind, robot: str | Path | None, terrain: str | Path | None
+) -> Distribution | SceneKind:
+    """A distribution, or what is known of one; by name as ``distribution`` has it. Raises InvalidInput."""
+    if not isinstance(problem, SceneKind | Distribution):
+        return distribution(problem, robot=robot, terrain=terrain)
+    if robot is not None or terrain is not None:
+        raise InvalidInput(f"robot, terrain: expected none beside {problem.name}, which has its own")
+    return problem
+
+
+def scenes_of_kind(kind: Distribution | SceneKind, *, balanced: bool, programs: Programs) -> SceneSource:
+    """Scenes of a distribution. Raises InvalidInput where they were to come from elsewhere."""
+    if isinstance(kind, SceneKind):
+        raise InvalidInput(f"scenes: expected some of {kind.name}, got none")
+    return SampledScenes(kind, balanced=balanced, programs=programs)
 
 
 class ListedScenes:

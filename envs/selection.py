@@ -19,7 +19,8 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import to_rgb
 
-from .scenes import Scene, SceneSource
+from .distributions.postures import Distribution
+from .scenes import Scene, SceneKind, SceneSource
 from .selection_task import RewardWeights, SelectionTask
 
 WINDOW = "stancekit"
@@ -77,7 +78,9 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     | argument | default | meaning |
     |---|---|---|
-    | problem | 'wall-3' | a distribution by name, a YAML file, or "FILE.py:NAME" |
+    | problem | 'wall-3' | a distribution by name (also ground-k, terrain-k), a YAML file, or "FILE.py:NAME" |
+    | robot | None | whose legs stand: a built-in name, a URDF, a YAML file; the default hexapod where None |
+    | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | boxes | 1 | how many boxes an action holds; P1 takes any one of them |
     | library | None | an ``EnvelopeSet``, or its file, to choose from |
     | projections | ('fix-p',) | which P2 to run; the reward looks at the first |
@@ -96,8 +99,10 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
     def __init__(
         self,
-        problem: str = "wall-3",
+        problem: str | Distribution | SceneKind = "wall-3",
         *,
+        robot: str | Path | None = None,
+        terrain: str | Path | None = None,
         boxes: int = 1,
         library: EnvelopeSet | str | Path | None = None,
         projections: tuple[Projection, ...] = ("fix-p",),
@@ -111,8 +116,8 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
             raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
         self.render_mode = render_mode
         self._task = SelectionTask(
-            problem, boxes=boxes, library=library, projections=projections, weights=weights, balanced=balanced,
-            scenes=scenes, timing=timing,
+            problem, robot=robot, terrain=terrain, boxes=boxes, library=library, projections=projections,
+            weights=weights, balanced=balanced, scenes=scenes, timing=timing,
         )  # fmt: skip
         self._scene: Scene | None = None
         self._scaled: Scaled | None = None

@@ -23,8 +23,8 @@ from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 from stancekit.planners.search.answer import Acceptance
 
-from .distributions.postures import distribution
-from .scenes import SampledScenes, Scene, SceneSource
+from .distributions.postures import Distribution
+from .scenes import Scene, SceneKind, SceneSource, kind_of, scenes_of_kind
 
 VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
@@ -56,6 +56,8 @@ class Verdict:
 class SelectionOptions(TypedDict, total=False):
     """What ``SelectionTask`` takes beside its problem; the page of ``EnvelopeSelectionEnv`` has their meaning."""
 
+    robot: str | Path | None
+    terrain: str | Path | None
     boxes: int
     library: EnvelopeSet | str | Path | None
     projections: tuple[Projection, ...]
@@ -73,8 +75,10 @@ class SelectionTask:
 
     def __init__(
         self,
-        problem: str = "wall-3",
+        problem: str | Distribution | SceneKind = "wall-3",
         *,
+        robot: str | Path | None = None,
+        terrain: str | Path | None = None,
         boxes: int = 1,
         library: EnvelopeSet | str | Path | None = None,
         projections: tuple[Projection, ...] = ("fix-p",),
@@ -90,8 +94,8 @@ class SelectionTask:
             )
         if not isinstance(boxes, int) or boxes < 1:
             raise InvalidInput(f"boxes: expected an integer of at least 1, got {boxes!r}")
-        chosen = distribution(problem)
-        self._problem = problem
+        chosen = kind_of(problem, robot, terrain)
+        self._problem = chosen.name
         self._count = len(chosen.legs)
         self._boxes = boxes
         self._library = read_envelopes(library) if isinstance(library, str | Path) else library
@@ -100,8 +104,7 @@ class SelectionTask:
         self._timing = timing
         self._programs = Programs()
         self._acceptance = Acceptance(tolerance=ADMITTED)
-        sampled = SampledScenes(chosen, balanced=balanced, programs=self._programs)
-        self.scenes: SceneSource = sampled if scenes is None else scenes
+        self.scenes = scenes or scenes_of_kind(chosen, balanced=balanced, programs=self._programs)
         self.observation_space = scene_space(self._count)
         self.action_space = self._make_action_space()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -17,8 +18,6 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_keys import CourseSpec
-from stancekit.planners.relaxation.envelope import EnvelopeSet
-from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.course_features import CourseFeatures, Features
 from stancekit.planners.search.plan_window import Standing, joined
@@ -26,11 +25,18 @@ from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
-from .traverse_setup import CourseSource, Executor, TraverseWeights, course_source, offered_planners, path_length_m
+from .traverse_setup import (
+    Boxes,
+    CourseSource,
+    Executor,
+    TraverseWeights,
+    course_source,
+    offered_planners,
+    path_length_m,
+)
 
 MAX_DRAWS = 50
 """Draws until a course whose first key frame holds."""
-PICTURE_PX = (960, 720)
 NO_MODE = -1
 """In ``info``: a frame beyond the course's end, or a course that does not say its modes."""
 
@@ -66,7 +72,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
 
     ## Action Space
 
-    ``Discrete``: 0 is the two-stage planner over the lift, 1 and up the same over the envelopes given.
+    ``Discrete``: 0 is the two-stage planner over the lift, 1 and up over the envelopes given, or several sets of them.
 
     ## Reward
 
@@ -104,9 +110,11 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     | planners | None | replaces all of these |
     | weights | TraverseWeights() | what a step is worth |
     | patience | 4 | steps in vain before the end |
-    | limbs | 6 | of the observation: how many limbs |
+    | limbs | None | of the observation: how many limbs; those of the courses' robots where None |
     | regions | None | the most candidates a toe; those of the courses where None |
     | corners | 4 | the most corners a patch |
+    | robot | None | in place of the courses': a built-in name, a URDF, a YAML file |
+    | terrain | None | a mesh in place of the courses' terrain |
     | executor | None | plays the plan of every window on a world, each from a standing start |
     | programs | None | compiled models to share with other environments of this process |
     | timing | False | put seconds into ``info`` and the reward |
@@ -126,13 +134,15 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         frames: int | None = 9,
         horizon: int = 2,
         amount: float = 1.0,
-        envelopes: Sequence[EnvelopeSet | Modes] | None = None,
+        envelopes: Sequence[Boxes] | None = None,
         planners: Sequence[CoursePlanner] | None = None,
         weights: TraverseWeights = TraverseWeights(),
         patience: int = 4,
-        limbs: int = 6,
+        limbs: int | None = None,
         regions: int | None = None,
         corners: int = 4,
+        robot: str | Path | None = None,
+        terrain: str | Path | None = None,
         executor: Executor | None = None,
         programs: Programs | None = None,
         timing: bool = False,
@@ -144,14 +154,14 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             if not isinstance(value, int) or value < least:
                 raise InvalidInput(f"{name}: expected {least} or more, got {value!r}")
         self.render_mode = render_mode
-        self._draw, self._features = course_source(courses, frames, amount, horizon, limbs, regions, corners)
+        sizes = {"horizon": horizon, "limbs": limbs, "regions": regions, "corners": corners}
+        self._draw, self._features = course_source(courses, frames, amount, sizes, robot, terrain)
         programs = programs or Programs()
         self._planners = tuple(offered_planners(envelopes, programs) if planners is None else planners)
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
-        self._start = TwoStageCoursePlanner(programs=programs)
+        self._start, self._executor = TwoStageCoursePlanner(programs=programs), executor
         self._horizon, self._weights, self._patience, self._timing = horizon, weights, patience, timing
-        self._executor = executor
         self._course: Course | None = None
         self._walked: list[Plan] = []
         self._frame = self._vain = 0
@@ -204,7 +214,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         from stancekit.views.sheet import to_rgb
 
         caption = f"{self._course.name}: key frame {self._frame} of {self._course.frames - 1}"
-        return to_rgb(draw_plan(self.walk(), caption=caption, size_px=PICTURE_PX))
+        return to_rgb(draw_plan(self.walk(), caption=caption, size_px=(960, 720)))
 
     def walk(self) -> Plan:
         """The plan of everything that was walked in this episode, from the first key frame on."""

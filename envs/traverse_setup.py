@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -14,9 +15,11 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_spec
 from stancekit.planners.problem.course_keys import CourseSpec
+from stancekit.planners.problem.course_terrain import MeshFile
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.relaxation.modes import Modes
+from stancekit.planners.robot import hexapod
 from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.course_features import CourseFeatures
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
@@ -25,6 +28,8 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from .distributions.courses import perturbed
 
 CourseSource = Callable[[np.random.Generator], Course]
+Boxes = EnvelopeSet | Sequence[EnvelopeSet] | Modes
+"""What one choice of a planner has: envelopes, several sets of them for different legs, or modes."""
 
 
 class Executed(Protocol):
@@ -62,29 +67,63 @@ def course_source(
     courses: Sequence[str | CourseSpec] | CourseSource,
     frames: int | None,
     amount: float,
-    horizon: int,
-    limbs: int,
-    regions: int | None,
-    corners: int,
+    sizes: Mapping[str, int | None],
+    robot: str | Path | None = None,
+    terrain: str | Path | None = None,
 ) -> tuple[CourseSource, CourseFeatures]:
-    """What draws courses, and the size of their views. Raises InvalidInput."""
+    """What draws courses, and the size of their views: horizon, limbs, regions and corners, the courses' where None.
+
+    robot, terrain: files in place of the courses' own. Raises InvalidInput.
+    """
     if callable(courses):
-        if regions is None:
+        if sizes["regions"] is None:
             raise InvalidInput("regions: expected the most candidates of a toe where courses is a function, got None")
-        return courses, CourseFeatures(limbs=limbs, horizon=horizon, regions=regions, corners=corners)
-    specs = [read_spec(course) if isinstance(course, str) else course for course in courses]
+        if robot is not None or terrain is not None:
+            raise InvalidInput("robot, terrain: expected none where courses is a function, which has its own")
+        return courses, _features(sizes, limbs=len(hexapod().limbs), regions=0)
+    specs = [_spec(course, robot, terrain) for course in courses]
     specs = [spec if frames is None else spec.with_frames(frames) for spec in specs]
     if not specs:
         raise InvalidInput("courses: expected one or more, got none")
-    seen = regions or max(spec.candidates.count for spec in specs)
 
     def draw(rng: np.random.Generator) -> Course:
         return perturbed(specs[int(rng.integers(len(specs)))], rng, amount=amount)
 
-    return draw, CourseFeatures(limbs=limbs, horizon=horizon, regions=seen, corners=corners)
+    most = max(spec.candidates.count for spec in specs)
+    return draw, _features(sizes, limbs=max(_limbs(spec) for spec in specs), regions=most)
 
 
-def offered_planners(envelopes: Sequence[EnvelopeSet | Modes] | None, programs: Programs) -> Sequence[CoursePlanner]:
+def _features(sizes: Mapping[str, int | None], **of_courses: int) -> CourseFeatures:
+    given = {name: size for name, size in sizes.items() if size is not None}
+    return CourseFeatures(**{**of_courses, **given})
+
+
+def _spec(course: str | CourseSpec, robot: str | Path | None, terrain: str | Path | None) -> CourseSpec:
+    """A course's description whose files are found from anywhere."""
+    if isinstance(course, str):
+        spec, folder = read_spec(course), Path(course).parent
+        if isinstance(spec.robot, str) and Path(spec.robot).suffix:
+            spec = spec.model_copy(update={"robot": str((folder / spec.robot).resolve())})
+        if isinstance(spec.terrain, MeshFile):
+            file = str((folder / spec.terrain.file).resolve())
+            spec = spec.model_copy(update={"terrain": spec.terrain.model_copy(update={"file": file})})
+    else:
+        spec = course
+    if robot is not None:
+        path = Path(robot)
+        spec = spec.model_copy(update={"robot": str(path.resolve()) if path.suffix else str(robot)})
+    if terrain is not None:
+        mesh = MeshFile(kind="mesh", file=str(Path(terrain).resolve()), friction=spec.terrain.friction)
+        spec = spec.model_copy(update={"terrain": mesh})
+    return spec
+
+
+def _limbs(spec: CourseSpec) -> int:
+    model = spec.robot_model()
+    return len(spec.make_robot().limbs) if model is None else len(model.legs)
+
+
+def offered_planners(envelopes: Sequence[Boxes] | None, programs: Programs) -> Sequence[CoursePlanner]:
     """The two-stage planner over the lift, and over each of the envelopes."""
     if envelopes is None:
         envelopes = (expert_envelopes("ground"), expert_envelopes("wall"))

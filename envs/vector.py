@@ -25,7 +25,8 @@ from stancekit.planners.equilibrium.features import observe_batch
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, StancekitError
 
-from .scenes import Scene
+from .distributions.postures import Distribution
+from .scenes import Scene, SceneKind
 from .selection_task import SelectionOptions, SelectionTask
 
 Observation = dict[str, NDArray[np.float32]]
@@ -49,7 +50,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     def __init__(
         self,
         num_envs: int = 1,
-        problem: str = "wall-3",
+        problem: str | Distribution | SceneKind = "wall-3",
         *,
         workers: int = 1,
         render_mode: str | None = None,
@@ -190,7 +191,7 @@ class _Batch:
 class _Worker:
     """A ``_Batch`` in a process of its own, which ends with this one."""
 
-    def __init__(self, problem: str, options: SelectionOptions, size: int) -> None:
+    def __init__(self, problem: str | Distribution | SceneKind, options: SelectionOptions, size: int) -> None:
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process: BaseProcess = context.Process(target=_serve, args=(theirs, problem, options, size), daemon=True)
@@ -220,7 +221,7 @@ class _Worker:
             self._process.terminate()
 
 
-def _serve(pipe: Connection, problem: str, options: SelectionOptions, size: int) -> None:
+def _serve(pipe: Connection, problem: str | Distribution | SceneKind, options: SelectionOptions, size: int) -> None:
     """A worker's life: answer until None comes or the other end is gone."""
     batch = _Batch(SelectionTask(problem, **options), size)
     with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):

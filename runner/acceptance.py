@@ -83,6 +83,8 @@ class AcceptedGait:
         report = check_trajectory(record.trajectory)
         if not report.accepted or report.digest != record.verdict.get("digest"):
             raise InvalidInput(f"{path}: expected a gait that the verifier accepts as its file says: {report.message}")
+        if report.unchecked:
+            raise InvalidInput(f"{path}: expected a gait of which all groups are checked: {report.message}")
         try:
             robot = walker(record.trajectory.robot)
         except InvalidInput as error:
@@ -142,6 +144,8 @@ def proven(content: Plan | Trajectory, digest: str, source: str) -> Plan | Traje
         raise InvalidInput(
             f"{source}: expected a {'gait' if gait else 'plan'} that the verifier accepts, {_said(report)}"
         )
+    if isinstance(report, GaitReport) and report.unchecked:
+        raise InvalidInput(f"{source}: expected a gait of which all groups are checked: {report.message}")
     if isinstance(plain, Plan) and plain.course.has_soles:
         raise InvalidInput(f"{source}: expected point feet, which can be executed, got soles")
     if report.digest != digest:

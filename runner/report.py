@@ -25,8 +25,9 @@ class RunReport:
     seconds: of the motion; pace: of that asked for, bound_by what slowed it down. sent, clipped, refused: commands, see
     ``SafeWorld``.
     joint_worst_rad, joint_rms_rad: measured against planned angles, NaN, and joint_worst empty, where the motion never
-    began. cycle_s: median and 99th percentile of the control period, from one command to the next. execution: planned
-    against measured, where body and forces are measured. replay_rad: largest difference of a command from that in the
+    began. body_measured: whether the body's pose was measured, or joints alone were followed. cycle_s: median and 99th
+    percentile of the control period, from one command to the next. execution: planned against measured, where body and
+    forces are measured. replay_rad: largest difference of a command from that in the
     log which is replayed. stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine
     share, None where it was not; after: commands on their way at that moment, whose write returned up to after_s later.
     """
@@ -49,6 +50,7 @@ class RunReport:
     joint_worst_rad: float
     joint_worst: str
     joint_rms_rad: float
+    body_measured: bool
     cycle_s: tuple[float, float]
     wall_s: float
     execution: Execution | None
@@ -70,8 +72,8 @@ class RunReport:
         wall_s: float,
     ) -> RunReport:
         """The report of what was recorded. message: what stopped it, empty where nothing did."""
-        execution = None
-        if world.capabilities.has_body_pose and not world.dry and record.pairs:
+        execution, measured = None, world.capabilities.has_body_pose and not world.dry
+        if measured and record.pairs:
             execution = prepared.execution(world, record, settings, wall_s)
             message = message or execution.message
         angles = np.array([state.angles_rad for _, state in record.pairs]).reshape(-1, len(world.joints))
@@ -97,6 +99,7 @@ class RunReport:
             joint_worst_rad=float(away.max()) if away.size else float("nan"),
             joint_worst=world.joints[int(np.argmax(away.max(axis=0)))] if away.size else "",
             joint_rms_rad=float(np.sqrt(np.mean(away**2))) if away.size else float("nan"),
+            body_measured=measured,
             cycle_s=(float(np.median(cycles)), float(np.percentile(cycles, 99.0))),
             wall_s=wall_s,
             execution=execution,

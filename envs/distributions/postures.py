@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, cross
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.refusals import validated
 from stancekit.planners.plugins import Registry, made_or_class
-from stancekit.planners.problem import Contact, PostureBatch, PostureProblem
+from stancekit.planners.problem import PostureBatch, PostureProblem
 from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS
-from stancekit.planners.robot import Limb, Robot, hexapod
-from stancekit.planners.terrain import Patch
+from stancekit.planners.robot import Robot, hexapod
+from stancekit.planners.robot.robot_file import BUILT_IN
 
-FIVE_LEGS = ("RF", "RM", "RR", "LF", "LR")
-CIRCUMRADIUS_M = (0.03, 0.08)
-COM_RADIUS_M = 0.08
+from .cut import CutDistribution, cut
+from .patches import FORWARD, UPWARD, leaning, plain_problem, triangle
+from .stance import FIVE_LEGS, LAW, Law, Stance, Standing, paper_stance
 
 
+@runtime_checkable
 class Distribution(Protocol):
     """Anything that draws posture problems, G(θ)."""
 
@@ -59,6 +60,7 @@ class PostureDistribution:
     """G(θ) of paper E: one random triangle a limb, on the ground or on two facing walls.
 
     Each normal leans by up to 30° from the nominal one in a random direction. ``sample`` draws one problem.
+    stance: where the patches are; paper E's places about the robot's shoulders where None.
     """
 
     name: str
@@ -66,6 +68,7 @@ class PostureDistribution:
     legs: tuple[str, ...]
     friction: tuple[float, float]
     robot: Robot = field(default_factory=hexapod)
+    stance: Stance | None = None
 
     def sample(self, rng: np.random.Generator) -> PostureProblem:
         """Draw one posture problem."""
@@ -73,90 +76,33 @@ class PostureDistribution:
 
     def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
         """Draw this many problems: bit for bit those that as many calls of ``sample`` draw."""
-        centre, nominal, low, high = self._places
+        stance, low, high = self._about
         drawn = low + (high - low) * rng.random((count, *low.shape))
         offset, (lean, towards, radius, turn, friction) = drawn[..., :3], np.moveaxis(drawn[..., 3:], -1, 0)
-        normals = _lean(nominal, lean, towards)
-        triangles = _triangles(normals, radius, turn)
-        return PostureBatch(
-            like=self._plain, vertices_m=(centre + offset)[:, :, None] + triangles, normals=normals, friction=friction
-        )
+        normals = leaning(stance.normal, lean, towards)
+        vertices = (stance.centre_m + offset)[:, :, None] + triangle(normals, radius, turn)
+        return PostureBatch(like=self._plain, vertices_m=vertices, normals=normals, friction=friction)
 
     @cached_property
-    def _places(self) -> tuple[Array, Array, Array, Array]:
-        """Of each limb: nominal centre and normal, shape (N, 3) each, and the bounds of what is drawn, shape (N, 8)."""
-        limbs, placed = self.robot.select(self.legs), _ground if self.terrain == "ground" else _wall
-        centre, nominal, width = zip(*(placed(limb) for limb in limbs), strict=True)
-        of_all = np.array([(0.0, MAX_TILT_RAD), (0.0, 2.0 * np.pi), CIRCUMRADIUS_M, (0.0, 2.0 * np.pi), self.friction])
-        low, high = (np.tile(of_all[:, k], (len(limbs), 1)) for k in (0, 1))
-        low, high = np.hstack([-np.array(width), low]), np.hstack([width, high])
-        return np.array(centre), np.array(nominal), low, high
+    def _about(self) -> tuple[Stance, Array, Array]:
+        """What is drawn about, and of each limb the bounds of what is drawn, shape (N, 8)."""
+        stance = self.stance or paper_stance(self.robot.select(self.legs), self.terrain)
+        turn = (0.0, 2.0 * np.pi)
+        of_all = np.array([(0.0, MAX_TILT_RAD), turn, stance.circumradius_m, turn, self.friction])
+        low, high = (np.tile(of_all[:, k], (len(self.legs), 1)) for k in (0, 1))
+        return stance, np.hstack([-stance.room_m, low]), np.hstack([stance.room_m, high])
 
     @cached_property
     def _plain(self) -> PostureProblem:
         """The problem with every patch in its nominal place."""
-        centre, nominal, low, _ = self._places
-        triangles = centre[:, None] + _triangles(nominal, low[:, 5], low[:, 6])
-        shear = np.array([1.0, 0.0, 0.0] if self.terrain == "ground" else [0.0, 0.0, 1.0])
-        contacts = tuple(
-            Contact(
-                leg=limb.name,
-                shoulder_m=limb.shoulder_m,
-                reach_m=limb.reach_m,
-                patch=Patch(vertices_m=triangle, normal=normal, shear_reference=shear, friction=self.friction[0]),
-                force_min=np.array([0.0, -1.0, -1.0]),
-                force_max=np.ones(3),
-            )
-            for limb, triangle, normal in zip(self.robot.select(self.legs), triangles, nominal, strict=True)
-        )
-        return PostureProblem(
-            contacts=contacts, mass_kg=self.robot.mass_kg, com_nominal_m=np.zeros(3), com_radius_m=COM_RADIUS_M
-        )
+        shear = FORWARD if self.terrain == "ground" else UPWARD
+        return plain_problem(self.robot, self.legs, self._about[0], shear=shear)
 
 
-def _ground(limb: Limb) -> tuple[Array, Array, Array]:
-    """Centre and normal of a patch on the ground beside and below the shoulder, and how far off it may be [m]."""
-    outward = limb.shoulder_m / np.linalg.norm(limb.shoulder_m)
-    centre = limb.shoulder_m + 0.15 * outward + np.array([0.0, 0.0, -0.20])
-    return centre, np.array([0.0, 0.0, 1.0]), np.array([0.20, 0.20, 0.10])
-
-
-def _wall(limb: Limb) -> tuple[Array, Array, Array]:
-    """Centre and normal of a patch on the wall at the limb's side, and how far off it may be [m], outwards positive."""
-    side = 1.0 if limb.shoulder_m[1] >= 0.0 else -1.0
-    centre = np.array([limb.shoulder_m[0], side * 0.40, limb.shoulder_m[2]])
-    return centre, np.array([0.0, -side, 0.0]), np.array([0.15, side * 0.06, 0.15])
-
-
-def _lean(axis: Array, angle_rad: Array, azimuth_rad: Array) -> Array:
-    """Unit vectors at these angles from axes of shape (..., 3), leaning towards these azimuths."""
-    first, second = _plane(axis)
-    angle, azimuth = angle_rad[..., None], azimuth_rad[..., None]
-    sideways = np.cos(azimuth) * first + np.sin(azimuth) * second
-    return _unit(np.cos(angle) * axis + np.sin(angle) * sideways)
-
-
-def _triangles(normals: Array, radius_m: Array, turn_rad: Array) -> Array:
-    """Equilateral triangles about the origin in the planes of these normals, shape (..., 3, 3) [m]."""
-    angles = (turn_rad[..., None] + 2.0 * np.pi / 3.0 * np.arange(3))[..., None]
-    first, second = (axis[..., None, :] for axis in _plane(normals))
-    return np.asarray(radius_m[..., None, None] * (np.cos(angles) * first + np.sin(angles) * second))
-
-
-def _plane(normals: Array) -> tuple[Array, Array]:
-    """Two unit vectors that make a right-handed frame with each normal, shape (..., 3)."""
-    helper = np.eye(3)[np.argmin(np.abs(normals), axis=-1)]
-    first = _unit(cross(normals, helper))
-    return first, cross(normals, first)
-
-
-def _unit(vectors: Array) -> Array:
-    return np.asarray(vectors / np.sqrt(np.vecdot(vectors, vectors))[..., None])
-
-
-GROUND_3 = PostureDistribution(name="ground-3", terrain="ground", legs=THREE_LEGS, friction=(0.1, 0.8))
-WALL_3 = PostureDistribution(name="wall-3", terrain="wall", legs=THREE_LEGS, friction=(0.1, 1.2))
-WALL_5 = PostureDistribution(name="wall-5", terrain="wall", legs=FIVE_LEGS, friction=(0.1, 1.2))
+GROUND_FRICTION, WALL_FRICTION = (0.1, 0.8), (0.1, 1.2)
+GROUND_3 = PostureDistribution(name="ground-3", terrain="ground", legs=THREE_LEGS, friction=GROUND_FRICTION)
+WALL_3 = PostureDistribution(name="wall-3", terrain="wall", legs=THREE_LEGS, friction=WALL_FRICTION)
+WALL_5 = PostureDistribution(name="wall-5", terrain="wall", legs=FIVE_LEGS, friction=WALL_FRICTION)
 DISTRIBUTIONS: Mapping[str, PostureDistribution] = MappingProxyType({d.name: d for d in (GROUND_3, WALL_3, WALL_5)})
 """Paper E's three problem classes by name."""
 REGISTRY: Registry[Any] = Registry(
@@ -206,36 +152,81 @@ def _again(reference: str, name: str) -> OwnDistribution:
 
 
 class _Yaml(BaseModel):
-    """A distribution's file: a ``PostureDistribution`` of the default robot."""
+    """A distribution's file. terrain: ground, wall, or a terrain's file; it and robot are paths from the folder."""
 
     model_config = ConfigDict(extra="forbid", strict=True)
-    terrain: Literal["ground", "wall"]
+    terrain: str
     legs: list[str] = Field(min_length=1)
     friction: tuple[float, float] = Field(strict=False)
+    robot: str | None = None
 
 
-def distribution(name: str) -> Distribution:
-    """A distribution by name, from "FILE.py:NAME", or from a YAML file with terrain, legs and friction.
+def distribution(name: str, *, robot: str | Path | None = None, terrain: str | Path | None = None) -> Distribution:
+    """A distribution by name, from "FILE.py:NAME", or from a YAML file with terrain, legs, friction and robot.
 
-    Raises InvalidInput that lists the names there are.
+    Names of classes are ``ground-k``, ``wall-k`` and ``terrain-k``, k legs of the robot; the last one's scenes are cut
+    from a terrain's file. robot: a built-in name, a ``.urdf`` or a ``.yaml`` file; the default hexapod where None.
+    terrain: a mesh or a grid. What is drawn is named after the class, the robot and the terrain, by name and digest.
+    Raises InvalidInput that lists the names there are, and for a robot with fewer legs, a leg without an inside, a
+    terrain without footholds.
     """
     if not isinstance(name, str):
         known = ", ".join(REGISTRY.names())
         raise InvalidInput(f"distribution: expected one of {known}, or FILE.py:NAME, got {name!r}")
-    if name in DISTRIBUTIONS:
+    own = None if robot is None or str(robot) in BUILT_IN else str(robot)
+    if name in DISTRIBUTIONS and own is None and terrain is None:
         return DISTRIBUTIONS[name]
     if name.endswith((".yaml", ".yml")):
-        return _from_yaml(name)
-    return OwnDistribution(REGISTRY.get(name), name)
+        return _from_yaml(name, own, terrain)
+    law = LAW.fullmatch(name)
+    if law is None:
+        for key, value in (("robot", own), ("terrain", terrain)):
+            if value is not None:
+                raise InvalidInput(f"{key}: expected none for {name}, which draws for its own, got {value}")
+        return OwnDistribution(REGISTRY.get(name), name)
+    standing = Standing.of(own)
+    legs, kind = standing.legs(int(law[2]), name), cast(Law, law[1])
+    return composed(name, kind, standing, legs, WALL_FRICTION if kind == "wall" else GROUND_FRICTION, terrain)
 
 
-def _from_yaml(path: str) -> PostureDistribution:
+def composed(
+    name: str,
+    law: Law,
+    standing: Standing,
+    legs: Sequence[str],
+    friction: tuple[float, float],
+    terrain: str | Path | None,
+) -> PostureDistribution | CutDistribution:
+    """A robot and a law of scenes. Raises InvalidInput where a law wants a terrain's file, or has none."""
+    if (terrain is not None) != (law == "terrain"):
+        wants = "a terrain's file" if law == "terrain" else "terrain-k for scenes cut from a terrain's file"
+        raise InvalidInput(f"{name}: expected {wants}, got {'none' if terrain is None else terrain}")
+    robot = standing.robot
+    named = f"{name}-of-{robot.identity}" if robot.identity else name
+    stance = standing.stance(law, legs)
+    if law == "terrain":
+        assert terrain is not None
+        return cut(terrain, named, robot, legs, stance, friction)
+    return PostureDistribution(
+        name=named, terrain=law, legs=tuple(legs), friction=friction, robot=robot, stance=stance
+    )  # fmt: skip
+
+
+def _from_yaml(path: str, robot: str | None, terrain: str | Path | None) -> PostureDistribution | CutDistribution:
+    folder = Path(path).parent
     try:
         raw = validated(_Yaml, read_yaml(path))
         low, high = raw.friction
         if not 0.0 <= low <= high < float("inf"):
             raise InvalidInput(f"friction: expected 0 ≤ low ≤ high, got {low:g} and {high:g}")
-        hexapod().select(raw.legs)
-        return PostureDistribution(name=path, terrain=raw.terrain, legs=tuple(raw.legs), friction=raw.friction)
+        if robot is None and raw.robot is not None:
+            robot = raw.robot if raw.robot in BUILT_IN else str(folder / raw.robot)
+        law: Law = raw.terrain if raw.terrain in ("ground", "wall") else "terrain"  # type: ignore[assignment]
+        if law == "terrain" and not Path(raw.terrain).suffix:
+            raise InvalidInput(f"terrain: expected ground, wall, or a terrain's file, got {raw.terrain!r}")
+        file = terrain if terrain is not None or law != "terrain" else folder / raw.terrain
+        standing = Standing.of(robot)
+        standing.robot.select(raw.legs)
+        return composed(path, law, standing, raw.legs, raw.friction, file)
     except InvalidInput as error:
         raise InvalidInput(str(error) if str(error).startswith(path) else f"{path}: {error}") from None

@@ -121,6 +121,11 @@ class Dataset:
         """Name of the class of problems, e.g. ``wall-3``."""
         return self.header.problem_class
 
+    @property
+    def robot(self) -> str:
+        """Identity of the robot that the rows are of, see ``Robot``; empty for the default hexapod."""
+        return self.header.robot or ""
+
     def __repr__(self) -> str:
         return f"Dataset({str(self.ledger.folder)!r}, {self.problem_class}, {len(self)} rows)"
 
@@ -234,14 +239,15 @@ class Dataset:
         return PostureProblem.from_json(parse_json(raw["problem"], "problem"), robot=self._robot)
 
     def _decoded(self, raw: dict[str, Any]) -> LabelledPosture:
-        certificate = None
+        problem, certificate = self._problem(raw), None
         if raw["tree"] is not None:
-            multipliers = np.reshape(raw["multipliers"], (-1, 6 + 3 * len(self.header.legs)))
+            rows = sum(len(c.reach_rows.bounds_m) for c in problem.contacts if c.reach_rows is not None)
+            multipliers = np.reshape(raw["multipliers"], (-1, 6 + 3 * len(self.header.legs) + rows))
             nodes = 2 * len(multipliers) - 1  # of a binary tree with so many leaves
             certificate = Certificate.from_arrays(np.reshape(raw["tree"], (nodes, -1)), multipliers)
         witness = {name: np.reshape(raw[name], shape) for name, shape in POSTURE.items() if raw[name] is not None}
         return LabelledPosture(
-            problem=self._problem(raw),
+            problem=problem,
             status=Status(raw["label"]),
             posture=Posture(**witness) if witness else None,
             point=None if raw["point"] is None else np.reshape(raw["point"], (-1, 6)),

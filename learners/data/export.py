@@ -18,7 +18,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.envs.scenes import Scene
+from stancekit.envs.scenes import Scene, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
@@ -26,6 +26,7 @@ from stancekit.planners.files.writing import failure_of, replaced
 from stancekit.planners.relaxation.envelope import Envelope
 
 from .dataset import Dataset, LabelledPosture
+from .ledger import LabelPlan
 
 ENVIRONMENT = "stancekit/EnvelopeSelection-v0"
 INFOS = ("label", "p1_feasible", "margin", "expert_lower_bound")
@@ -81,7 +82,7 @@ def export(
     if not len(rows):
         raise InvalidInput("data set: expected rows that are feasible or infeasible with a point, got none")
     scenes = _Scenes(rows)
-    env = EnvelopeSelectionEnv(dataset.problem_class, scenes=scenes)
+    env = EnvelopeSelectionEnv(SceneKind(name=dataset.problem_class, legs=tuple(dataset.header.legs)), scenes=scenes)
     episodes = []
     for index in range(len(rows)):
         observation, _ = env.reset(seed=0 if index == 0 else None)
@@ -93,7 +94,7 @@ def export(
         def create() -> None:
             with _minari_root(partial):
                 minari.create_dataset_from_buffers(
-                    dataset_id, episodes, env=_spec(dataset.problem_class),
+                    dataset_id, episodes, env=_spec(dataset.header.plan),
                     observation_space=env.observation_space, action_space=env.action_space,
                     algorithm_name="stancekit exact planner", requirements=[f"stancekit=={version('stancekit')}"],
                     description=_description(dataset, room),
@@ -178,10 +179,11 @@ def _episode(
     )
 
 
-def _spec(problem_class: str) -> gymnasium.envs.registration.EnvSpec:
-    """What ``recover_environment`` makes: the environment of this class."""
+def _spec(plan: LabelPlan) -> gymnasium.envs.registration.EnvSpec:
+    """What ``recover_environment`` makes: the environment of this class, robot and terrain."""
     spec = copy.deepcopy(gymnasium.spec(ENVIRONMENT))
-    spec.kwargs = {"problem": problem_class}
+    files = {"robot": plan.robot, "terrain": plan.terrain}
+    spec.kwargs = {"problem": plan.distribution, **{name: file for name, file in files.items() if file is not None}}
     return spec
 
 

@@ -8,6 +8,7 @@ from typing import ClassVar
 from pydantic import ConfigDict
 
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.robot.robot_file import BUILT_IN
 
 MOST_ROWS, MOST_SHARDS = 10**9, 10**5
 STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
@@ -17,11 +18,11 @@ STRICT = ConfigDict(extra="forbid", strict=True, frozen=True)
 class LabelPlan:
     """What to label. The rows follow from it to the last bit, whoever draws them (on processors of one kind).
 
-    distribution: name of the distribution of problems. feasible, infeasible: rows of each label; the infeasible ones
-    are never trivial, that is, infeasible even without the moment balance. natural: keep the first
-    ``feasible + infeasible`` samples as they come instead, whatever their label.
-    shard_size: rows a shard, give or take one: what is drawn and written at once, and so what an interruption loses;
-    every process compiles its models once.
+    distribution: name of the distribution of problems; robot, terrain: files that it is of, where not the default
+    hexapod and no terrain's. feasible, infeasible: rows of each label; the infeasible ones are never trivial, that is,
+    infeasible even without the moment balance. natural: keep the first ``feasible + infeasible`` samples as they come
+    instead, whatever their label. shard_size: rows a shard, give or take one: what is drawn and written at once, and so
+    what an interruption loses; every process compiles its models once.
     seed: the samples of shard k are the stream of ``SeedSequence(seed, spawn_key=(k,))``: sets for training and for
     testing need different seeds. tolerance, gap, max_nodes: as in ``Acceptance`` and ``ExactPlanner``; one sample in
     3000 wants more nodes than the default, at 1 ms a node. Raises InvalidInput.
@@ -38,8 +39,12 @@ class LabelPlan:
     tolerance: float = 1e-6
     gap: float = 1e-4
     max_nodes: int = 500
+    robot: str | None = None
+    terrain: str | None = None
 
     def __post_init__(self) -> None:
+        if self.robot in BUILT_IN:
+            object.__setattr__(self, "robot", None)  # as it was before there were others
         for name, least in (("feasible", 0), ("infeasible", 0), ("shard_size", 1), ("seed", 0), ("max_nodes", 1)):
             value = getattr(self, name)
             if not isinstance(value, int) or value < least:

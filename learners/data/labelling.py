@@ -20,7 +20,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from stancekit.envs.distributions.postures import Distribution, distribution
+from stancekit.envs.distributions.postures import Distribution
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -31,7 +31,7 @@ from . import ledger
 from .dataset import Dataset
 from .executor import processes
 from .ledger import Header, LabelPlan, Shard
-from .shards import label_shard, samples
+from .shards import label_shard, planned, samples
 from .summary import Summary, finite
 
 Task = Callable[[], Shard]
@@ -39,6 +39,12 @@ Task = Callable[[], Shard]
 
 WITNESS: Literal["canonical/1"] = "canonical/1"
 """How postures and points are chosen now (``search.batch``); another choice gets another name."""
+
+INNER = (
+    "feasible: of the robot, whose feet reach the inner sets of its legs; infeasible: of these inner sets and a level "
+    "body, which proves nothing of the robot"
+)
+"""What is said of a data set whose legs are half-spaces, see ``planners.robot.contact_robot``."""
 
 log = logging.getLogger(__name__)
 
@@ -97,9 +103,9 @@ def label(
     draws_per_row: a shard gives up after this many draws a row.
     Raises InvalidInput where the folder holds another data set, LabellingFailed where a shard gives up.
     """
-    folder, source = Path(path), source or distribution(plan.distribution)
-    if source.name != plan.distribution:
+    if source is not None and source.name != plan.distribution:
         raise InvalidInput(f"distribution: expected the planned {plan.distribution!r}, got {source.name!r}")
+    folder, source = Path(path), source or planned(plan)
     header = _begin(folder, plan, source)
     there = ledger.Ledger.open(folder)
     done, begin = dict(there.tallies), time.perf_counter()
@@ -151,12 +157,14 @@ def _begin(folder: Path, plan: LabelPlan, source: Distribution) -> Header:
     """The header of a new data set, or that of the one begun here after checking that it is the same."""
     first = next(samples(plan, 0, source))
     header = Header(
-        problem_class=plan.distribution,
+        problem_class=source.name,
         legs=list(first.legs),
         plan=plan,
         first_sample=hashlib.sha256(json.dumps(first.to_json()).encode()).hexdigest(),
         software=ledger.software(),
         witness=WITNESS,
+        robot=first.robot or None,
+        speaks_of=INNER if any(contact.reach_rows is not None for contact in first.contacts) else None,
     )
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -164,13 +172,13 @@ def _begin(folder: Path, plan: LabelPlan, source: Distribution) -> Header:
         raise InvalidInput(f"{folder}: expected a folder or room for one, got {error.strerror}") from None
     ledger.remove_leftovers(folder)
     if not (folder / ledger.HEADER).exists() and not any(folder.glob("shard-*.parquet")):
-        write_bytes(folder / ledger.HEADER, header.model_dump_json(indent=1).encode())
+        write_bytes(folder / ledger.HEADER, header.model_dump_json(indent=1, exclude_none=True).encode())
         return header
     there = ledger.read_header(folder)
     where, begun = f"{folder / ledger.HEADER}", asdict(there.plan)
-    for key, planned in asdict(plan).items():
-        if planned != begun[key]:
-            raise InvalidInput(f"{where}: {key}: expected {planned!r} as planned, got {begun[key]!r}")
+    for key, wanted in asdict(plan).items():
+        if wanted != begun[key]:
+            raise InvalidInput(f"{where}: {key}: expected {wanted!r} as planned, got {begun[key]!r}")
     if there.witness != WITNESS and ledger.Ledger.open(folder).missing:
         raise InvalidInput(f"{where}: witness: expected {WITNESS!r} to go on with, got {there.witness!r}")
     if there.digest != header.model_copy(update={"witness": there.witness}).digest:

@@ -44,7 +44,8 @@ class Header(BaseModel):
 
     first_sample: SHA-256 of the first problem drawn, to know the distribution by. software: versions at the beginning.
     witness: how postures and points were chosen: "canonical/1" as ``search.batch`` says; None, in older sets, as the
-    search happened to find them.
+    search happened to find them. robot: identity of the model that the legs are of, see ``Robot``; None for the default
+    hexapod, and in older sets. speaks_of: of what the labels are, in words, where not of the robot itself.
     """
 
     model_config = STRICT
@@ -55,6 +56,8 @@ class Header(BaseModel):
     first_sample: str
     software: dict[str, str]
     witness: Literal["canonical/1"] | None = None
+    robot: str | None = None
+    speaks_of: str | None = None
 
     @property
     def digest(self) -> str:

@@ -39,9 +39,14 @@ class LabellingFailed(StancekitError):
     """The distribution does not give the rows that were planned."""
 
 
+def planned(plan: LabelPlan) -> Distribution:
+    """The distribution of a plan. Raises InvalidInput where there is none of its name, for its robot and terrain."""
+    return distribution(plan.distribution, robot=plan.robot, terrain=plan.terrain)
+
+
 def samples(plan: LabelPlan, shard: int, source: Distribution | None = None) -> Iterator[PostureProblem]:
     """The endless stream of samples that a shard is drawn from; a row's ``sample`` counts from 0."""
-    source, rng = source or distribution(plan.distribution), _stream(plan, shard)
+    source, rng = source or planned(plan), _stream(plan, shard)
     while True:
         yield source.sample(rng)
 

@@ -123,11 +123,15 @@ class _Class:
         fresh += [] if scores[-1].notes["kept"] else ["lift"]
         plain = tuple(replace(s, notes={k: v for k, v in s.notes.items() if k != "kept"}) for s in scores)
         return ClassResult(
-            problem_class=self._name, labelling=labelling, scores=plain, learned=learned, test=test, fresh=tuple(fresh)
-        )
+            problem_class=test.problem_class, labelling=labelling, scores=plain, learned=learned, test=test,
+            fresh=tuple(fresh),
+        )  # fmt: skip
 
     def _label(self, part: str, quota: Quota) -> tuple[Dataset, Mapping[str, Any]]:
-        plan = LabelPlan(distribution=self._name, shard_size=SHARD_SIZE, **asdict(quota))
+        plan = LabelPlan(
+            distribution=self._name, robot=self._experiment.robot, terrain=self._experiment.terrain,
+            shard_size=SHARD_SIZE, **asdict(quota),
+        )  # fmt: skip
         bar = self._told(f"label {part}")
         summary = label(plan, self._folder / part, run=self._run, progress=lambda state: bar(state.rows, plan.rows))
         return Dataset.open(self._folder / part), summary.to_json()
@@ -160,8 +164,9 @@ class _Class:
         if row.row_key == key:
             return _as_score(method, row, {**notes, "kept": True})
         score = evaluate(
-            method, learned.selector, scenes, problem_class=self._name, projections=self._experiment.projections,
-            boxes=learned.boxes, progress=self._told(f"evaluate {method}"), run=self._run,
+            method, learned.selector, scenes, problem_class=test.problem_class,
+            projections=self._experiment.projections, boxes=learned.boxes,
+            progress=self._told(f"evaluate {method}"), run=self._run,
         )  # fmt: skip
         self._write(method, _with_score(row, key, score))
         return replace(score, notes={**notes, "kept": False})

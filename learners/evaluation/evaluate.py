@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from stancekit.envs.scenes import Scene
+from stancekit.envs.scenes import Scene, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.selection_task import ADMITTED
 from stancekit.planners.answer.outcome import Status
@@ -187,18 +187,18 @@ def _played(
     projections: tuple[Projection, ...],
     scenes: Sequence[Scene],
 ) -> list[dict[str, Any]]:
-    env, source = _environment(problem_class, boxes, projections)
+    env, source = _environment(SceneKind(name=problem_class, legs=scenes[0].problem.legs), boxes, projections)
     source.deal(scenes)
     return [{k: v for k, v in info.items() if np.ndim(v) == 0} for info in rollout(selector, env, len(scenes))]
 
 
 @cache
 def _environment(
-    problem_class: str, boxes: int, projections: tuple[Projection, ...]
+    kind: SceneKind, boxes: int, projections: tuple[Projection, ...]
 ) -> tuple[EnvelopeSelectionEnv, _Dealt]:
     """An environment of this process with its compiled models, for one chunk of scenes after the other."""
     source = _Dealt()
-    env = EnvelopeSelectionEnv(problem_class, boxes=boxes, projections=projections, scenes=source, timing=True)
+    env = EnvelopeSelectionEnv(kind, boxes=boxes, projections=projections, scenes=source, timing=True)
     return env, source
 
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from pydantic import ConfigDict
 
@@ -23,6 +24,7 @@ from ..training.fitting import METHODS
 class Experiment:
     """Which problems, how much data, which methods. The seeds of ``train``, ``calibration`` and ``test`` differ.
 
+    robot, terrain: files that the problems are of, where not the default hexapod and no terrain's.
     calibration: rows that methods may calibrate on; without it they keep a part of ``train`` for that.
     """
 
@@ -35,6 +37,8 @@ class Experiment:
     methods: tuple[str, ...]
     projections: tuple[Projection, ...]
     fit: FitSettings = field(default_factory=FitSettings)
+    robot: str | None = None
+    terrain: str | None = None
 
     def __post_init__(self) -> None:
         if self.train.seed == self.test.seed:
@@ -43,7 +47,7 @@ class Experiment:
             got = self.calibration.seed
             raise InvalidInput(f"calibration.seed: expected another seed than train.seed and test.seed, got {got}")
         for name in self.problems:
-            distribution(name)
+            distribution(name, robot=self.robot, terrain=self.terrain)
         for index, method in enumerate(self.methods):
             known = [name for name in METHODS.names() if name != "modes"]
             if method not in known and ".py:" not in method:
@@ -54,8 +58,11 @@ class Experiment:
                 raise InvalidInput(f"{name}: expected one or more, got none")
 
     @classmethod
-    def from_yaml(cls, path: str | Path, *, quick: bool = False) -> Experiment:
-        """Read an experiment file. quick: with the keys of its section ``quick`` in place of the main ones.
+    def from_yaml(
+        cls, path: str | Path, *, quick: bool = False, overrides: Mapping[str, Any] | None = None
+    ) -> Experiment:
+        """Read an experiment file. quick: with the keys of its section ``quick`` in place of the main ones; overrides:
+        in place of either.
 
         Raises InvalidInput with every key that is wrong.
         """
@@ -63,4 +70,4 @@ class Experiment:
         short = data.pop("quick", {})
         if quick and not (isinstance(short, dict) and short):
             raise InvalidInput(f"{path}: quick: expected keys of an experiment, got {shown(short)}")
-        return validated(cls, data | short if quick else data, str(path))
+        return validated(cls, (data | short if quick else data) | dict(overrides or {}), str(path))

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from stancekit.envs.distributions.postures import distribution
+from stancekit.envs.distributions.stance import LAW
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -18,6 +19,9 @@ from stancekit.planners.search.exact import ExactPlanner
 
 from ..data.dataset import Dataset
 from .quantile import quantile_box
+
+MODES = {"ground": "ground", "wall": "wall", "terrain": "ground"}
+"""What a mode is called over the scenes of each law."""
 
 
 def learn_modes(
@@ -63,7 +67,8 @@ def modes_of(datasets: Sequence[Dataset], *, share: float = 0.0) -> Modes:
         problems = list(rows.select(rows.feasible).problems())
         if not problems:
             raise InvalidInput(f"data sets: expected feasible rows of {name}, got none")
-        terrain = getattr(distribution(name), "terrain", name)
+        law = LAW.fullmatch(rows.header.plan.distribution)
+        terrain = MODES[law[1]] if law else getattr(distribution(name), "terrain", name)
         if terrain in samples:
             raise InvalidInput(f"data sets: expected one a terrain, got two of {terrain}")
         samples[terrain] = problems, [quantile_box(world_points(problems, rows.points), share=share)]

@@ -36,7 +36,8 @@ Width = Annotated[int, Field(ge=1, le=4096)]
 class PolicyShape:
     """What a policy is for and how large it is: all that is needed to build it again.
 
-    problem: distribution. hidden: widths of the layers. spread: initial standard deviation of a bound's move in units
+    problem: name of the distribution. legs: those of its problems, where they are not the default hexapod's. hidden:
+    widths of the layers. spread: initial standard deviation of a bound's move in units
     of ``offset``. offset: how far a bound may move from the base envelope, non-dimensional. Both: selection only.
     """
 
@@ -47,11 +48,12 @@ class PolicyShape:
     hidden: Annotated[tuple[Width, ...], Field(min_length=1, max_length=16)] = (128, 128)
     spread: Annotated[float, Field(gt=0.0, le=1e3)] = 0.2
     offset: Annotated[float, Field(gt=0.0, le=1e3)] = 0.25
+    legs: tuple[str, ...] = ()
 
     @property
     def contacts(self) -> int:
         """N."""
-        return len(distribution(self.problem).legs)
+        return len(self.legs or distribution(self.problem).legs)
 
     @property
     def selects(self) -> bool:

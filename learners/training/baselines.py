@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from stancekit.envs.refinement import EnvelopeRefinementEnv
-from stancekit.envs.scenes import Scene
+from stancekit.envs.scenes import Scene, SceneKind
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
@@ -104,9 +104,9 @@ class SelectionVecEnv(VecEnv):
         return [False for _ in self._get_indices(indices)]
 
 
-def refinement_vec_env(problem: str, scenes: Sequence[Scene], *, envs: int, budget: int) -> DummyVecEnv:
+def refinement_vec_env(kind: SceneKind, scenes: Sequence[Scene], *, envs: int, budget: int) -> DummyVecEnv:
     """``EnvelopeRefinement-v0`` in batches, one after the other in this process."""
     pool, programs = PooledScenes(scenes), Programs()
     return DummyVecEnv(
-        [lambda: EnvelopeRefinementEnv(problem, budget=budget, scenes=pool, programs=programs) for _ in range(envs)]
+        [lambda: EnvelopeRefinementEnv(kind, budget=budget, scenes=pool, programs=programs) for _ in range(envs)]
     )

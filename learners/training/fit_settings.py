@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar
@@ -87,15 +87,16 @@ class FitSettings:
 
             typed(ChooserSettings, self.chooser, "chooser")
         elif method == "rl":
-            self.training("wall-3", {"feasible": 1, "infeasible": 1, "seed": 0})
+            self.training("wall-3", None, {"feasible": 1, "infeasible": 1, "seed": 0})
 
-    def training(self, problem: str, count: Mapping[str, int]) -> TrainConfig:
-        """The reinforcement that these settings describe. Raises InvalidInput."""
+    def training(self, problem: str, legs: Sequence[str] | None, count: Mapping[str, int]) -> TrainConfig:
+        """The reinforcement that these settings describe; legs: see ``TrainConfig``. Raises InvalidInput."""
         from .train_config import TrainConfig
 
         fixed = {
             "environment": "stancekit/EnvelopeSelection-v0",
             "problem": problem,
+            "legs": legs,
             "train": dict(count),
             "held_out": {**count, "seed": count["seed"] + 1},
         }

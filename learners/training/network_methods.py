@@ -36,7 +36,7 @@ def reinforcement(request: FitRequest) -> TrainedPolicy:
     dataset, calibration, settings = request.dataset, request.calibration, request.settings
     learned, held_out = (dataset, calibration) if calibration is not None else dataset.split((0.85, 0.15))
     count = {"feasible": len(learned.feasible), "infeasible": len(learned.infeasible), "seed": learned.header.plan.seed}
-    config = settings.training(dataset.problem_class, count)
+    config = settings.training(dataset.problem_class, dataset.header.legs if dataset.robot else None, count)
     base = bounds_of(fit(config.base, dataset, settings).envelopes[0])
     scenes = TrainingScenes(train=scenes_of(learned), held_out=scenes_of(held_out), base=base)
     with tempfile.TemporaryDirectory() as spare:

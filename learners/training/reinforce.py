@@ -77,7 +77,9 @@ class TrainingScenes:
         """Make both data sets in a folder, or use those that are there."""
         sets = []
         for name, quota in (("train", config.train), ("held-out", config.held_out)):
-            plan = LabelPlan(distribution=config.problem, shard_size=125, **asdict(quota))
+            plan = LabelPlan(
+                distribution=config.problem, robot=config.robot, terrain=config.terrain, shard_size=125, **asdict(quota)
+            )  # fmt: skip
             label(plan, folder / name, workers=workers)
             sets.append(Dataset.open(folder / name))
         scenes = [scenes_of(dataset) for dataset in sets]
@@ -227,9 +229,9 @@ def evaluator(config: TrainConfig, scenes: Sequence[Scene]) -> Callable[[Selecto
     feasible). Refinement: ``solves`` an episode, ``settled`` (share that ended with a verdict).
     """
     if config.shape.selects:
-        selection = EnvelopeSelectionEnv(config.problem, scenes=ListedScenes(scenes))
+        selection = EnvelopeSelectionEnv(config.kind, scenes=ListedScenes(scenes))
         return lambda policy: _selection_figures(policy, selection, len(scenes))
-    refinement = EnvelopeRefinementEnv(config.problem, budget=config.budget, scenes=ListedScenes(scenes))
+    refinement = EnvelopeRefinementEnv(config.kind, budget=config.budget, scenes=ListedScenes(scenes))
     return lambda policy: _refinement_figures(policy, refinement, len(scenes))
 
 
@@ -264,9 +266,9 @@ def _refinement_figures(policy: Selector, env: EnvelopeRefinementEnv, episodes: 
 
 def _training_env(config: TrainConfig, scenes: TrainingScenes) -> VecEnv:
     if not config.shape.selects:
-        return refinement_vec_env(config.problem, scenes.train, envs=config.envs, budget=config.budget)
+        return refinement_vec_env(config.kind, scenes.train, envs=config.envs, budget=config.budget)
     env = EnvelopeSelectionVectorEnv(
-        config.envs, config.problem, scenes=PooledScenes(scenes.train), workers=config.workers
+        config.envs, config.kind, scenes=PooledScenes(scenes.train), workers=config.workers
     )
     return SelectionVecEnv(env, base=scenes.base, offset=config.offset)
 

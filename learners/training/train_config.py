@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Field
 
+from stancekit.envs.distributions.postures import distribution
+from stancekit.envs.scenes import SceneKind
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.refusals import validated
@@ -37,7 +40,9 @@ class PpoSettings:
 class TrainConfig:
     """One training run. Steps are rounded up to whole segments, and segments to whole rollouts.
 
-    problem: distribution. train, held_out: how many labelled scenes to learn from and to evaluate on, and their seeds.
+    problem: distribution; robot, terrain: files that it is of, where not the default hexapod and no terrain's; legs: of
+    a class whose scenes are given, and which no distribution draws. train, held_out: how many labelled scenes to learn
+    from and to evaluate on, and their seeds.
     envs: sub-environments; workers: their processes (selection only). Selection: base, offset, spread: the envelope
     that the policy moves the bounds of, how far it may, and the initial standard deviation of that, as a share of
     offset. Refinement: budget of solves an episode. tensorboard: write its logs, too.
@@ -60,23 +65,34 @@ class TrainConfig:
     evaluate_every: Annotated[int, Field(ge=1)] = 10_240
     tensorboard: bool = False
     ppo: PpoSettings = field(default_factory=PpoSettings)
+    robot: str | None = None
+    terrain: str | None = None
+    legs: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         if self.train.seed == self.held_out.seed:
             raise InvalidInput(f"held_out.seed: expected another seed than train.seed, got {self.train.seed} for both")
-        _ = self.shape.contacts  # refuses unknown distributions
+        _ = self.kind  # refuses unknown distributions
 
     @classmethod
     def from_yaml(cls, path: str | Path, overrides: Mapping[str, Any] | None = None) -> TrainConfig:
         """Read a file, some of its keys replaced. Raises InvalidInput with every key that is wrong."""
         return validated(cls, read_yaml(path) | dict(overrides or {}), str(path))
 
+    @cached_property
+    def kind(self) -> SceneKind:
+        """What the scenes are of."""
+        if self.legs:
+            return SceneKind(name=self.problem, legs=self.legs)
+        drawn = distribution(self.problem, robot=self.robot, terrain=self.terrain)
+        return SceneKind(name=drawn.name, legs=drawn.legs)
+
     @property
     def shape(self) -> PolicyShape:
         """The policy that is trained."""
         return PolicyShape(
-            environment=self.environment, problem=self.problem, hidden=tuple(self.ppo.hidden), spread=self.spread,
-            offset=self.offset,
+            environment=self.environment, problem=self.kind.name, hidden=tuple(self.ppo.hidden), spread=self.spread,
+            offset=self.offset, legs=() if self.kind.name == self.problem and not self.legs else self.kind.legs,
         )  # fmt: skip
 
     @property

@@ -167,8 +167,11 @@ def check_file(
     plan, header = read_plan(path)
     own = plan.course.robot.model
     if robot is not None and (own is None or own.digest != robot.digest):
-        got = "one of another file" if own is not None and own.name == robot.name else plan.course.robot.name
-        raise InvalidInput(f"{path}: expected a plan for the robot {robot.name}, got one for {shown(got)}")
+        got = "legs or numbers of its own" if own is not None else "no legs in its file"
+        raise InvalidInput(
+            f"{path}: expected a plan for the robot {robot.name} as its file is, got one for {plan.course.robot.name} "
+            f"with {got}"
+        )
     report = check_plan(plan, tolerance=tolerance, joints=joints)
     said = header["verdict"]
     found = report.accepted if {"joints", "torque"} & set(said.get("checked", ())) else report.contacts

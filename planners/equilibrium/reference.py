@@ -18,11 +18,11 @@ from .model import Model, Terms
 from .scaled import Point, Scaled
 
 
-def without_moments(scaled: Scaled) -> Model:
-    """P̄: everything but m = p f (§III); with m free E9 says nothing."""
+def without_moments(scaled: Scaled, *, inner: bool = False) -> Model:
+    """P̄: everything but m = p f (§III); with m free E9 says nothing. inner: see ``_on_toes``."""
     plan = Plan(scaled)
     forces = Forces.of_candidates(plan)
-    return Model(cp.Constant(0.0), {**_on_toes(plan), **_on_forces(forces)})
+    return Model(cp.Constant(0.0), {**_on_toes(plan, inner=inner), **_on_forces(forces)})
 
 
 def p1(scaled: Scaled, box: Box, *, soft: bool, axes: Axes = "contact") -> Model:

@@ -17,6 +17,7 @@ from ..answer.outcome import Posture
 from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course, Weights
+from ..robot.reach import turned_most
 from .half_spaces import HalfSpaces
 from .layout import Index, Layout, shared
 from .scaling import of_course, of_posture
@@ -206,6 +207,12 @@ class Scaled:
     def in_world(self, forces: Array) -> Array:
         """Forces of the stance contacts turned from contact frames to the world; one candidate a foothold; (B, 3)."""
         return np.asarray(np.matmul(self.contact_frames, forces[..., None])[..., 0])
+
+    @property
+    def farthest(self) -> Array:
+        """The most that ‖p_w − c‖ can be, by limb (E11), shape (N,)."""
+        away = np.linalg.norm(self.shoulders, axis=1) + turned_most(self.shoulders, self.tilt)
+        return np.asarray(self.reach + away)
 
     @property
     def contact_frames(self) -> Array:

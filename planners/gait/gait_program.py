@@ -199,6 +199,9 @@ class GaitSolution:
             adhesive=np.array(task.adhesive),
             start_xy_m=task.start_xy_m,
             goal_xy_m=task.goal_xy_m,
+            heading_rad=task.start_yaw_rad,
+            still=(True, settings.still_end),
+            suction_n=task.suction_n,
             provenance={
                 "chart": settings.chart, "dynamics": settings.dynamics, "hessian": settings.hessian,
                 "gait": task.gait, "timings": task.timings, "iterations": float(self.iterations),

@@ -16,6 +16,8 @@ from .variables.phases import gait_named
 
 Dynamics = Literal["centred", "printed", "newton-euler"]
 Timings = Literal["fixed", "optimised"]
+SUCTION = 2.0
+"""What an adhesive foot may pull with where a task does not say, in units of m·g; walks out of steep pits take 1.5."""
 STEEPEST = 1.0
 """Gradient of the terrain beyond which a foot without suction cannot hold: no start and no goal there."""
 
@@ -31,7 +33,8 @@ class GaitTask:
         start_yaw_rad: heading at the start, kept by the initial guess [rad].
         duration_s: T [s], up to 120.
         friction: ν of W5; less makes walks slower to find, and gentler.
-        adhesive: feet without a friction cone, one truth value for each foot or none at all.
+        adhesive: feet that stick, one truth value for each foot or none at all.
+        suction_n: what such a foot may pull with [N], s in ‖f_t‖ ≤ ν (f_n + s); SUCTION times the weight if missing.
         gait: a name of ``variables.phases.GAITS``, for as many feet as the robot has.
         timings: ``fixed``, phases of the gait's schedule; ``optimised``, switching times are variables.
     Raises:
@@ -46,6 +49,7 @@ class GaitTask:
     duration_s: float = 10.0
     friction: float = 0.75
     adhesive: tuple[bool, ...] = ()
+    suction_n: float | None = None
     gait: str = "trot"
     timings: Timings = "fixed"
 
@@ -57,12 +61,14 @@ class GaitTask:
         if self.timings not in get_args(Timings):
             raise InvalidInput(f"timings: expected one of {', '.join(get_args(Timings))}, got {self.timings!r}")
         gait_named(self.gait)
+        sucks = SUCTION * self.robot.weight_n if self.suction_n is None else self.suction_n
         gathered(
             lambda: self._set("start_xy_m", frozen(self.start_xy_m, (2,), "start_xy_m")),
             lambda: self._set("goal_xy_m", frozen(self.goal_xy_m, (2,), "goal_xy_m")),
             lambda: self._set("start_yaw_rad", checked(self.start_yaw_rad, "start_yaw_rad")),
             lambda: self._set("duration_s", checked(self.duration_s, "duration_s", above=0.0, most=120.0)),
             lambda: self._set("friction", checked(self.friction, "friction", above=0.0, most=10.0)),
+            lambda: self._set("suction_n", checked(sucks, "suction_n", least=0.0)),
         )
         gathered(lambda: self._check_place("start"), lambda: self._check_place("goal"))
 
@@ -145,6 +151,9 @@ class GaitSettings:
         smoothing_m: deviation of the Gaussian under which the decoupled chart has the torso's terrain [m].
         switch_slack_s: how far optimised switching times may move [s].
         still_end: end at rest.
+        mean_forces: balance a node's motion by the mean of the forces about it, as p₊ − 2 p + p₋ is one, instead of by
+            those at the node; what balances add up to over time is right then, but some walks are harder to find.
+            Centred dynamics and fixed timings alone.
     Raises:
         InvalidInput: for an unknown chart or word, and for numbers out of range.
     """
@@ -165,6 +174,7 @@ class GaitSettings:
     smoothing_m: float = 0.3
     switch_slack_s: float = 0.1
     still_end: bool = True
+    mean_forces: bool = False
 
     def __post_init__(self) -> None:
         CHARTS.get(self.chart)
@@ -176,6 +186,8 @@ class GaitSettings:
             checked(getattr(self, name), name, above=0.0)
         for name in ("reach_margin_m", "clearance_m", "swing_height_m", "switch_slack_s"):
             checked(getattr(self, name), name, least=0.0)
+        if self.mean_forces and self.dynamics != "centred":
+            raise InvalidInput(f"mean_forces: expected centred dynamics with it, got {self.dynamics}")
         for name in ("max_iterations", "swing_nodes"):
             if getattr(self, name) < 1:
                 raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)}")

@@ -49,6 +49,9 @@ class Trajectory:
         friction: ν of W5.
         adhesive: feet without a friction cone, shape (E,), bool.
         start_xy_m, goal_xy_m: where the torso has to begin and to end, shape (2,) [m].
+        heading_rad: which way it has to face at the start, from x towards y [rad]; None where nothing is asked.
+        still: whether it has to be at rest at the start, and at the end.
+        suction_n: what an adhesive foot may pull with [N]: its cone begins at that pull; None for no bound.
         provenance: what made it, names to texts or numbers.
     Raises:
         InvalidInput: for values that are no arrays of numbers.
@@ -74,6 +77,9 @@ class Trajectory:
     adhesive: NDArray[np.bool_]
     start_xy_m: Array
     goal_xy_m: Array
+    heading_rad: float | None = None
+    still: tuple[bool, bool] = (False, False)
+    suction_n: float | None = None
     provenance: Mapping[str, str | float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -81,6 +87,11 @@ class Trajectory:
             object.__setattr__(self, name, _held(getattr(self, name), np.float64, name))
         for name in ("contact", "adhesive"):
             object.__setattr__(self, name, _held(getattr(self, name), np.bool_, name))
+        for name in ("heading_rad", "suction_n"):
+            value = getattr(self, name)
+            object.__setattr__(self, name, None if value is None else float(value))
+        start, end = self.still
+        object.__setattr__(self, "still", (bool(start), bool(end)))
         object.__setattr__(self, "friction", float(self.friction))
         plain = {name: value if isinstance(value, str) else float(value) for name, value in self.provenance.items()}
         object.__setattr__(self, "provenance", plain)
@@ -110,7 +121,18 @@ class Trajectory:
             "start_xy_m": self.start_xy_m.tolist(),
             "goal_xy_m": self.goal_xy_m.tolist(),
             "provenance": dict(self.provenance),
+            **({"asked": self.asked} if self._asks else {}),
         }
+
+    @property
+    def asked(self) -> dict[str, Any]:
+        """What the walk was asked for besides its two places, as JSON-ready values."""
+        return {"heading_rad": self.heading_rad, "still": list(self.still), "suction_n": self.suction_n}
+
+    @property
+    def _asks(self) -> bool:
+        """Whether anything is; a file from before there was such a thing asks nothing."""
+        return any(self.still) or self.heading_rad is not None or self.suction_n is not None
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """The samples by name, and the terrain's arrays under ``terrain_…``."""

@@ -15,7 +15,7 @@ from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ..errors import InvalidInput
 from ..files.archive import read_archive, unpacked
@@ -144,11 +144,21 @@ def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory
         start_xy_m=frozen(header.start_xy_m, (2,), "start_xy_m"),
         goal_xy_m=frozen(header.goal_xy_m, (2,), "goal_xy_m"),
         provenance=header.provenance,
+        heading_rad=header.asked.heading_rad,
+        still=(header.asked.still[0], header.asked.still[1]),
+        suction_n=header.asked.suction_n,
     )
 
 
 def _seal(header: Mapping[str, Any]) -> str:
     return hashlib.sha256(json.dumps(header, sort_keys=True, separators=(",", ":")).encode()).hexdigest()
+
+
+class _Asked(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, defer_build=True)
+    heading_rad: float | None = None
+    still: list[bool] = Field(default=[False, False], min_length=2, max_length=2)
+    suction_n: float | None = None
 
 
 class _Header(BaseModel):
@@ -162,6 +172,7 @@ class _Header(BaseModel):
     start_xy_m: list[float]
     goal_xy_m: list[float]
     provenance: dict[str, str | float]
+    asked: _Asked = _Asked()
     verdict: dict[str, Any]
     trajectory: str
     samples: str | None = None

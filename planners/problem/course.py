@@ -119,7 +119,7 @@ class Course:
         patches = tuple(contact.patch for contact in problem.contacts)
         return cls(
             name=name,
-            robot=Robot(name="posture", mass_kg=problem.mass_kg, limbs=limbs),
+            robot=Robot(name="posture", mass_kg=problem.mass_kg, limbs=limbs, identity=problem.robot),
             terrain=patches,
             placements=tuple(
                 Placement(limb=c.leg, frame=0, candidates=(c.patch,), yaws_rad=() if c.sole_m is None else (c.yaw_rad,))
@@ -246,6 +246,7 @@ class Course:
             gravity_m_s2=self.gravity_m_s2,
             length_scale_m=self.length_scale_m,
             tilt_limit_rad=self.tilt_limit_rad,
+            robot=self.robot.identity,
         )
 
     def with_choice(self, choice: Sequence[int] | NDArray[np.int_]) -> Course:

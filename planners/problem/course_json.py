@@ -37,6 +37,7 @@ def course_to_json(course: Course) -> dict[str, Any]:
             "name": course.robot.name,
             "mass_kg": course.robot.mass_kg,
             "limbs": [_limb_to_json(limb) for limb in course.robot.limbs],
+            **({"identity": course.robot.identity} if course.robot.identity and course.robot.model is None else {}),
             **({} if course.robot.model is None else {"model": model_to_json(course.robot.model)}),
         },
         "terrain": [_patch_to_json(patch) for patch in course.terrain],
@@ -106,7 +107,7 @@ def _robot(raw: _RobotJson) -> Robot:
             model = model_from_json(raw.model, raw.name)
         except InvalidInput as error:
             raise InvalidInput(f"robot {raw.name}: {error}") from None
-    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, model=model)
+    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, model=model, identity=raw.identity)
 
 
 def _limb(raw: _LimbJson) -> Limb:
@@ -167,6 +168,7 @@ class _RobotJson(_Keys):
     name: str
     mass_kg: float
     limbs: list[_LimbJson]
+    identity: str = ""
     model: ModelJson | None = None
 
 

@@ -111,6 +111,7 @@ class PostureProblem:
         gravity_m_s2: g [m/s²].
         force_scale_n, length_scale_m: characteristic quantities of E3 and E4 [N], [m]; the weight where None.
         tilt_limit_rad: largest component of Θ, within which the rotation is linearised [rad].
+        robot: identity of the model that the limbs are of, see ``Robot``; empty where there is none.
     Raises:
         InvalidInput: for no contacts, a limb twice, numbers out of range; all that is wrong.
     Source:
@@ -132,6 +133,7 @@ class PostureProblem:
     force_scale_n: float | None = None
     length_scale_m: float = 0.6
     tilt_limit_rad: float = TILT_LIMIT_RAD
+    robot: str = ""
 
     def __post_init__(self) -> None:
         if not self.contacts:
@@ -178,6 +180,7 @@ class PostureProblem:
             "com_nominal_m": self.com_nominal_m.tolist(),
             "com_radius_m": self.com_radius_m,
             "tilt_limit_rad": self.tilt_limit_rad,
+            **({"robot": self.robot} if self.robot else {}),
             "contacts": [
                 {
                     "leg": contact.leg,
@@ -198,20 +201,20 @@ class PostureProblem:
 
     @classmethod
     def from_json(cls, data: Mapping[str, Any], *, robot: Robot | None = None) -> PostureProblem:
-        """Read the JSON form; legs must be limbs of ``robot`` (default: the hexapod).
+        """Read the JSON form; legs must be limbs of ``robot``, by default of the one that it names, or the hexapod's.
 
         Raises InvalidInput whose message lists every key that is wrong, separated by "; ".
         """
         if not isinstance(data, Mapping):
             raise InvalidInput(f"expected a JSON object with format {FORMAT!r}, got {type(data).__name__}")
         raw = validated(PostureJson, data)
-        known, contacts = robot or hexapod(), list[Contact]()
-        body = raw.model_dump(exclude={"format", "contacts"})
+        known, contacts = robot or (None if raw.robot else hexapod()), list[Contact]()
+        body = raw.model_dump(exclude={"format", "robot", "contacts"})
         gathered(
             *(lambda i=i, item=item: contacts.append(_contact(item, i, known)) for i, item in enumerate(raw.contacts)),
             lambda: _checked_body(**body),
         )
-        return cls(contacts=tuple(contacts), **body)
+        return cls(contacts=tuple(contacts), robot=raw.robot, **body)
 
 
 _BODY = (
@@ -244,8 +247,11 @@ def _sole_to_json(contact: Contact) -> dict[str, Any]:
     return {} if contact.sole_m is None else {"sole_m": contact.sole_m.tolist(), "yaw_rad": contact.yaw_rad}
 
 
-def _contact(item: ContactJson, index: int, robot: Robot) -> Contact:
-    """One contact of the JSON form. Raises InvalidInput with everything that is wrong with it."""
+def _contact(item: ContactJson, index: int, robot: Robot | None) -> Contact:
+    """One contact of the JSON form; robot: whose limb it is, where that is known.
+
+    Raises InvalidInput with everything that is wrong with it.
+    """
     surface = item.model_dump(include={"vertices_m", "normal", "shear_reference", "friction"})
     rest: dict[str, Any] = item.model_dump(exclude={*surface, "reach_rows"})
     patches = list[Patch]()
@@ -255,7 +261,7 @@ def _contact(item: ContactJson, index: int, robot: Robot) -> Contact:
         rest["reach_rows"] = None if item.reach_rows is None else ReachRows(**item.reach_rows.model_dump())
 
     for check in (
-        lambda: robot.select([item.leg]),
+        lambda: robot and robot.select([item.leg]),
         bounded,
         lambda: patches.append(Patch(**surface)),
         lambda: Contact(patch=cast(Patch, patches[:1]), **rest),  # the limb's own numbers, whatever the patch

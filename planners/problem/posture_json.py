@@ -45,4 +45,5 @@ class PostureJson(BaseModel):
     com_nominal_m: list[float]
     com_radius_m: float
     tilt_limit_rad: float
+    robot: str = ""
     contacts: list[ContactJson] = Field(min_length=1)

@@ -9,6 +9,8 @@ stay. Either way the box mirrors p_y and the second force component.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +25,8 @@ from .mccormick import Axes
 
 MIRROR = np.array([1.0, -1.0, 1.0])
 """S: world to mirrored world."""
+NEARLY = 0.25
+"""Share of a limb's reach by which measured limbs of one robot may miss each other's mirror images."""
 MIRRORED_BOX = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 """The same for [p, f], f in either axes (see the module)."""
 
@@ -39,12 +43,25 @@ def mirrored(envelopes: EnvelopeSet, robot: Robot) -> EnvelopeSet:
     )
 
 
-def boxes_of(course: Course, envelopes: EnvelopeSet, axes: Axes = "contact") -> tuple[Envelope, ...]:
+def boxes_of(
+    course: Course, envelopes: EnvelopeSet | Sequence[EnvelopeSet], axes: Axes = "contact"
+) -> tuple[Envelope, ...]:
     """Every envelope of the set, as a box over the B stance contacts of a course.
 
-    Raises InvalidInput that names the first stance whose limbs or patches the set was not learned for.
+    envelopes: or several sets of as many boxes, for different limbs: a stance takes the first that has its limbs.
+    Raises InvalidInput that names the first stance whose limbs or patches no set was learned for, and for envelopes
+    of another robot.
     """
-    either = (envelopes, mirrored(envelopes, course.robot))
+    given = (envelopes,) if isinstance(envelopes, EnvelopeSet) else tuple(envelopes)
+    for one in given:
+        one.check_robot(course.robot.identity)
+        if len(one.envelopes) != len(given[0].envelopes):
+            raise InvalidInput(
+                f"envelopes: expected {len(given[0].envelopes)} for {one.problem_class}, as for "
+                f"{given[0].problem_class}, got {len(one.envelopes)}"
+            )
+    own = [one.measured_in(course.length_scale_m) if one.robot else one for one in given]
+    either = (*own, *_images(own, course.robot))
     low, high = list[Array](), list[Array]()
     for stance in course.stances:
         fitting = _fitting(course, stance, either)
@@ -58,13 +75,25 @@ def boxes_of(course: Course, envelopes: EnvelopeSet, axes: Axes = "contact") -> 
     return tuple(Envelope(low=below, high=above) for below, above in zip(*ends, strict=True))
 
 
+def _images(envelopes: Sequence[EnvelopeSet], robot: Robot) -> list[EnvelopeSet]:
+    """The sets for the legs on the other side, of those whose legs have such."""
+    found = []
+    for one in envelopes:
+        with suppress(InvalidInput):
+            found.append(mirrored(one, robot))
+    return found
+
+
 def _partner(robot: Robot, leg: str) -> str:
-    """The leg whose shoulder is the mirror image of this one's."""
+    """The leg whose shoulder is the mirror image of this one's; of measured legs the one that is nearest to it."""
     (own,) = robot.select([leg])
-    for limb in robot.limbs:
-        apart = float(np.abs(limb.shoulder_m - MIRROR * own.shoulder_m).max())
-        if apart < 1e-6 and abs(limb.reach_m - own.reach_m) < 1e-6:
-            return limb.name
+    apart = [
+        max(float(np.abs(limb.shoulder_m - MIRROR * own.shoulder_m).max()), abs(limb.reach_m - own.reach_m))
+        for limb in robot.limbs
+    ]
+    nearest = int(np.argmin(apart))
+    if apart[nearest] < (NEARLY * own.reach_m if robot.identity else 1e-6):
+        return robot.limbs[nearest].name
     raise InvalidInput(f"robot {robot.name}: expected a limb opposite to {leg}, to mirror its envelope, got none")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
@@ -137,6 +137,7 @@ class EnvelopeSet:
         tilt_rad: how far the training patches leaned from them, shape (N,) [rad].
         envelopes: one box or more.
         provenance: how the set was learned, for people.
+        robot: identity of the model whose legs they are, see ``Robot``; empty for the default hexapod.
     Raises:
         InvalidInput: for other shapes, normals that are no unit vectors, no boxes.
     Source:
@@ -158,6 +159,7 @@ class EnvelopeSet:
     tilt_rad: Array
     envelopes: tuple[Envelope, ...]
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    robot: str = ""
 
     def __post_init__(self) -> None:
         count = len(self.legs)
@@ -202,11 +204,25 @@ class EnvelopeSet:
             tilt_rad=lean,
             envelopes=tuple(envelopes),
             provenance=dict(provenance or {}),
+            robot=first.robot,
         )
+
+    def measured_in(self, length_scale_m: float) -> EnvelopeSet:
+        """The same boxes with another length scale."""
+        unit = np.array([self.length_scale_m / length_scale_m] * 3 + [1.0] * 3)
+        boxes = tuple(Envelope(low=unit * box.low, high=unit * box.high) for box in self.envelopes)
+        return replace(self, envelopes=boxes, length_scale_m=length_scale_m)
+
+    def check_robot(self, robot: str) -> None:
+        """Raise InvalidInput unless the envelopes were learned for the robot of this identity."""
+        if robot != self.robot:
+            mine, other = (name or "the default hexapod" for name in (self.robot, robot))
+            raise InvalidInput(f"robot: expected {mine} for an envelope learned for {self.problem_class}, got {other}")
 
     def check_fits(self, problem: PostureProblem) -> None:
         """Raise InvalidInput unless the problem is of the class that the envelopes were learned for."""
         learned = f"an envelope learned for {self.problem_class}"
+        self.check_robot(problem.robot)
         if problem.legs != self.legs:
             raise InvalidInput(f"contacts: expected legs {list(self.legs)} for {learned}, got {list(problem.legs)}")
         for name in ("force_scale_n", "length_scale_m"):
@@ -233,6 +249,7 @@ class EnvelopeSet:
             "normals": self.normals.tolist(),
             "tilt_rad": self.tilt_rad.tolist(),
             "envelopes": [{"low": e.low.tolist(), "high": e.high.tolist()} for e in self.envelopes],
+            **({"robot": self.robot} if self.robot else {}),
             "provenance": dict(self.provenance),
         }
 
@@ -269,3 +286,4 @@ class _EnvelopeSetJson(BaseModel):
     tilt_rad: list[float]
     envelopes: list[_EnvelopeJson] = Field(min_length=1)
     provenance: dict[str, Any]
+    robot: str = ""

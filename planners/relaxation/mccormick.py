@@ -34,17 +34,20 @@ Axes = Literal["contact", "world"]
 
 
 class WithoutMoment:
-    """P̄ (paper E §III) of a posture: all constraints but the bilinear one. With m free, E9 constrains nothing."""
+    """P̄ (paper E §III) of a posture: all constraints but the bilinear one. With m free, E9 constrains nothing.
 
-    def __init__(self, layout: Layout) -> None:
-        self.rows = Rows[Given](keep=layout.frames == 1)
-        self._forces = _terms(self.rows, layout, explicit=False)[2]
+    inner: of half-spaces of reach the inner set, so that its point is one of the problem's.
+    """
+
+    def __init__(self, layout: Layout, inner: bool = False) -> None:
+        self.rows, self._inner = Rows[Given](keep=layout.frames == 1), inner
+        self._forces = _terms(self.rows, layout, explicit=False, inner=inner)[2]
 
     def reference(self, given: Given) -> Reference:
         """The same in cvxpy."""
         from ..equilibrium.reference import without_moments  # cvxpy takes a second to import
 
-        return without_moments(given.scaled)
+        return without_moments(given.scaled, inner=self._inner)
 
     def solve(self, scaled: Scaled) -> Point | None:
         """A point of P̄ in the middle of its feasible set, or None where there is none or the solver gave up."""
@@ -134,6 +137,8 @@ class McCormick:
         com, turn, weights, moments = (slope[solution.columns[n]] for n in ("com", "rotation", "weights", "moments"))
         # What is left of the other columns, the solver's dual residual, at its worst over their ranges.
         com, radius = com[0], scaled.com_radius[0]
+        if "leg" in solution.columns:  # p_w − c, of half-spaces of reach
+            constant -= float(np.linalg.norm(slope[solution.columns["leg"]], axis=1) @ scaled.farthest)
         constant += float(com @ scaled.com[0] - radius * np.linalg.norm(com) - scaled.tilt * np.abs(turn).sum())
         constant += float(np.minimum(weights, 0.0).sum())
         rows = solution.dual("envelope")
@@ -216,14 +221,16 @@ def moment_axes(scaled: Scaled) -> Array:
     return np.asarray(across.transpose(2, 0, 1, 3).reshape(3, -1))
 
 
-def _terms(rows: Rows[Given], layout: Layout, *, explicit: bool) -> tuple[Body, FreeToes, Forces]:
+def _terms(
+    rows: Rows[Given], layout: Layout, *, explicit: bool, inner: bool = False
+) -> tuple[Body, FreeToes, Forces]:
     """Every term but m = p f and the objective."""
     body, toes = Body(rows, layout), FreeToes(rows, layout, explicit=explicit)
     forces = Forces.of_candidates(rows, layout, toes)
     forces.balance()
     forces.in_cones()
     forces.in_box(implied=False)
-    body.reach(toes)
+    body.reach(toes, inner=inner)
     body.limits()
     body.steps(toes)
     return body, toes, forces

@@ -35,6 +35,8 @@ NEAR = 0.3
 APART = 0.2
 """Two ends of one chain that are farther apart than this share of its length are two feet."""
 SHORTEST_M = 0.02
+MOST_JOINTS = 24
+"""Of a leg."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,7 +102,8 @@ class _Tree:
         parents = list(self._model.parents)
         leaves = [j for j in range(self._base + 1, len(parents)) if j not in parents]
         ends = [self._end(self._support(leaf)) for leaf in leaves if self._base in self._model.supports[leaf]]
-        ends = [end for end in ends if len(end.joints) >= 2 and self._simple(end) and self._length(end) > SHORTEST_M]
+        ends = [end for end in ends if 2 <= len(end.joints) <= MOST_JOINTS and self._simple(end)]
+        ends = [end for end in ends if self._length(end) > SHORTEST_M]
         if not ends:
             raise InvalidInput("legs: expected chains of two joints or more under the base, found none")
         depth = {end: self._depth(end) for end in ends}
@@ -139,6 +142,8 @@ class _Tree:
         if not self._simple(end):
             wrong = next(j for j in end.joints if self._model.joints[j].nv != 1)
             raise InvalidInput(f"joint {shown(self._model.names[wrong])}: expected one angle, it has more")
+        if len(end.joints) > MOST_JOINTS:
+            raise InvalidInput(f"leg {shown(name)}: expected {MOST_JOINTS} joints or fewer, got {len(end.joints)}")
         tip, radius = self._contact(end)
         chain = self._chain(end, tip)
         joints = tuple(self._joint(j) for j in end.joints)

@@ -65,6 +65,7 @@ class Robot:
         mass_kg: of all of it [kg].
         limbs: one or more, of different names.
         model: the robot's own legs, joint by joint, from its file; None where no more is known than its limbs.
+        identity: name and digest of the model that it is of; empty where there is none, as of the default hexapod.
     Raises:
         InvalidInput: for a mass that is not positive, no limbs, two of one name, or a model of another mass or of other
             legs.
@@ -81,6 +82,7 @@ class Robot:
     mass_kg: float
     limbs: tuple[Limb, ...]
     model: RobotModel | None = field(default=None, repr=False)
+    identity: str = ""
 
     def __post_init__(self) -> None:
         checked_name(self.name, "robot name")
@@ -90,6 +92,7 @@ class Robot:
             raise InvalidInput(f"robot {self.name}: expected one or more limbs of different names, got {names}")
         if self.model is not None:
             self._check(self.model)
+            object.__setattr__(self, "identity", self.model.identity)
 
     def _check(self, model: RobotModel) -> None:
         """Raise InvalidInput unless the model is that of a robot of this mass and these limbs."""

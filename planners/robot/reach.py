@@ -14,7 +14,7 @@ one leaves out Θ·(a × (d − s)), and ‖d − s‖ ≤ ρ + t(s) by the ball
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -60,13 +60,21 @@ class ReachRows:
     @cached_property
     def centre_m(self) -> Array:
         """Centre of a largest ball inside, up to 1 m wide, shape (3,) [m]. Raises InvalidInput where there is none."""
-        from scipy.optimize import linprog  # slow to import
+        return np.array(_centre(self.normals.tobytes(), self.bounds_m.tobytes()))
 
-        rows, free = np.column_stack([self.normals, np.ones(len(self.normals))]), (None, None)
-        found = linprog([0.0, 0.0, 0.0, -1.0], A_ub=rows, b_ub=self.bounds_m, bounds=[free, free, free, (None, 0.5)])
-        if found.x is None or found.x[3] <= 0.0:
-            raise InvalidInput("reach_rows.bounds_m: expected half-spaces that leave room for a toe, got an empty set")
-        return np.asarray(found.x[:3])
+
+@lru_cache(maxsize=256)
+def _centre(normals: bytes, bounds: bytes) -> tuple[float, ...]:
+    """``ReachRows.centre_m``, remembered: the rows of a data set's problems are those of one robot again and again."""
+    from scipy.optimize import linprog  # slow to import
+
+    rows, free = np.frombuffer(normals).reshape(-1, 3), (None, None)
+    rows = np.column_stack([rows, np.ones(len(rows))])
+    right, bounds_m = np.frombuffer(bounds), [free, free, free, (None, 0.5)]
+    found = linprog([0.0, 0.0, 0.0, -1.0], A_ub=rows, b_ub=right, bounds=bounds_m)
+    if found.x is None or found.x[3] <= 0.0:
+        raise InvalidInput("reach_rows.bounds_m: expected half-spaces that leave room for a toe, got an empty set")
+    return tuple(found.x[:3].tolist())
 
 
 def turned_most(vectors: Array, tilt_rad: float) -> Array:

@@ -29,6 +29,8 @@ STANCES = ("standing", "stand", "half_sitting", "home", "default")
 STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
 GRAVITY_M_S2 = 9.81
+IDENTITY_DIGITS = 12
+"""Of a digest in a name."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -94,6 +96,11 @@ class RobotModel:
         """SHA-256 of what a workspace depends on: the corrected URDF, the legs and their feet."""
         said = "\0".join([self.urdf, *(f"{leg.name}\0{leg.foot}\0{leg.stance_rad.tolist()}" for leg in self.legs)])
         return hashlib.sha256(said.encode()).hexdigest()
+
+    @property
+    def identity(self) -> str:
+        """Name and the beginning of the digest: what data sets and envelopes say that they were learned for."""
+        return f"{self.name}-{self.digest[:IDENTITY_DIGITS]}"
 
     @property
     def stand_height_m(self) -> float:

@@ -60,9 +60,10 @@ def without_moments(programs: Programs, batch: PostureBatch, *, tolerance: float
     """
     scaled = ScaledBatch.of(batch)
     found = _accepted(batch, *_centres(scaled, witnesses(scaled, LONG, moments=False), moments=False), tolerance, False)
+    layout = scaled.like.layout
     postures = {k: posture for k, (posture, _) in found.items()}
     for k in set(range(len(batch))) - set(postures):
-        point = programs.get(WithoutMoment, scaled.like.layout).solve(scaled.problem(k))
+        point = programs.get(WithoutMoment, layout, bool(layout.reach_rows)).solve(scaled.problem(k))
         if point is not None:
             posture = scaled.problem(k).posture(point)
             worst = check_postures([batch.problems[k]], [posture], without=("moment_balance",))

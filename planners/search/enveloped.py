@@ -44,14 +44,15 @@ class EnvelopeCoursePlanner:
     """P1 over one envelope, or over modes, then P2.
 
     envelopes: boxes in contact frames, learned for a stance of the course or its mirror image; with several, one is
-    chosen a stance. ``Modes`` are boxes in world axes. max_nodes, time_limit_s: of the search.
+    chosen a stance. Several sets are for stances on different limbs. ``Modes`` are boxes in world axes. max_nodes,
+    time_limit_s: of the search.
     """
 
     name = "two-stage"
 
     def __init__(
         self,
-        envelopes: EnvelopeSet | Modes,
+        envelopes: EnvelopeSet | Sequence[EnvelopeSet] | Modes,
         *,
         projection: Projection = "scp",
         acceptance: Acceptance = Acceptance(),
@@ -80,7 +81,8 @@ class EnvelopeCoursePlanner:
         if search.found is not None:
             choice, point, chosen = search.found
             modes = modes_of_frames(scaled.layout, chosen) if isinstance(self.envelopes, Modes) else None
-            made = {"planner": self.name, "projection": self.projection, "p1": learned.problem_class}
+            names = [one.problem_class for one in ((learned,) if isinstance(learned, EnvelopeSet) else learned)]
+            made = {"planner": self.name, "projection": self.projection, "p1": ", ".join(names)}
             plan = plan_of(course, scaled, choice, point, provenance=made, modes=modes)
         elif search.solved_none and len(boxes) == 1:
             details["margin"] = self.margin(scaled, boxes[0], clock).margin

@@ -7,45 +7,24 @@ is known by heights alone, so that no derivative that a planner relied on is bel
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter
 
-from ..files.arrays import LARGEST, Array
+from ..files.arrays import Array
 from ..gait.trajectory import Trajectory
+from .trajectory_series import Series
 
 Flags = NDArray[np.bool_]
 
 GRAVITY_M_S2 = 9.81
+APART_M, CLOSE_M, NEAR_M = 0.08, 0.02, 0.1
+"""How far apart points of the trunk are, and where something is near; and what near is [m]."""
 FEELER_M = 1e-5
 """Half the base over which the slope of the surface is felt [m]."""
-
-
-@dataclass(frozen=True, eq=False)
-class Series:
-    """One quantity over time: values, shape (S, C); names of the C columns; times_s, shape (S,) [s]."""
-
-    values: Array
-    names: tuple[str, ...]
-    times_s: Array
-
-    def worst(self) -> tuple[float, str, float]:
-        """The largest value, at least 0, its column's name and its time; (0, "", NaN) of nothing."""
-        if not self.values.size:
-            return 0.0, "", math.nan
-        row, column = divmod(int(self.values.argmax()), len(self.names))
-        return max(float(self.values[row, column]), 0.0), self.names[column], float(self.times_s[row])
-
-    def size(self) -> Series:
-        """The rows' norms, of the whole body."""
-        return Series(np.linalg.norm(self.values, axis=1)[:, None], ("torso",), self.times_s)
-
-    def rms(self) -> float:
-        """Root mean square of the rows' norms."""
-        return float(np.sqrt(np.mean(np.sum(self.values**2, axis=1)))) if self.values.size else 0.0
 
 
 class TrajectoryMeasurements:
@@ -59,6 +38,8 @@ class TrajectoryMeasurements:
         self.step_s = trajectory.step_s
         self.weight_n = self.robot.mass_kg * GRAVITY_M_S2
         self.moment_scale_nm = self.weight_n * self.robot.stand_height_m
+        sucks = math.inf if trajectory.suction_n is None else trajectory.suction_n
+        self.suction_n = np.where(trajectory.adhesive, sucks, 0.0)
 
     # ------------------------------------------------------------------------------------------- balances
 
@@ -100,11 +81,11 @@ class TrajectoryMeasurements:
     # ------------------------------------------------------------------------------------------ feet
 
     @cached_property
-    def _ground(self) -> tuple[Array, Array]:
+    def ground(self) -> tuple[Array, Array]:
         """Of the surface at every foot: distance along its normal, shape (K, E) [m], and the normal, (K, E, 3)."""
-        return self._above(self.trajectory.feet_m)
+        return self.above(self.trajectory.feet_m)
 
-    def _above(self, points: Array) -> tuple[Array, Array]:
+    def above(self, points: Array) -> tuple[Array, Array]:
         """Distance from the surface along its normal, negative below, shape (…) [m], and upward normals, (…, 3)."""
         xy, terrain = points[..., :2], self.trajectory.terrain
         steps = FEELER_M * np.array([[1.0, 0.0], [0.0, 1.0]])
@@ -116,14 +97,34 @@ class TrajectoryMeasurements:
     @cached_property
     def _shares(self) -> tuple[Array, Array]:
         """Normal and tangential size of every contact force at the true normal, each of shape (K, E) [N]."""
-        forces, normals = self.trajectory.forces_n, self._ground[1]
-        normal = np.sum(forces * normals, axis=-1)
-        return normal, np.linalg.norm(forces - normal[..., None] * normals, axis=-1)
+        return _split(self.trajectory.forces_n, self.ground[1])
+
+    def beyond_cone(self, forces_n: Array, normals: Array, suction_n: Array) -> Array:
+        """How far forces, shape (…, E, 3) [N], are outside the cones at these normals, shape (…, E) [N].
+
+        ‖f_t‖ − ν (f_n + s) or −(f_n + s), whichever is more: a foot that sucks with s, shape (E,), is pressed on by it
+        (W5 for s = 0). Without friction the second alone keeps a foot from pulling.
+        """
+        normal, tangential = _split(forces_n, normals)
+        pressed = normal + suction_n
+        held = np.where(np.isinf(pressed), np.inf, self.trajectory.friction * pressed)
+        return np.asarray(np.maximum(tangential - held, -pressed))
 
     def cone(self) -> Series:
-        """‖(I − n nᵀ) f‖ − ν nᵀ f of standing feet that are not adhesive (W5) [N]."""
-        normal, tangential = self._shares
-        return self._where(tangential - self.trajectory.friction * normal, self._gripping)
+        """How far forces of standing feet that are not adhesive are outside their cones (W5) [N]."""
+        return self._outside(self._gripping)
+
+    def suction(self) -> Series:
+        """How far forces of standing adhesive feet are outside cones that begin at the suction's pull [N]."""
+        return self._outside(self.trajectory.contact & self.trajectory.adhesive & np.isfinite(self.suction_n))
+
+    def _outside(self, asked: Flags) -> Series:
+        beyond = self.beyond_cone(self.trajectory.forces_n, self.ground[1], self.suction_n)
+        return self._where(beyond, asked)
+
+    def force_foot(self) -> Series:
+        """‖f‖ of each foot [N]."""
+        return self._where(np.linalg.norm(self.trajectory.forces_n, axis=-1), self.trajectory.contact)
 
     def swing_force(self) -> Series:
         """‖f‖ of swinging feet [N]."""
@@ -131,11 +132,11 @@ class TrajectoryMeasurements:
 
     def contact_gap(self) -> Series:
         """Distance of standing feet from the surface, either side [m]."""
-        return self._where(np.abs(self._ground[0]), self.trajectory.contact)
+        return self._where(np.abs(self.ground[0]), self.trajectory.contact)
 
     def penetration(self) -> Series:
         """Depth of swinging feet in the terrain [m]."""
-        return self._where(-self._ground[0], ~self.trajectory.contact)
+        return self._where(-self.ground[0], ~self.trajectory.contact)
 
     def slip(self) -> Series:
         """Distance of standing feet from where they came down [m]."""
@@ -165,18 +166,38 @@ class TrajectoryMeasurements:
     # -------------------------------------------------------------------------------------- body and course
 
     def trunk(self) -> Series:
-        """Depth of the trunk's box below the surface [m]: its corners, and its lower face every few centimetres."""
-        points = self.trajectory.torso_m[:, None] + np.einsum("kij,nj->kni", self.trajectory.rotation, self._box)
-        depth = self.trajectory.terrain.height(points[..., :2]) - points[..., 2]
-        return Series(depth.max(axis=1, keepdims=True), ("torso",), self.times_s)
+        """Depth of the trunk's box below the surface [m]: its corners, and its lower face every few centimetres.
 
-    @cached_property
-    def _box(self) -> Array:
-        """Points of the trunk's box in the torso's frame, shape (N, 3) [m]."""
+        Where the map has something higher than that within NEAR_M of such a point, the face is looked at every
+        CLOSE_M: a stone may come up between.
+        """
+        points = self._placed(slice(None), APART_M)
+        depth = (self.trajectory.terrain.height(points[..., :2]) - points[..., 2]).max(axis=1)
+        near = np.flatnonzero((self._tops(points[..., :2]) > points[..., 2]).any(axis=1))
+        if len(near):
+            close = self._placed(near, CLOSE_M)
+            depth[near] = np.maximum(
+                depth[near], (self.trajectory.terrain.height(close[..., :2]) - close[..., 2]).max(axis=1)
+            )
+        return Series(depth[:, None], ("torso",), self.times_s)
+
+    def _placed(self, rows: NDArray[np.intp] | slice, apart_m: float) -> Array:
+        """Points of the trunk's box in the world at some samples, shape (S, N, 3) [m]."""
         half = np.asarray(self.robot.trunk_half_m)
-        x, y = (np.linspace(-side, side, max(2, 1 + math.ceil(2.0 * side / 0.08))) for side in half[:2])
+        x, y = (np.linspace(-side, side, max(2, 1 + math.ceil(2.0 * side / apart_m))) for side in half[:2])
         lower = np.array([(a, b, -half[2]) for a, b in product(x, y)])
-        return np.concatenate([lower, half * np.array([(a, b, 1.0) for a, b in product((-1.0, 1.0), repeat=2)])])
+        box = np.concatenate([lower, half * np.array([(a, b, 1.0) for a, b in product((-1.0, 1.0), repeat=2)])])
+        rotation, torso = self.trajectory.rotation[rows], self.trajectory.torso_m[rows]
+        return np.asarray(torso[:, None] + np.einsum("kij,nj->kni", rotation, box))
+
+    def _tops(self, xy: Array) -> Array:
+        """The highest of the map's own heights within NEAR_M of points, shape (…, 2) [m] → (…)."""
+        terrain = self.trajectory.terrain
+        lines = terrain.x_m, terrain.y_m
+        about = tuple(1 + 2 * math.ceil(NEAR_M / float(np.diff(line).min())) for line in lines)
+        highest = maximum_filter(terrain.heights_m, size=tuple(map(min, about, (2 * len(one) for one in lines))))
+        cells = tuple(np.clip(np.searchsorted(line, xy[..., k]), 0, len(line) - 1) for k, line in enumerate(lines))
+        return np.asarray(highest[cells])
 
     def off_rotation(self) -> Series:
         """Largest entry of |RᵀR − I| and |det R − 1|, non-dimensional."""
@@ -244,37 +265,10 @@ class TrajectoryMeasurements:
         return Series(np.where(asked, values, 0.0), self.feet, self.times_s)
 
 
-def defect_of(trajectory: Trajectory, step_s: float) -> str:
-    """What keeps a trajectory from being one at all, so that nothing can be measured; empty when nothing does.
-
-    step_s: the coarsest grid that is believed [s].
-    """
-    count, feet = trajectory.samples, len(trajectory.robot.feet)
-    if count < 3:
-        return f"times_s: expected three samples or more, got {count}"
-    shapes = {
-        "times_s": (count,), "torso_m": (count, 3), "rotation": (count, 3, 3), "feet_m": (count, feet, 3),
-        "forces_n": (count, feet, 3), "contact": (count, feet), "adhesive": (feet,), "start_xy_m": (2,),
-        "goal_xy_m": (2,),
-    }  # fmt: skip
-    for name, shape in shapes.items():
-        array = getattr(trajectory, name)
-        if array.shape != shape:
-            return f"{name}: expected shape {shape}, got {array.shape}"
-        if not np.isfinite(array).all():
-            return f"{name}: expected finite numbers, got {array[~np.isfinite(array)][0]}"
-        if not float(np.abs(array).max()) <= LARGEST:
-            return f"{name}: expected magnitudes up to {LARGEST:g}, got {np.abs(array).max():g}"
-    steps = np.diff(trajectory.times_s)
-    if not float(steps.min()) > 0.0:
-        return f"times_s: expected increasing times, got a step of {steps.min():g} s"
-    if float(np.ptp(steps)) > 1e-6 * float(steps.max()):
-        return f"times_s: expected a uniform grid, got steps from {steps.min():g} to {steps.max():g} s"
-    if float(steps.max()) > step_s * (1.0 + 1e-6):
-        return f"times_s: expected samples every {step_s:g} s or less, got a step of {steps.max():g} s"
-    if not (math.isfinite(trajectory.friction) and 0.0 <= trajectory.friction <= LARGEST):
-        return f"friction: expected a number of at least 0, got {trajectory.friction:g}"
-    return ""
+def _split(forces: Array, normals: Array) -> tuple[Array, Array]:
+    """Normal and tangential size of forces at normals, each shape (…, 3) → (…)."""
+    normal = np.sum(forces * normals, axis=-1)
+    return normal, np.linalg.norm(forces - normal[..., None] * normals, axis=-1)
 
 
 def _turned(vectors: Array) -> Array:

@@ -43,11 +43,16 @@ class Swing:
 
 
 def clear_swing(
-    ends: tuple[Array, Array], normals: tuple[Array, Array], clearance_m: float, solids: Sequence[Solid]
+    ends: tuple[Array, Array],
+    normals: tuple[Array, Array],
+    clearance_m: float,
+    solids: Sequence[Solid],
+    radius_m: float = FOOT_RADIUS_M,
 ) -> Swing:
     """The lowest swing that stays off the terrain on its path across; the clearest one where none does.
 
     ends, normals: of the two toes' surfaces, the foot's centres, shape (3,) [m]. clearance_m: least lift.
+    radius_m: of the foot.
     """
     best, most = None, -np.inf
     for up, down in sorted(product(RAISES_M, repeat=2), key=lambda raises: (sum(raises), max(raises))):
@@ -56,7 +61,7 @@ def clear_swing(
             lowered=ends[1] + (clearance_m + down) * normals[1], end=ends[1],
         )  # fmt: skip
         path = swing.lifted + SHARES[:, None] * (swing.lowered - swing.lifted)
-        gap = min((float(solid.distance(path).min()) for solid in solids), default=np.inf) - FOOT_RADIUS_M
+        gap = min((float(solid.distance(path).min()) for solid in solids), default=np.inf) - radius_m
         if gap >= KEPT_M:
             return swing
         if gap > most:

@@ -87,8 +87,8 @@ class PlanMotion:
         self.normals, self._friction = (
             np.array([getattr(p, name) for p in patches]) for name in ("normal", "friction")
         )
-        radii = foot_radii(course.robot)[[course.robot.limb_names.index(each.limb) for each in course.placements]]
-        self._feet = plan.toes_m + radii[:, None] * self.normals
+        self._radii = foot_radii(course.robot)[[self._names.index(each.limb) for each in course.placements]]
+        self._feet = plan.toes_m + self._radii[:, None] * self.normals
 
     @property
     def content(self) -> Plan:
@@ -214,7 +214,8 @@ class PlanMotion:
 
     def _swing(self, old: int, new: int) -> Swing:
         toes = (self._feet[old], self._feet[new])
-        return clear_swing(toes, (self.normals[old], self.normals[new]), self.timing.clearance_m, self.solids)
+        normals, radius_m = (self.normals[old], self.normals[new]), float(self._radii[new])
+        return clear_swing(toes, normals, self.timing.clearance_m, self.solids, radius_m)
 
     def _support(self, frame: int) -> tuple[int, ...]:
         """The limbs that carry while those of ``frame`` lift; after the last frame, while the next would."""

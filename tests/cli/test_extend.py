@@ -149,7 +149,10 @@ def test_a_distribution_in_yaml_is_the_built_in_one_with_its_own_numbers(stancek
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("terrain: moon\nlegs: [RF]\nfriction: [0, 1]\n", "d.yaml: terrain: expected 'ground' or 'wall', got"),
+        (
+            "terrain: moon\nlegs: [RF]\nfriction: [0, 1]\n",
+            "d.yaml: terrain: expected ground, wall, or a terrain's file, got 'moon'",
+        ),
         ("terrain: wall\nlegs: [XX]\nfriction: [0, 1]\n", "d.yaml: leg: expected one of LF, LM"),
         ("terrain: wall\nlegs: [RF]\nfriction: [2, 1]\n", "d.yaml: friction: expected 0 ≤ low ≤ high, got 2 and 1"),
         ("terrain: wall\nlegs: [RF]\nfriction: [0, 1]\nice: 1\n", "d.yaml: ice: "),

@@ -28,6 +28,18 @@ terrain: {kind: flat, friction: 0.7}
 """
 
 
+HEIGHTS = """
+name: step
+robot: dog.urdf
+frames: 6
+gait: wave
+start_m: [0.0, 0.0, {0}]
+goal_m: [0.2, 0.0, {0}]
+body: {{com_radius_m: 0.005, first_radius_m: 0.005, tilt_limit_rad: 0.01}}
+terrain: {{kind: flat, friction: 0.7}}
+"""
+
+
 @pytest.fixture(scope="module")
 def cache(tmp_path_factory):
     return tmp_path_factory.mktemp("cache")
@@ -67,6 +79,20 @@ def test_a_plan_has_joints_and_verify_says_the_same_of_its_file(call):
     record = json.loads(out)
     assert record["report"]["checked"] == ["contacts", "joints", "torque"]
     assert record["report"]["torque"]["share"] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("height_m", "code", "status"), [(0.5, 0, "feasible"), (0.58, 1, "undecided"), (0.64, 1, "infeasible")]
+)
+def test_plans_are_in_inner_sets_and_proofs_over_outer_ones(call, height_m, code, status):
+    Path("step.yaml").write_text(HEIGHTS.format(height_m))
+    ended, out, _ = call(PlanCourse, "step.yaml", "--json")
+    record = json.loads(out)
+    assert (ended, record["status"]) == (code, status)
+    if status == "undecided":
+        assert record["message"] == (
+            "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
+        )
 
 
 def test_numbers_for_programs_have_the_joints(call):
@@ -111,7 +137,10 @@ def test_verify_refuses_a_plan_for_another_robot_than_the_one_that_is_named(call
     Path("cat.urdf").write_text(quadruped(effort=41.0).replace('name="quadruped"', 'name="cat"'))
     code, out, err = call(Verify, "plan.json", "--robot", "cat.urdf")
     assert (code, out) == (2, "")
-    assert err == "stancekit: error: plan.json: expected a plan for the robot cat, got one for 'quadruped'\n"
+    assert err == (
+        "stancekit: error: plan.json: expected a plan for the robot cat as its file is, got one for quadruped with "
+        "legs or numbers of its own\n"
+    )
     code, out, err = call(Verify, "flat.yaml", "--robot", "cat.urdf")
     assert (code, err) == (2, "stancekit: error: --robot: expected a plan with it, got flat.yaml\n")
 

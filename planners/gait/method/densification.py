@@ -26,6 +26,15 @@ from ..variables.structure import Structure
 Flags = NDArray[np.bool_]
 BAND = 0.06
 """What a balance may be off half-way between nodes where it is asked for [m·g, m·g·stand height]; shrinks each time."""
+BALANCES = frozenset(
+    ("force_balance", "force_peak", "moment_balance", "moment_peak", "impulse", "angular_impulse", "angular_residual",
+     "traction", "traction_impulse")
+)  # fmt: skip
+"""Groups that are kept by the balances half-way between nodes."""
+WINDOWS = frozenset(("impulse", "angular_impulse", "traction_impulse"))
+"""Groups that add up over time."""
+LEAST_BAND = 0.01
+"""Nothing narrower is asked for where no balance is off by more."""
 FLAW = 1.5
 """A balance is asked for where it is off by this many bands."""
 
@@ -62,7 +71,11 @@ class DenseProgram(GaitProgram):
 def densified(program: GaitProgram, report: GaitReport) -> DenseProgram | None:
     """The program with what a refused trajectory asks for; None where no more rows would help."""
     settings = tightened(program.settings, report)
-    checks = found = flaws(program, report)
+    band = BAND
+    checks = found = flaws(program, report, band)
+    while BALANCES & {group.group for group in report.refused} and not found.balance.any() and band > LEAST_BAND:
+        band *= 0.5  # a window adds up what no moment shows
+        checks = found = flaws(program, report, band)
     if isinstance(program, DenseProgram):
         checks = replace(program.checks.joined(found), band=0.7 * program.checks.band)
     if settings == program.settings and not len(found):
@@ -77,8 +90,12 @@ def tightened(settings: GaitSettings, report: GaitReport) -> GaitSettings:
         before = settings.trunk_clearance_m
         clearance = 0.02 if before is None else before + missed["trunk"] + 0.002
         settings = replace(settings, trunk_clearance_m=clearance)
-    if "penetration" in missed:
+    if missed.keys() & {"penetration", "penetration_between"}:
         settings = replace(settings, swing_nodes=settings.swing_nodes + 4)
+    if missed.keys() & {"lift", "clearance", "drag"}:
+        settings = replace(settings, clearance_m=settings.clearance_m + 0.01)
+    if missed.keys() & WINDOWS and settings.dynamics == "centred":
+        settings = replace(settings, mean_forces=True)
     if "reach" in missed:
         settings = replace(settings, reach_margin_m=min(settings.reach_margin_m + missed["reach"], 0.03))
     return settings
@@ -89,7 +106,7 @@ def flaws(program: GaitProgram, report: GaitReport, band: float = BAND) -> Check
     measured, broken = TrajectoryMeasurements(report.trajectory), {group.group for group in report.refused}
     steps, feet = program.structure.nodes - 1, program.structure.feet
     balance, arms = np.zeros(steps, dtype=bool), np.zeros((steps, feet), dtype=bool)
-    if broken & {"force_balance", "force_peak", "moment_balance", "moment_peak"}:
+    if broken & BALANCES:
         for series, scale in ((measured.force_residual(), measured.weight_n),
                               (measured.moment_residual(), measured.moment_scale_nm)):  # fmt: skip
             off = np.linalg.norm(series.values, axis=1) > FLAW * band * scale
@@ -114,6 +131,7 @@ def half_way(structure: Structure, checks: Checks) -> list[Constraint]:
     between = copy(structure)
     for name in ("torso", "feet_at_nodes"):
         between.__dict__.pop(name, None)
+    between.mean_s = 0.0  # what is asked for here is the balance of the moment
     between.times_s = structure.times_s[:-1] + 0.5 * structure.settings.step_s
     found: list[Constraint] = []
     inner = checks.balance.copy()

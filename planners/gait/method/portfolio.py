@@ -17,6 +17,7 @@ import numpy as np
 from ...errors import InvalidInput, PlanningFailed
 from ...files.arrays import Array, checked
 from ...verify.trajectories import GaitReport, check_trajectory
+from ..forbidden import forbidden
 from ..gait_program import GaitSolution
 from ..task import GaitSettings, GaitTask
 from ..trajectory import Trajectory
@@ -142,6 +143,8 @@ def plan_gait(
         W1 and W7, for a first feasible point; the order of charts, the second phase and densification are the house's.
     """
     settings = settings or GaitSettings()
+    if reason := forbidden(task, settings):
+        return GaitPlan(attempts=(), feasible=(), solves=(), failures=(reason,))
     todo = default_attempts(task) if attempts is None else list(attempts)
     caps = caps or Caps()
     checkpoint = checkpoint or Checkpoint(None, task, settings, todo)

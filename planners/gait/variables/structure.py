@@ -26,6 +26,7 @@ class Structure:
             raise InvalidInput(
                 f"step_s: expected a share of the duration of {task.duration_s:g} s, got {settings.step_s:g} s"
             )
+        self.mean_s = settings.step_s if settings.mean_forces else 0.0
         self.times_s: Array = np.asarray(settings.step_s * np.arange(steps + 1), dtype=np.float64)
         self.layout = Layout(
             schedule(gait_named(task.gait), task.robot.foot_names, task.duration_s, settings.step_s),
@@ -60,7 +61,7 @@ class Structure:
         """All feet at all nodes, in groups."""
         if self.task.timings == "optimised":
             return moving_groups(self.layout, self.times_s, self.chart.foot_map, self.settings.switch_slack_s)
-        return scheduled_groups(self.layout, self.times_s, self.chart.foot_map)
+        return scheduled_groups(self.layout, self.times_s, self.chart.foot_map, self.mean_s)
 
     def entries(self, name: str, entries: Index, on_foot: bool = False) -> VariableGroup:
         """Entries of the decision vector as features, shape (K, width); on_foot: points with the feet's map about."""

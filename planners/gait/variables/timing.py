@@ -42,16 +42,21 @@ class FootGroup:
         return self.variables, np.arange(len(self.foot)) if chosen is None else chosen
 
 
-def scheduled_groups(layout: Layout, times_s: Array, foot_map: TaylorMap | None) -> tuple[FootGroup, ...]:
+def scheduled_groups(
+    layout: Layout, times_s: Array, foot_map: TaylorMap | None, step_s: float = 0.0
+) -> tuple[FootGroup, ...]:
     """All feet at all nodes by the schedule's phases: those that stand, then those that swing.
 
-    times_s: of the nodes, shape (K,) [s]; foot_map: the chart's.
+    times_s: of the nodes, shape (K,) [s]; foot_map: the chart's. step_s: where it is above 0, the force at a node is
+    its mean over the steps on both sides, the nearer the node the more: ∫ (1 − |s|) f(t + s Δt) ds over s in [−1, 1],
+    which is what p₊ − 2 p + p₋ balances. Three points are exact for forces that are quadratic in each step. A force is
+    0 where its stance begins and ends, so that no node without the foot gets any.
     """
     at: dict[bool, list[tuple[int, int]]] = {True: [], False: []}
     rows: dict[bool, list[csr_array]] = {True: [], False: []}
     for foot, entries in enumerate(layout.feet):
         stands = entries.phases.stands(times_s)
-        places, forces = layout.foot_rows(foot, times_s), layout.force_rows(foot, times_s)
+        places, forces = layout.foot_rows(foot, times_s), _mean_rows(layout, foot, times_s, step_s)
         for node in range(len(times_s)):
             where, standing = slice(3 * node, 3 * node + 3), bool(stands[node])
             at[standing].append((foot, node))
@@ -66,6 +71,16 @@ def scheduled_groups(layout: Layout, times_s: Array, foot_map: TaylorMap | None)
             foot_of, node_of = np.array(at[standing]).T
             groups.append(FootGroup(variables, foot_of, node_of, standing))
     return tuple(groups)
+
+
+def _mean_rows(layout: Layout, foot: int, times_s: Array, step_s: float) -> csr_array:
+    """Rows of f̄_i, the mean about each time where step_s is above 0; before the start and after the end it stays."""
+    if step_s == 0.0:
+        return layout.force_rows(foot, times_s)
+    before, at, after = (
+        layout.force_rows(foot, np.clip(times_s + share * step_s, 0.0, layout.duration_s)) for share in (-0.5, 0.0, 0.5)
+    )
+    return csr_array((before + at + after) / 3.0)
 
 
 def on_ground(v: cs.SX, constants: cs.SX) -> cs.SX:

@@ -13,9 +13,11 @@ from stancekit.learners.selectors.dual_bounds import BAND, Bounds, balanced, lea
 from stancekit.learners.selectors.feasibility import CachingOracle, Counts, SolvingOracle
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.problem import PostureProblem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick, moment_axes
 from stancekit.planners.relaxation.relaxed import DualBound, RelaxationAnswer
+from stancekit.planners.robot.reach import ReachRows
 
 BOUNDS = {"wall": ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4)), "ground": ((0.0, 0.5), (-0.15, 0.15), (-0.15, 0.15))}
 
@@ -23,6 +25,15 @@ BOUNDS = {"wall": ((0.0, 0.9), (-0.3, 0.3), (0.0, 0.4)), "ground": ((0.0, 0.5), 
 def drawn(name: str, count: int, seed: int) -> list[Scaled]:
     rng = np.random.default_rng(seed)
     return [Scaled.of(distribution(name).sample(rng)) for _ in range(count)]
+
+
+def boxed_in(problem: PostureProblem) -> PostureProblem:
+    """The problem with legs that are half-spaces, too: a box about the middle of every patch."""
+    normals, contacts = np.vstack([np.eye(3), -np.eye(3)]), []
+    for contact in problem.contacts:
+        bounds = normals @ contact.patch.vertices_m.mean(axis=0) + 0.05
+        contacts.append(replace(contact, reach_rows=ReachRows(normals=normals, bounds_m=bounds)))
+    return replace(problem, contacts=tuple(contacts), tilt_limit_rad=0.02)
 
 
 def boxes_about(problems: list[Scaled], kind: str, count: int, spread: float, seed: int) -> list[Envelope]:
@@ -62,8 +73,10 @@ def test_little_memory_settles_less_and_errs_no_more(programs: Programs) -> None
     assert large.counts.cached >= small.counts.cached > 0
 
 
-def test_certificates_and_witnesses_hold_at_other_boxes(programs: Programs) -> None:
-    problems = drawn("wall-3", 40, seed=5)
+@pytest.mark.parametrize("limit", [lambda problem: problem, boxed_in], ids=["balls", "half-spaces"])
+def test_certificates_and_witnesses_hold_at_other_boxes(programs: Programs, limit) -> None:
+    source, rng = distribution("wall-3"), np.random.default_rng(5)
+    problems = [Scaled.of(limit(source.sample(rng))) for _ in range(40)]
     boxes = boxes_about(problems, "wall", 8, 0.04, seed=6)
     bounds, refuted, shown = Bounds.of(boxes), 0, 0
     for problem in problems:

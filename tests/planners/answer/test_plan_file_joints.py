@@ -276,4 +276,7 @@ def test_a_robot_that_is_named_has_to_be_the_files(path: Path) -> None:
     assert check_file(path, robot=stronger).accepted
     with pytest.raises(InvalidInput) as caught:
         check_file(path, robot=model_of(quadruped()))
-    assert str(caught.value) == (f"{path}: expected a plan for the robot quadruped, got one for 'one of another file'")
+    assert str(caught.value) == (
+        f"{path}: expected a plan for the robot quadruped as its file is, got one for quadruped with legs or numbers "
+        "of its own"
+    )

@@ -85,6 +85,7 @@ def boxed(scaled: Scaled, axes: str, share: float) -> Envelope:
 def p1_of(scaled: Scaled) -> Iterator[tuple[str, Programme, Given]]:
     """P̄ and every form of P1 for a problem."""
     yield "p̄", (WithoutMoment, (scaled.layout,)), Given(scaled)
+    yield "p̄ inner", (WithoutMoment, (scaled.layout, True)), Given(scaled)
     if scaled.layout.points:
         return
     allowed = np.ones((len(scaled.layout.stances), 2))

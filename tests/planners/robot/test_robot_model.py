@@ -1,6 +1,6 @@
 """Robots from URDF without a word of configuration, joints by name, corrections, and what is refused."""
 
-from itertools import permutations
+from itertools import pairwise, permutations
 from pathlib import Path
 
 import numpy as np
@@ -197,6 +197,15 @@ TWO_FEET = robot(
     + [joint(f"{s}{k}", p, f"{s}{k}", f"0 {y} {z}") for s, y in (("l", 0.2), ("r", -0.2))
        for k, p, z in (("a", "waist", 0), ("b", f"{s}a", -0.3), ("c", f"{s}b", -0.3))]
 )  # fmt: skip
+
+
+def snake(last: int) -> str:
+    """One chain of joints, the first of which is number 0."""
+    names = ["base", *(f"t{k}" for k in range(last + 1))]
+    links = [link(name) for name in names[1:]]
+    return robot([*links, *(joint(f"j{k}", *pair, "0 0 -.01") for k, pair in enumerate(pairwise(names)))])
+
+
 FIXED = robot([link("a"), link("b"), fixed("f", "base", "a"), fixed("g", "a", "b")])
 MIMIC = quadruped().replace('<limit lower="-2.4"', '<mimic joint="LF_HFE" multiplier="-2"/><limit lower="-2.4"', 1)
 
@@ -223,6 +232,8 @@ MIMIC = quadruped().replace('<limit lower="-2.4"', '<mimic joint="LF_HFE" multip
          "RH_HFE, RH_KFE, got 'LF_TOE'"),
         (quadruped().replace('lower="-0.7"', 'lower="-0.7."'), {},
          "expected a URDF: joint [LF_HAA]: lower value (-0.7.) is not a valid float"),
+        (snake(150), {}, "expected 500 joints or fewer, 150 of which move, got 151 and 151"),
+        (snake(24), {"feet": ["t24"]}, "leg 't24': expected 24 joints or fewer, got 25"),
         ("<robot", {}, "expected a URDF: unclosed token: line 1, column 0"),
         ("<sdf/>", {}, "expected a URDF: expected a robot, got 'sdf'"),
         (quadruped().replace('radius="0.02"', 'radius="wide"'), {},

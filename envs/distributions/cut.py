@@ -1,0 +1,197 @@
+"""Scenes cut from a terrain: a body somewhere over it, heading anywhere, and its feet on patches of the terrain.
+
+The terrain is a mesh, whose facets are flat, or a grid, which is flat enough for a patch where it keeps to its tangent
+plane. Places to stand are looked for once: points of a lattice, each with the normal there and the circle about it that
+is free. A scene takes one of them for the ground under the body, a heading, and for every leg one that is as near to
+its nominal toe as a patch of ``ground-k`` would be drawn; the patch is a triangle in the free circle. Scenes are told
+in the body's axes, heading forward.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.documents import read_bytes
+from stancekit.planners.problem import PostureBatch, PostureProblem
+from stancekit.planners.robot import Robot
+from stancekit.planners.robot.robot_model import IDENTITY_DIGITS
+from stancekit.planners.terrain import Patch
+from stancekit.planners.terrain.grid_file import read_heights
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.mesh import FORMATS, read_mesh
+from stancekit.planners.terrain.mesh_file import MOST_BYTES
+from stancekit.planners.terrain.polygon import STEEP, half_planes
+
+from .patches import FORWARD, plain_problem, triangle
+from .stance import Stance
+
+SPACING = 0.5
+"""Of the lattice, in radii of the smallest patch."""
+SMALLER = 0.4
+"""The smallest patch of a terrain, in circumradii of the smallest that is drawn."""
+MOST_PLACES = 200_000
+FLAT_M = 0.003
+"""How far a grid may be from the tangent plane within a patch [m]."""
+AROUND = np.stack([np.cos(np.arange(8) * np.pi / 4.0), np.sin(np.arange(8) * np.pi / 4.0)], axis=1)
+TRIES = 20_000
+"""Bodies until one has a place for every leg."""
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Where a foot may stand: points, shape (K, 3) [m], normals, (K, 3), and free radii about them, (K,) [m]."""
+
+    points_m: Array
+    normals: Array
+    free_m: Array
+
+    @classmethod
+    def of(cls, path: str | Path, least_m: float) -> Places:
+        """Those of a terrain's file with room for a circle of this radius.
+
+        Raises InvalidInput for a file that is no terrain, and for one without any such place.
+        """
+        spacing = SPACING * least_m
+        if Path(path).suffix.lower() in FORMATS:
+            patches = read_mesh(path, friction=0.0)
+            parts = [_of_patch(patch, least_m, spacing) for patch in patches if patch.normal[2] >= STEEP]
+        else:
+            parts = [_of_grid(read_heights(path), least_m, spacing)]
+        found = [np.concatenate(part) for part in zip(*parts, strict=True)] if parts else [np.zeros(0)]
+        if not len(found[0]):
+            raise InvalidInput(
+                f"{path}: expected a terrain with footholds, flat places {2e3 * least_m:.0f} mm wide and less steep "
+                "than 45°, found none"
+            )
+        return cls(*found)
+
+
+def _of_patch(patch: Patch, least_m: float, spacing_m: float) -> tuple[Array, Array, Array]:
+    """Points of a lattice over a facet, and its middle."""
+    axes, origin = patch.frame[:, 1:], patch.centre_m
+    flat = (patch.vertices_m - origin) @ axes
+    normals, offsets = half_planes(flat)
+    points = np.vstack([_lattice(flat.min(axis=0), flat.max(axis=0), spacing_m), [[0.0, 0.0]]])
+    free = (offsets - points @ normals.T).min(axis=1)
+    kept = free >= least_m
+    points = origin + points[kept] @ axes.T
+    return points, np.tile(patch.normal, (len(points), 1)), free[kept]
+
+
+def _of_grid(field_: HeightField, least_m: float, spacing_m: float) -> tuple[Array, Array, Array]:
+    """Points of a lattice over a height field; free as far as it keeps to its tangent plane."""
+    low, high = np.array(field_.domain_m).T
+    xy = _lattice(low, high, spacing_m)
+    heights, slopes = field_.height_and_gradient(xy)
+    free = np.zeros(len(xy))
+    flat = np.ones(len(xy), dtype=np.bool_)
+    for radius in least_m * np.array([1.0, 2.0, 4.0, 8.0]):
+        ring = xy[:, None] + radius * AROUND
+        off = field_.height(np.clip(ring, low, high)) - heights[:, None] - radius * slopes @ AROUND.T
+        flat &= np.all((ring >= low) & (ring <= high), axis=(1, 2)) & (np.abs(off).max(axis=1) <= FLAT_M)
+        free[flat] = radius
+    normals = np.column_stack([-slopes, np.ones(len(xy))])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    kept = (free >= least_m) & (normals[:, 2] >= STEEP)
+    return np.column_stack([xy, heights])[kept], normals[kept], free[kept]
+
+
+def _lattice(low: Array, high: Array, spacing_m: float) -> Array:
+    """Points a spacing apart, or farther where there would be too many, shape (K, 2) [m]."""
+    spacing = max(spacing_m, float(np.sqrt(np.prod(high - low) / MOST_PLACES)))
+    lines = (np.arange(a + 0.5 * spacing, b, spacing) for a, b in zip(low, high, strict=True))
+    return np.stack(np.meshgrid(*lines, indexing="ij"), axis=-1).reshape(-1, 2)
+
+
+def identity_of(path: str | Path) -> str:
+    """A terrain's name and the beginning of its file's digest. Raises InvalidInput for a file that cannot be read."""
+    digest = hashlib.sha256(read_bytes(path, MOST_BYTES)).hexdigest()
+    return f"{Path(path).stem}-{digest[:IDENTITY_DIGITS]}"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CutDistribution:
+    """Scenes on these legs of a robot, cut from a terrain. stance: what is drawn about; friction: uniform between."""
+
+    name: str
+    legs: tuple[str, ...]
+    friction: tuple[float, float]
+    robot: Robot
+    stance: Stance
+    places: Places
+    terrain: str = "ground"
+
+    def sample(self, rng: np.random.Generator) -> PostureProblem:
+        """Draw one posture problem. Raises InvalidInput where the terrain has no place for all legs."""
+        return self.batch(rng, 1).problem(0)
+
+    def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
+        """Draw this many problems: bit for bit those that as many calls of ``sample`` draw."""
+        vertices, normals, friction = zip(*(self._drawn(rng) for _ in range(count)), strict=True)
+        return PostureBatch(
+            like=self._plain, vertices_m=np.array(vertices), normals=np.array(normals), friction=np.array(friction)
+        )
+
+    def _drawn(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
+        """Vertices, normals and friction of one scene's patches in the body's axes."""
+        for _ in range(TRIES):
+            under, turn = self.places.points_m[rng.integers(len(self.places.points_m))], rng.uniform(0.0, 2.0 * np.pi)
+            axes = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+            body = under - [0.0, 0.0, float(self.stance.centre_m[:, 2].mean())]
+            chosen = self._feet(body, axes, rng)
+            if chosen is not None:
+                break
+        else:
+            raise InvalidInput(
+                f"{self.name}: expected footholds for {', '.join(self.legs)} about some body over the terrain, "
+                f"found none in {TRIES} tries"
+            )
+        low, high = self.stance.circumradius_m
+        smallest, largest = SMALLER * low, np.minimum(high, self.places.free_m[chosen])
+        radius = smallest + (largest - smallest) * rng.random(len(chosen))
+        normals = self.places.normals[chosen] @ axes
+        centres = (self.places.points_m[chosen] - body) @ axes
+        corners = centres[:, None] + triangle(normals, radius, 2.0 * np.pi * rng.random(len(chosen)))
+        return corners, normals, rng.uniform(*self.friction, len(chosen))
+
+    def _feet(self, body: Array, axes: Array, rng: np.random.Generator) -> list[int] | None:
+        """A place for every leg within its room, by number; None where one leg has none."""
+        found = []
+        toes = body + self.stance.centre_m @ axes.T
+        rooms = np.abs(self.stance.room_m)
+        around = self._tree.query_ball_point(toes, np.linalg.norm(rooms, axis=1), return_sorted=True)
+        for toe, room, numbers in zip(toes, rooms, around, strict=True):
+            near = np.array(numbers, dtype=np.intp)
+            within = near[np.all(np.abs((self.places.points_m[near] - toe) @ axes) <= room, axis=1)]
+            if not len(within):
+                return None
+            found.append(int(within[rng.integers(len(within))]))
+        return found
+
+    @cached_property
+    def _tree(self) -> KDTree:
+        return KDTree(self.places.points_m)
+
+    @cached_property
+    def _plain(self) -> PostureProblem:
+        return plain_problem(self.robot, self.legs, self.stance, shear=FORWARD)
+
+
+def cut(
+    path: str | Path, name: str, robot: Robot, legs: Sequence[str], stance: Stance, friction: tuple[float, float]
+) -> CutDistribution:
+    """Scenes of a terrain's file. Raises InvalidInput for one that is none, or has no footholds."""
+    places = Places.of(path, SMALLER * stance.circumradius_m[0])
+    return CutDistribution(
+        name=f"{name}-on-{identity_of(path)}", legs=tuple(legs), friction=friction, robot=robot, stance=stance,
+        places=places,
+    )  # fmt: skip

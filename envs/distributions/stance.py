@@ -1,0 +1,180 @@
+"""Where a robot's patches are drawn: the nominal places of its toes on the ground and on two facing walls, and sizes.
+
+Paper E's classes stand on the default hexapod's shoulders and reach. For a robot from a file the same law stands on its
+own legs: on the ground its toes as it stands; on walls the places that its legs reach at one distance to each side.
+Every size grows with the legs: what is drawn for a reach of ``PAPER_REACH_M`` is drawn as many times as large.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Literal
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem.posture import THREE_LEGS, TILT_LIMIT_RAD
+from stancekit.planners.robot import Limb, Robot, hexapod
+from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
+from stancekit.planners.robot.polytope import Polytope
+from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
+from stancekit.planners.robot.workspace_cache import workspaces_of
+
+Law = Literal["ground", "wall", "terrain"]
+LAW = re.compile(r"(ground|wall|terrain)-([1-9]\d?)")
+"""Names of classes: a law, and how many legs stand."""
+FIVE_LEGS = ("RF", "RM", "RR", "LF", "LR")
+PAPER_LEGS = {3: THREE_LEGS, 5: FIVE_LEGS}
+PAPER_REACH_M = 0.35
+PAPER_LENGTH_M = 0.6
+"""Length scale of paper E's robot."""
+GROUND_ROOM_M, WALL_ROOM_M = (0.20, 0.20, 0.10), (0.15, 0.06, 0.15)
+"""How far a patch may be from its nominal place, along x, y and z, to either side."""
+CIRCUMRADIUS_M = (0.03, 0.08)
+COM_RADIUS_M = 0.08
+BEYOND = 1.1
+"""The length scale of a robot from a file, in units of how far a toe may be from its centre of mass."""
+POINTS = 4000
+"""Of a leg's set, by which the walls are placed."""
+SIDEWAYS = 0.8
+"""Share of a leg's set that is nearer than the wall is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stance:
+    """What a law draws about: nominal centres of the patches and their normals, from the centre of mass, shape (N, 3)
+    each [m]; room_m: how far off a centre may be, outwards positive, (N, 3) [m]; sizes [m]; and the body's tilt [rad].
+
+    With legs of half-spaces the body is level: a tilt would leave many scenes undecided, feasible by what bounds take
+    for their reach and not by what plans take (``planners.robot.reach``); where it is 0 both are the sets themselves.
+    """
+
+    centre_m: Array
+    normal: Array
+    room_m: Array
+    circumradius_m: tuple[float, float] = CIRCUMRADIUS_M
+    com_radius_m: float = COM_RADIUS_M
+    length_scale_m: float = PAPER_LENGTH_M
+    tilt_limit_rad: float = TILT_LIMIT_RAD
+
+
+def paper_stance(limbs: Sequence[Limb], law: Law) -> Stance:
+    """Paper E's: patches beside and below the shoulders, or on walls at .40 m to each side."""
+    centre, normal, room = zip(*((_wall if law == "wall" else _ground)(limb) for limb in limbs), strict=True)
+    return Stance(np.array(centre), np.array(normal), np.array(room))
+
+
+def _ground(limb: Limb) -> tuple[Array, Array, Array]:
+    """Centre and normal of a patch on the ground beside and below the shoulder, and how far off it may be [m]."""
+    outward = limb.shoulder_m / np.linalg.norm(limb.shoulder_m)
+    centre = limb.shoulder_m + 0.15 * outward + np.array([0.0, 0.0, -0.20])
+    return centre, np.array([0.0, 0.0, 1.0]), np.array(GROUND_ROOM_M)
+
+
+def _wall(limb: Limb) -> tuple[Array, Array, Array]:
+    """Centre and normal of a patch on the wall at the limb's side, and how far off it may be [m], outwards positive."""
+    side = 1.0 if limb.shoulder_m[1] >= 0.0 else -1.0
+    centre = np.array([limb.shoulder_m[0], side * 0.40, limb.shoulder_m[2]])
+    return centre, np.array([0.0, -side, 0.0]), np.array([1.0, side, 1.0]) * WALL_ROOM_M
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Standing:
+    """A robot that scenes are drawn for, and where its toes are as it stands.
+
+    robot: as the contact planner has it, inner sets. toes_m: from its centre of mass, shape (N, 3) [m]. reach_m: how
+    far a foot gets from its first joint, in the mean [m]. paper: the default hexapod, about which paper E's law draws.
+    """
+
+    robot: Robot
+    toes_m: Array
+    reach_m: float
+    paper: bool = False
+
+    @classmethod
+    def of(cls, robot: str | None) -> Standing:
+        """The robot of a built-in name, a ``.urdf`` or a ``.yaml`` file; the default hexapod where None.
+
+        Raises InvalidInput for anything else, and for a leg without a workspace that has an inside.
+        """
+        if robot is None or robot in BUILT_IN:
+            default = hexapod()
+            return cls(
+                robot=default, toes_m=paper_stance(default.limbs, "ground").centre_m, reach_m=PAPER_REACH_M, paper=True
+            )
+        model = named_robot(robot)
+        try:
+            workspaces = workspaces_of(model)
+        except InvalidInput as error:
+            raise InvalidInput(f"{robot}: {error}") from None
+        reach = float(np.mean([workspace.reach_m for workspace in workspaces]))
+        return cls(robot=contact_robot(model, workspaces), toes_m=standing_toes(model), reach_m=reach)
+
+    def legs(self, count: int, name: str) -> tuple[str, ...]:
+        """So many of its legs: those whose toes hold its centre of mass best, by the largest margin inside their hull.
+
+        Raises InvalidInput for a robot with fewer.
+        """
+        names = self.robot.limb_names
+        if count > len(names):
+            legs = ", ".join(names)
+            raise InvalidInput(f"{name}: expected a robot of {count} legs or more, got {self.robot.name} with {legs}")
+        if self.paper and count in PAPER_LEGS:
+            return PAPER_LEGS[count]
+        chosen = max(combinations(range(len(names)), count), key=lambda some: round(_held(self.toes_m[list(some)]), 6))
+        return tuple(names[index] for index in chosen)
+
+    def stance(self, law: Law, legs: Sequence[str]) -> Stance:
+        """What scenes on these legs are drawn about. Raises InvalidInput for a leg that is not there."""
+        limbs = self.robot.select(legs)
+        if self.paper:
+            return paper_stance(limbs, law)
+        toes = self.toes_m[[self.robot.limb_names.index(leg) for leg in legs]]
+        size = self.reach_m / PAPER_REACH_M
+        side, upwards = np.where(toes[:, 1] >= 0.0, 1.0, -1.0), np.tile([0.0, 0.0, 1.0], (len(toes), 1))
+        radii = (size * CIRCUMRADIUS_M[0], size * CIRCUMRADIUS_M[1])
+        sizes = radii, size * COM_RADIUS_M, BEYOND * self._farthest, 0.0
+        if law != "wall":
+            room = np.tile(size * np.array(GROUND_ROOM_M), (len(toes), 1))
+            return Stance(toes, upwards, room, *sizes)
+        out = np.column_stack([np.ones(len(toes)), side, np.ones(len(toes))])
+        centres = _on_walls([_set_of(limb) for limb in limbs], side, size * WALL_ROOM_M[1])
+        return Stance(centres, out * [0.0, -1.0, 0.0], out * (size * np.array(WALL_ROOM_M)), *sizes)
+
+    @property
+    def _farthest(self) -> float:
+        """How far a toe may be from the centre of mass [m]."""
+        return max(float(np.linalg.norm(_set_of(limb).vertices, axis=1).max()) for limb in self.robot.limbs)
+
+
+def _held(toes: Array) -> float:
+    """How far inside the toes' hull, seen from above, the centre of mass is [m]; below 0 outside, or without a hull."""
+    if len(toes) < 3:
+        return -float(np.linalg.norm(toes[:, :2].mean(axis=0)))
+    try:
+        return -float(ConvexHull(toes[:, :2]).equations[:, 2].max())
+    except QhullError:  # all in one line
+        return -float(np.linalg.norm(toes[:, :2].mean(axis=0)))
+
+
+def _set_of(limb: Limb) -> Polytope:
+    assert limb.reach_rows is not None
+    return Polytope(normals=limb.reach_rows.normals, offsets_m=limb.reach_rows.bounds_m)
+
+
+def _on_walls(sets: Sequence[Polytope], side: Array, thickness_m: float) -> Array:
+    """The middles of what legs reach of two walls, as far to either side, shape (N, 3) [m]."""
+    points = [polytope.sample(POINTS, np.random.default_rng(0)) for polytope in sets]
+    out = [sign * some[:, 1] for sign, some in zip(side, points, strict=True)]
+    away = float(np.mean([np.quantile(beside, SIDEWAYS) for beside in out]))
+    centres = []
+    for sign, some, beside in zip(side, points, out, strict=True):
+        off = np.abs(beside - away)
+        near = some[off <= max(thickness_m, float(np.min(off)))]
+        centres.append([near[:, 0].mean(), sign * away, near[:, 2].mean()])
+    return np.array(centres)

@@ -1,0 +1,85 @@
+"""One verdict: the command, Python and the runner say the same of one file, and name the groups that were checked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stancekit as library
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_file import write_plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.gait.trajectory_file import read_trajectory, write_trajectory
+from stancekit.planners.verify import PLAN_GROUPS, check_plan
+from stancekit.planners.verify.trajectories import GROUPS, check_trajectory
+from stancekit.runner.acceptance import Accepted, AcceptedGait
+from tests.forgeries import stances, walks
+from tests.forgeries.crawl import crawl
+
+walk, plan = cache(crawl), cache(stances.honest_plan)
+FORGED_WALKS = ("skating", "weight missing", "dragged", "facing elsewhere", "starting in motion", "sucking")
+FORGED_PLANS = ("weight missing", "a toe moved", "a limb that moves carries", "the body tilted")
+
+
+@cache
+def walks_of() -> dict[str, Trajectory]:
+    forged = {name: walks.KINDS[name](walk(), 2.0, np.random.default_rng(2)) for name in FORGED_WALKS}
+    return {"honest": walk(), "open": replace(walk(), heading_rad=None, still=(False, False)), **forged}
+
+
+@cache
+def plans_of() -> dict[str, Plan]:
+    forged = {name: stances.PLANS[name](plan(), 3.0, np.random.default_rng(3)) for name in FORGED_PLANS}
+    return {"honest": plan(), **forged}
+
+
+@pytest.mark.parametrize("name", ["honest", "open", *FORGED_WALKS])
+def test_a_walk_has_one_verdict(name: str, stancekit, tmp_path: Path) -> None:
+    path, trajectory = tmp_path / "walk.json", walks_of()[name]
+    written = check_trajectory(trajectory)
+    write_trajectory(path, trajectory, written)
+    ran = stancekit("verify", path, "--json")
+    (told,) = ran.records
+    python = library.verify(library.load(path))
+    assert (ran.code == 0) == told["accepted"] == python.accepted == written.accepted
+    assert told["accepted"] == (name in ("honest", "open"))
+    assert told["message"] == python.message == written.message
+    assert told["digest"] == python.digest == written.digest == read_trajectory(path).verdict["digest"]
+    assert sorted(told["checked"] + told["not_checked"]) == sorted(GROUPS)
+    assert stancekit("verify", path).out == f"{path}: {written.message}\n"
+
+
+def test_a_walk_of_which_something_is_not_checked_says_so_and_is_not_run(stancekit, tmp_path: Path) -> None:
+    path, trajectory = tmp_path / "walk.json", walks_of()["open"]
+    report = check_trajectory(trajectory)
+    assert report.unchecked == ("heading", "rest", "rest_acceleration")
+    assert report.message.endswith("; NOT CHECKED: heading, rest, rest_acceleration")
+    write_trajectory(path, trajectory, report)
+    assert stancekit("verify", path, "--json").records[0]["not_checked"] == list(report.unchecked)
+    with pytest.raises(InvalidInput, match="expected a gait of which all groups are checked: accepted: 34 groups"):
+        AcceptedGait.from_file(path)
+
+
+@pytest.mark.parametrize("name", ["honest", *FORGED_PLANS])
+def test_a_plan_has_one_verdict(name: str, stancekit, tmp_path: Path) -> None:
+    path, made = tmp_path / "plan.json", plans_of()[name]
+    written = check_plan(made, joints=True)
+    write_plan(path, made, written)
+    ran = stancekit("verify", path, "--json")
+    (record,) = ran.records
+    told, python = record["report"], library.verify(library.load(path))
+    assert (ran.code == 0) == told["accepted"] == python.accepted == written.accepted == (name == "honest")
+    assert record["verdict"] == ("accepted" if told["accepted"] else "refused")
+    assert told["digest"] == python.digest == written.digest
+    assert told["checked"] == list(python.checked) == list(written.checked)
+    assert [group["group"] for group in told["groups"]] == list(PLAN_GROUPS)
+    if name == "honest":
+        assert Accepted.from_file(path).digest == check_plan(made).digest  # of contacts; joints it asks of its world
+    else:
+        with pytest.raises(InvalidInput, match="expected a plan that the verifier accepted, this one it rejected"):
+            Accepted.from_file(path)

@@ -1,0 +1,259 @@
+"""Scenes for a robot's file: where they stand, how they grow with it, which are cut from a terrain, what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stancekit.envs.distributions.cut import CutDistribution, Places
+from stancekit.envs.distributions.postures import DISTRIBUTIONS, composed, distribution
+from stancekit.envs.distributions.stance import PAPER_LEGS, Law, Standing, paper_stance
+from stancekit.planners.equilibrium.features import observe
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem import PostureProblem
+from stancekit.planners.robot import Limb, Robot, hexapod
+from stancekit.planners.robot.contact_robot import standing_toes
+from stancekit.planners.robot.reach import ReachRows
+from stancekit.planners.robot.robot_file import named_robot
+from tests.planners.robot.small_urdfs import leg, quadruped, robot
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("trimesh")
+
+PLANE = "v -2 -2 {0}\nv 2 -2 {1}\nv 2 2 {1}\nv -2 2 {0}\nf 1 2 3\nf 1 3 4\n"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("dog")
+    (folder / "dog.urdf").write_text(quadruped())
+    (folder / "flat.obj").write_text(PLANE.format(0.3, 0.3))
+    (folder / "slope.obj").write_text(PLANE.format(-0.4, 0.4))
+    (folder / "steep.obj").write_text(PLANE.format(-3.0, 3.0))
+    (folder / "stone.obj").write_text("v 0 0 0\nv .2 0 0\nv .2 .2 0\nv 0 .2 0\nf 1 2 3\nf 1 3 4\n")
+    np.save(folder / "slope.npy", np.repeat(0.2 * 0.05 * np.arange(60.0)[:, None], 60, axis=1))
+    return folder
+
+
+@pytest.fixture(autouse=True)
+def cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STANCEKIT_CACHE", str(folder / "cache"))
+
+
+@pytest.fixture
+def dog(folder: Path) -> str:
+    return str(folder / "dog.urdf")
+
+
+def drawn(name: str, count: int = 40, **files: str | Path) -> list[PostureProblem]:
+    source, rng = distribution(name, **files), np.random.default_rng(0)
+    return [source.sample(rng) for _ in range(count)]
+
+
+def centres(problem: PostureProblem) -> np.ndarray:
+    return np.array([contact.patch.vertices_m.mean(axis=0) for contact in problem.contacts])
+
+
+# ---------------------------------------------------------------------------------------------------- robot × law
+
+
+def test_the_default_hexapod_by_its_name_has_the_papers_classes_as_they_were() -> None:
+    for name, source in DISTRIBUTIONS.items():
+        assert distribution(name, robot="hexapod") is source
+        standing = Standing.of(None)
+        again = composed(name, source.terrain, standing, standing.legs(len(source.legs), name), source.friction, None)
+        one, other = (each.batch(np.random.default_rng(3), 50) for each in (source, again))
+        assert again.name == name
+        for part in ("vertices_m", "normals", "friction"):
+            np.testing.assert_array_equal(getattr(one, part), getattr(other, part))
+        assert one.problem(7).to_json() == other.problem(7).to_json()
+
+
+def test_on_the_ground_patches_are_about_the_toes_of_the_robot_as_it_stands(dog: str) -> None:
+    model, source = named_robot(dog), distribution("ground-4", robot=dog)
+    assert source.name == f"ground-4-of-{model.identity}"
+    size = Standing.of(dog).reach_m / 0.35
+    problems = drawn("ground-4", robot=dog)
+    off = np.array([centres(problem) for problem in problems]) - standing_toes(model)
+    assert np.all(np.abs(off) <= size * np.array([0.2, 0.2, 0.1]) + 1e-12)
+    assert np.all(np.abs(off).max(axis=(0, 1)) > 0.9 * size * np.array([0.2, 0.2, 0.1]))
+    assert all(contact.patch.normal[2] > np.cos(np.deg2rad(30.0)) - 1e-12 for p in problems for contact in p.contacts)
+
+
+def test_scenes_carry_the_robots_own_legs_mass_and_name(dog: str) -> None:
+    model, own = named_robot(dog), Standing.of(dog).robot
+    (problem,) = drawn("wall-3", 1, robot=dog)
+    assert (problem.robot, problem.mass_kg, problem.tilt_limit_rad) == (model.identity, model.body.mass_kg, 0.0)
+    for contact, limb in zip(problem.contacts, own.select(problem.legs), strict=True):
+        assert contact.reach_rows is not None
+        assert limb.reach_rows is not None
+        assert contact.reach_rows.to_json() == limb.reach_rows.to_json()
+        np.testing.assert_array_equal(contact.shoulder_m, limb.shoulder_m)
+    again = PostureProblem.from_json(problem.to_json())
+    assert again.to_json() == problem.to_json()
+
+
+def test_the_walls_are_as_far_to_either_side_and_within_the_legs_own_reach(dog: str) -> None:
+    source = distribution("wall-4", robot=dog)
+    stance = source.stance  # type: ignore[attr-defined]
+    side = np.sign(standing_toes(named_robot(dog))[:, 1])
+    away = side * stance.centre_m[:, 1]
+    np.testing.assert_allclose(away, away[0])
+    np.testing.assert_array_equal(stance.normal, np.outer(-side, [0.0, 1.0, 0.0]))
+    for limb, centre in zip(Standing.of(dog).robot.limbs, stance.centre_m, strict=True):
+        assert limb.reach_rows is not None
+        thick = np.abs(stance.room_m[:, 1]).max()
+        assert np.max(limb.reach_rows.normals @ centre - limb.reach_rows.bounds_m) < thick
+
+
+def test_a_robot_of_any_size_and_weight_sees_the_same_scenes(dog: str) -> None:
+    """What policies see and boxes are of is non-dimensional: it stays where all lengths and the mass are others."""
+    small = Standing.of(dog)
+
+    def limb(one: Limb, k: float) -> Limb:
+        assert one.reach_rows is not None
+        rows = ReachRows(normals=one.reach_rows.normals, bounds_m=k * one.reach_rows.bounds_m)
+        return Limb(name=one.name, shoulder_m=k * one.shoulder_m, reach_m=k * one.reach_m, reach_rows=rows)
+
+    def sized(k: float) -> Standing:
+        limbs = tuple(limb(one, k) for one in small.robot.limbs)
+        body = Robot(name="giant", mass_kg=k**3 * small.robot.mass_kg, limbs=limbs, identity="giant-0")
+        return Standing(robot=body, toes_m=k * small.toes_m, reach_m=k * small.reach_m)
+
+    laws: tuple[Law, ...] = ("ground", "wall")
+    for law in laws:
+        scenes = [
+            composed("x", law, sized(k), ("LF", "RF", "RH"), (0.1, 0.8), None).sample(np.random.default_rng(4))
+            for k in (1.0, 2.5)
+        ]
+        one, other = (observe(Scaled.of(scene)) for scene in scenes)
+        for name in one:
+            np.testing.assert_allclose(one[name], other[name], atol=2e-6)
+        assert scenes[1].force_scale_n == pytest.approx(2.5**3 * float(scenes[0].force_scale_n or 0.0))
+
+
+def test_so_many_legs_are_those_that_hold_the_centre_of_mass_best() -> None:
+    toes = np.array([[1.0, 1.0, 0.0], [1.0, -1.0, 0.0], [-2.0, 0.1, 0.0], [0.1, 0.1, 0.0]])
+    limbs = tuple(Limb(name=name, shoulder_m=np.zeros(3), reach_m=1.0) for name in "abcd")
+    standing = Standing(robot=Robot(name="four", mass_kg=1.0, limbs=limbs), toes_m=toes, reach_m=1.0)
+    assert standing.legs(3, "ground-3") == ("a", "b", "c")
+    assert standing.legs(4, "ground-4") == ("a", "b", "c", "d")
+    default = Standing.of(None)
+    assert {count: default.legs(count, "") for count in PAPER_LEGS} == PAPER_LEGS
+    assert len(distribution("ground-6").sample(np.random.default_rng(0)).contacts) == 6
+    np.testing.assert_array_equal(default.toes_m, paper_stance(hexapod().limbs, "ground").centre_m)
+
+
+# ------------------------------------------------------------------------------------------------- cut from a file
+
+
+def test_scenes_of_flat_ground_have_all_patches_at_one_height_below_the_body(dog: str, folder: Path) -> None:
+    toes = standing_toes(named_robot(dog))
+    for problem in drawn("terrain-4", robot=dog, terrain=folder / "flat.obj"):
+        heights = np.concatenate([contact.patch.vertices_m[:, 2] for contact in problem.contacts])
+        np.testing.assert_allclose(heights, toes[:, 2].mean(), atol=1e-12)
+        off = (centres(problem) - toes)[:, :2]
+        assert np.all(np.abs(off) <= 0.2 * Standing.of(dog).reach_m / 0.35 + 1e-9)
+
+
+@pytest.mark.parametrize("file", ["slope.obj", "slope.npy"])
+def test_scenes_of_a_slope_have_all_patches_in_it_whatever_the_heading(dog: str, folder: Path, file: str) -> None:
+    headings = []
+    for problem in drawn("terrain-3", robot=dog, terrain=folder / file):
+        corners = np.concatenate([contact.patch.vertices_m for contact in problem.contacts])
+        for contact in problem.contacts:
+            assert contact.patch.normal[2] == pytest.approx(1.0 / np.sqrt(1.04), abs=1e-6)
+            np.testing.assert_allclose((corners - corners[0]) @ contact.patch.normal, 0.0, atol=1e-6)
+        headings.append(np.arctan2(*problem.contacts[0].patch.normal[1::-1]))
+    assert np.ptp(headings) > np.pi
+
+
+def test_places_to_stand_are_as_far_from_every_edge_as_they_say(folder: Path) -> None:
+    places = Places.of(folder / "stone.obj", 0.03)
+    x, y, _ = places.points_m.T
+    np.testing.assert_allclose(places.free_m, np.min([x, y, 0.2 - x, 0.2 - y], axis=0), atol=1e-9)
+    assert len(x) > 50
+    assert places.free_m.min() >= 0.03
+    assert places.free_m.max() == pytest.approx(0.1)
+
+
+def test_a_batch_is_what_as_many_samples_are(dog: str, folder: Path) -> None:
+    source = distribution("terrain-3", robot=dog, terrain=folder / "slope.obj")
+    batch = source.batch(np.random.default_rng(5), 6)
+    rng = np.random.default_rng(5)
+    assert [problem.to_json() for problem in batch.problems] == [source.sample(rng).to_json() for _ in range(6)]
+
+
+def test_a_terrain_is_named_by_its_file_and_what_is_in_it(dog: str, folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "flat.obj").write_text(PLANE.format(0.3, 0.3))
+    files = (tmp_path / "flat.obj", folder / "slope.obj")
+    same, other = (distribution("terrain-3", robot=dog, terrain=file).name for file in files)
+    assert same == distribution("terrain-3", robot=dog, terrain=folder / "flat.obj").name != other
+    assert same.startswith(f"terrain-3-of-{named_robot(dog).identity}-on-flat-")
+
+
+def test_a_yaml_file_names_legs_robot_and_terrain(dog: str, folder: Path) -> None:
+    text = "terrain: flat.obj\nrobot: dog.urdf\nlegs: [RF, LH]\nfriction: [0.5, 0.6]\n"
+    (folder / "mine.yaml").write_text(text)
+    (problem,) = drawn(str(folder / "mine.yaml"), 1)
+    assert problem.legs == ("RF", "LH")
+    assert problem.robot == named_robot(dog).identity
+    assert all(0.5 <= contact.patch.friction <= 0.6 for contact in problem.contacts)
+
+
+# --------------------------------------------------------------------------------------------------- what is refused
+
+
+def refused(name: str, **files: str | Path) -> str:
+    with pytest.raises(InvalidInput) as error:
+        distribution(name, **files).sample(np.random.default_rng(0))
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+def test_more_legs_than_the_robot_has_are_refused(dog: str) -> None:
+    told = "expected a robot of 5 legs or more, got quadruped with LF, RF, LH, RH"
+    assert refused("ground-5", robot=dog) == f"ground-5: {told}"
+    assert refused("wall-7").startswith("wall-7: expected a robot of 7 legs or more, got hexapod with LF")
+
+
+def test_terrains_without_footholds_are_refused(dog: str, folder: Path) -> None:
+    steep = folder / "steep.obj"
+    told = refused("terrain-3", robot=dog, terrain=steep)
+    assert told.startswith(f"{steep}: expected a terrain with footholds, flat places")
+    source = distribution("terrain-4", robot=dog, terrain=folder / "stone.obj")
+    assert isinstance(source, CutDistribution)
+    narrow = replace(source, stance=replace(source.stance, room_m=0.2 * source.stance.room_m))
+    with pytest.raises(InvalidInput) as error:
+        narrow.sample(np.random.default_rng(0))
+    wants = "expected footholds for LF, RF, LH, RH about some body over the terrain"
+    assert str(error.value) == f"{source.name}: {wants}, found none in 20000 tries"
+
+
+def test_laws_and_files_that_do_not_go_together_are_refused(dog: str, folder: Path) -> None:
+    flat = folder / "flat.obj"
+    assert refused("terrain-3", robot=dog) == "terrain-3: expected a terrain's file, got none"
+    wants = "expected terrain-k for scenes cut from a terrain's file"
+    assert refused("ground-3", robot=dog, terrain=flat) == f"ground-3: {wants}, got {flat}"
+    assert refused("mine.py:Scenes", robot=dog) == (
+        f"robot: expected none for mine.py:Scenes, which draws for its own, got {dog}"
+    )
+    assert "expected a .urdf file" not in refused("ground-3", robot="cat.urdf")
+    assert "cat.urdf" in refused("ground-3", robot="cat.urdf")
+
+
+def test_a_leg_of_two_joints_is_refused(tmp_path: Path) -> None:
+    short = leg("LF").replace('name="LF_HAA" type="revolute"', 'name="LF_HAA" type="fixed"')
+    (tmp_path / "solo.urdf").write_text(robot([short, *(leg(name) for name in ("RF", "LH", "RH"))]))
+    assert refused("ground-3", robot=tmp_path / "solo.urdf") == (
+        f"{tmp_path / 'solo.urdf'}: leg LF: expected three joints or more for a workspace with an inside, got 2"
+    )
+
+
+def test_other_legs_of_the_paper_are_still_refused_by_name() -> None:
+    with pytest.raises(InvalidInput, match="leg: expected one of LF"):
+        replace(DISTRIBUTIONS["wall-3"], legs=("RF", "tail")).sample(np.random.default_rng(0))

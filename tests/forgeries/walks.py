@@ -1,0 +1,525 @@
+"""Forged walks: each a fault in an honest crawl, as small as asked for, with the rest repaired where it can be.
+
+A kind takes the honest walk, a size in units of what the verifier writes down as its tolerance, and ``rng`` for where.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.gait.trajectory import STEP_S, Trajectory
+from stancekit.planners.terrain.heightfield import HeightField
+
+from .crawl import balanced
+
+Forge = Callable[[Trajectory, float, np.random.Generator], Trajectory]
+KINDS: dict[str, Forge] = {}
+
+
+def kind(forge: Forge) -> Forge:
+    """Note a forgery under its name."""
+    KINDS[forge.__name__.replace("_", " ")] = forge
+    return forge
+
+
+def changed(walk: Trajectory, **arrays: Any) -> Trajectory:
+    """The walk with other arrays."""
+    return replace(walk, **arrays)
+
+
+def rebalanced(walk: Trajectory, feet: Array | None = None, contact: Array | None = None) -> Trajectory:
+    """With feet or contacts of its own, and forces that hold the body all the same."""
+    toes = walk.feet_m if feet is None else feet
+    down = walk.contact if contact is None else contact
+    return replace(walk, feet_m=toes, contact=down, forces_n=balanced(walk.robot, walk.torso_m, toes, down))
+
+
+def swings(walk: Trajectory) -> list[tuple[int, int, int]]:
+    """(foot, first, last) of the samples of every swing."""
+    found = []
+    for foot in range(walk.contact.shape[1]):
+        air = np.flatnonzero(~walk.contact[:, foot])
+        found.append((foot, int(air[0]), int(air[-1])))
+    return found
+
+
+def a_swing(walk: Trajectory, rng: np.random.Generator) -> tuple[int, int, int]:
+    """One of them."""
+    return swings(walk)[rng.integers(4)]
+
+
+def a_moment(walk: Trajectory, rng: np.random.Generator, room: int = 60) -> int:
+    """A sample away from both ends."""
+    return int(rng.integers(room, walk.samples - room))
+
+
+# --------------------------------------------------------------------------------------------- feet that slide
+
+
+@kind
+def skating(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """All feet slide ahead with the body, and contacts swap from pair to pair every few samples."""
+    ahead = 0.05 * size * (np.arange(walk.samples) / walk.samples)[:, None] * [1.0, 0.0, 0.0]
+    contact, every = np.zeros_like(walk.contact), int(rng.integers(1, 9))
+    turn = (np.arange(walk.samples) // every) % 2 == 0
+    contact[turn[:, None] & [True, False, False, True]] = contact[~turn[:, None] & [False, True, True, False]] = True
+    torso = walk.torso_m[:1] + ahead
+    feet = walk.feet_m[:1] + ahead[:, None]
+    forces = np.where(contact[..., None], [0.0, 0.0, 0.5 * walk.robot.weight_n], 0.0)
+    return changed(walk, torso_m=torso, feet_m=feet, contact=contact, forces_n=forces, goal_xy_m=torso[-1, :2])
+
+
+@kind
+def skating_on_ice(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The same without any friction."""
+    return changed(skating(walk, size, rng), friction=0.0)
+
+
+@kind
+def sliding(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A foot slides by so many millimetres in half a second while it stands, and stays there."""
+    foot, first, _ = a_swing(walk, rng)
+    begin = int(rng.integers(10, first - 110)) if first > 130 else 10
+    share = np.clip((np.arange(walk.samples) - begin) / 100, 0.0, 1.0) * (np.arange(walk.samples) < first)
+    feet = np.array(walk.feet_m)
+    way = rng.uniform(0.0, 2.0 * np.pi)
+    feet[:first, foot, :2] += 1e-3 * size * share[:first, None] * [np.cos(way), np.sin(way)]
+    return rebalanced(walk, feet)
+
+
+@kind
+def slipping_at_once(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A foot jumps while it stands, by less than a slip, faster than a foot that stands may be."""
+    feet, at, foot = np.array(walk.feet_m), int(rng.integers(5, 30)), int(rng.integers(4))
+    feet[at:, foot, 0] += 0.01 * size * STEP_S
+    return rebalanced(walk, feet)
+
+
+@kind
+def swapped_contacts(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """All feet rest on the ground, and contacts swap so fast that no foot stands or swings for a tenth of a second."""
+    every, contact = max(1, int(20 / size)), np.array(walk.contact)
+    begin = int(rng.integers(20, 60))
+    for k in range(begin, begin + 6 * every):
+        contact[k, [0, 3] if ((k - begin) // every) % 2 else [1, 2]] = False
+    return rebalanced(walk, contact=contact)
+
+
+@kind
+def short_stance(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A foot touches the ground in the middle of its swing for an instant, and carries."""
+    foot, first, last = a_swing(walk, rng)
+    middle, half = (first + last) // 2, max(1, int(10 / size))
+    contact, feet = np.array(walk.contact), np.array(walk.feet_m)
+    contact[middle - half : middle + half, foot] = True
+    feet[middle - half : middle + half, foot, 2] = 0.0
+    return rebalanced(walk, feet, contact)
+
+
+@kind
+def short_swing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A foot is said to be in the air for an instant, and stays where it is."""
+    at, foot, contact = int(rng.integers(5, 30)), int(rng.integers(4)), np.array(walk.contact)
+    contact[at : at + max(1, int(18 / size)), foot] = False
+    return rebalanced(walk, contact=contact)
+
+
+# --------------------------------------------------------------------------------------------- ice and weight
+
+
+@kind
+def ice(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The honest forces on ground without friction."""
+    return changed(walk, friction=0.0)
+
+
+@kind
+def little_friction(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The honest forces on ground of so little friction that the largest of them slides."""
+    normal, flat = walk.forces_n[..., 2], np.linalg.norm(walk.forces_n[..., :2], axis=-1)
+    beyond = 1e-3 * size * walk.robot.weight_n
+    needed = ((flat - beyond) / np.maximum(normal, 1.0))[walk.contact & (normal > 1.0)]
+    return changed(walk, friction=max(0.0, float(needed.max())))
+
+
+@kind
+def residual_as_friction(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """On ice, the horizontal forces left out of the file: the balances lack what only friction could give."""
+    forces = walk.forces_n * [0.0, 0.0, 1.0]
+    return changed(walk, forces_n=forces, friction=0.0)
+
+
+@kind
+def weight_missing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A share of the weight is missing for a while."""
+    share, forces = rng.uniform(0.15, 0.35), np.array(walk.forces_n)
+    lasts = max(2, int(0.01 * size / share / STEP_S) + 1)
+    at = a_moment(walk, rng, 30 + lasts)
+    forces[at : at + lasts] *= 1.0 - share
+    return changed(walk, forces_n=forces)
+
+
+@kind
+def weight_missing_always(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A small share is missing all the time."""
+    return changed(walk, forces_n=walk.forces_n * (1.0 - 0.016 * size))
+
+
+@kind
+def weight_too_much(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The feet press more than the robot weighs, all the time."""
+    return changed(walk, forces_n=walk.forces_n * (1.0 + 0.016 * size))
+
+
+@kind
+def pulse(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """One sample of a force that nothing answers."""
+    forces, at = np.array(walk.forces_n), a_moment(walk, rng)
+    standing = np.flatnonzero(walk.contact[at])
+    forces[at, standing, 2] += 0.4 * size * walk.robot.weight_n / len(standing)
+    return changed(walk, forces_n=forces)
+
+
+@kind
+def hop_without_impulse(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The body goes up and down by an impulse that no foot gives."""
+    at, lasts = a_moment(walk, rng, 150), 20
+    share = np.clip((np.arange(walk.samples) - at) / lasts, 0.0, 1.0)
+    bump = 64.0 * (share * (1.0 - share)) ** 3
+    high = 0.01 * size * 9.81 * lasts * STEP_S / 3.0
+    return changed(walk, torso_m=walk.torso_m + (min(high, 0.03) * bump)[:, None] * [0.0, 0.0, 1.0])
+
+
+@kind
+def floating(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """No foot carries for some samples, and the body stays where it is."""
+    at, lasts = a_moment(walk, rng), max(2, int(size))
+    forces = np.array(walk.forces_n)
+    forces[at : at + lasts] = 0.0
+    return changed(walk, forces_n=forces)
+
+
+@kind
+def heavier_robot(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """Another mass under the same forces."""
+    return changed(walk, robot=replace(walk.robot, mass_kg=walk.robot.mass_kg * (1.0 + 0.02 * size)))
+
+
+@kind
+def moment_missing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """Front feet carry a little more than the balance of moments gives them, hind feet less, all the time."""
+    forces = np.array(walk.forces_n)
+    more = 2e-3 * size * walk.robot.weight_n * walk.robot.stand_height_m / 0.72
+    for pair, sign in (([0, 1], 1.0), ([2, 3], -1.0)):
+        share = walk.contact[:, pair] / walk.contact[:, pair].sum(axis=1, keepdims=True)
+        forces[:, pair, 2] += sign * 2.0 * more * share
+    return changed(walk, forces_n=forces)
+
+
+@kind
+def moment_pulse(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """One sample of a moment that nothing answers."""
+    forces, at = np.array(walk.forces_n), a_moment(walk, rng)
+    down = walk.contact[at, [0, 1]], walk.contact[at, [2, 3]]
+    more = 0.3 * size * walk.robot.weight_n * walk.robot.stand_height_m / 0.72
+    forces[at, [0, 1], 2] += more * down[0] / down[0].sum()
+    forces[at, [2, 3], 2] -= more * down[1] / down[1].sum()
+    return changed(walk, forces_n=forces)
+
+
+@kind
+def time_squeezed(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The same motion and forces in less time."""
+    return changed(walk, times_s=walk.times_s / (1.0 + 0.25 * size))
+
+
+@kind
+def played_backwards_forces(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The forces of another moment of the walk."""
+    return changed(walk, forces_n=np.roll(walk.forces_n, round(20 * size), axis=0))
+
+
+# ---------------------------------------------------------------------------------------------- forces of feet
+
+
+@kind
+def outside_the_cone(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """Two feet press against each other, harder than their cones allow."""
+    forces, at = np.array(walk.forces_n), int(rng.integers(5, 30))
+    beyond = walk.friction * forces[at, :, 2] + 1e-3 * size * walk.robot.weight_n
+    push = float(beyond[[0, 1]].max())
+    forces[at : at + 20, 0, 1] -= push
+    forces[at : at + 20, 1, 1] += push
+    return changed(walk, forces_n=forces)
+
+
+@kind
+def pulling(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A foot without suction pulls, and the others carry more."""
+    forces, at = np.array(walk.forces_n), int(rng.integers(5, 30))
+    more = forces[at, 0, 2] + 1e-3 * size * walk.robot.weight_n
+    forces[at : at + 20, :, 2] += more * np.array([-1.0, 1.0, 1.0, -1.0])
+    return changed(walk, forces_n=forces, friction=0.0 if rng.random() < 0.5 else walk.friction)
+
+
+@kind
+def sucking(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A foot that sticks pulls with more than its suction."""
+    forces, at, sucks = np.array(walk.forces_n), int(rng.integers(5, 30)), rng.uniform(0.0, 100.0)
+    more = forces[at, 0, 2] + sucks + 1e-3 * size * walk.robot.weight_n
+    forces[at : at + 20, :, 2] += more * np.array([-1.0, 1.0, 1.0, -1.0])
+    return changed(walk, forces_n=forces, suction_n=sucks, adhesive=np.array([True, False, False, True]))
+
+
+@kind
+def shearing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """Feet that stick press against each other with more than suction and friction hold."""
+    forces, at, sucks = np.array(walk.forces_n), int(rng.integers(5, 30)), rng.uniform(0.0, 100.0)
+    push = float((walk.friction * (forces[at, :2, 2] + sucks)).max() + 1e-3 * size * walk.robot.weight_n)
+    forces[at : at + 20, 0, 1] -= push
+    forces[at : at + 20, 1, 1] += push
+    return changed(walk, forces_n=forces, suction_n=sucks, adhesive=np.ones(4, dtype=bool))
+
+
+@kind
+def squeezing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """Feet that stick press against each other with a force that no leg has."""
+    forces, at, push = np.array(walk.forces_n), int(rng.integers(5, 30)), 2.0 * size * walk.robot.weight_n
+    forces[at : at + 20, 0, 1] -= push
+    forces[at : at + 20, 1, 1] += push
+    return changed(walk, forces_n=forces, suction_n=1e5, adhesive=np.ones(4, dtype=bool))
+
+
+@kind
+def pressing_in_the_air(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A swinging foot carries."""
+    foot, first, last = a_swing(walk, rng)
+    forces = np.array(walk.forces_n)
+    forces[(first + last) // 2, foot, 2] = 1e-3 * size * walk.robot.weight_n
+    return changed(walk, forces_n=forces)
+
+
+@kind
+def standing_in_the_air(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A foot that is said to stand is above the ground, or below it."""
+    feet, foot = np.array(walk.feet_m), int(rng.integers(4))
+    stands = walk.contact[:, foot]
+    feet[stands, foot, 2] += rng.choice([-1.0, 1.0]) * 1e-3 * size
+    return rebalanced(walk, feet)
+
+
+@kind
+def contact_before_touching(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A foot carries before it has come down."""
+    foot, _, last = a_swing(walk, rng)
+    heights = walk.feet_m[:, foot, 2]
+    early = next(k for k in range(last, 0, -1) if heights[k] >= 1e-3 * size)
+    contact = np.array(walk.contact)
+    contact[early:, foot] = True
+    return rebalanced(walk, contact=contact)
+
+
+# ---------------------------------------------------------------------------------------------------- swings
+
+
+@kind
+def through_the_ground(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A swinging foot dives into the ground."""
+    foot, first, last = a_swing(walk, rng)
+    share = np.linspace(0.0, 1.0, last - first + 3)[1:-1]
+    feet, dip = np.array(walk.feet_m), np.exp(-(((share - rng.uniform(0.3, 0.7)) / 0.1) ** 2))
+    feet[first : last + 1, foot, 2] -= dip * (feet[first : last + 1, foot, 2] + 1e-3 * size)
+    return changed(walk, feet_m=feet)
+
+
+@kind
+def dragged(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A foot that is said to swing goes along the ground, as far as the step is long."""
+    foot, first, last = a_swing(walk, rng)
+    feet = np.array(walk.feet_m)
+    feet[first : last + 1, foot, 2] = rng.uniform(0.0, 5e-4)
+    return changed(walk, feet_m=feet)
+
+
+@kind
+def low_swing(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A swing is lower than anything that could be called one."""
+    foot, first, last = a_swing(walk, rng)
+    feet = np.array(walk.feet_m)
+    feet[first : last + 1, foot, 2] *= 5e-3 / size / 0.05
+    return changed(walk, feet_m=feet)
+
+
+@kind
+def tripping(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A swinging foot touches the ground half-way, smoothly."""
+    foot, first, last = a_swing(walk, rng)
+    share = np.linspace(0.0, 1.0, last - first + 3)[1:-1]
+    feet, dip = np.array(walk.feet_m), np.exp(-(((share - 0.5) / 0.08) ** 2))
+    feet[first : last + 1, foot, 2] += dip * (1e-3 / size - feet[first : last + 1, foot, 2])
+    return changed(walk, feet_m=feet)
+
+
+@kind
+def through_a_post(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A post stands in the way of a swinging foot."""
+    foot, first, last = a_swing(walk, rng)
+    x, y = walk.feet_m[(first + last) // 2, foot, :2]
+    high = walk.feet_m[(first + last) // 2, foot, 2] + 1e-3 * size
+    post = HeightField.from_function(
+        lambda u, v: high * np.exp(-(((u - x) / 0.012) ** 2) - ((v - y) / 0.012) ** 2), 1.2, 0.005, name="level"
+    )
+    return changed(walk, terrain=post)
+
+
+# ---------------------------------------------------------------------------------------------- body and ends
+
+
+@kind
+def teleport(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The body is somewhere else from one sample to the next."""
+    at, ahead = a_moment(walk, rng), 5e-3 * size
+    torso = np.array(walk.torso_m)
+    torso[at:, 0] += ahead
+    return changed(walk, torso_m=torso, goal_xy_m=torso[-1, :2])
+
+
+@kind
+def foot_teleport(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A swinging foot is somewhere else from one sample to the next."""
+    foot, first, last = a_swing(walk, rng)
+    feet = np.array(walk.feet_m)
+    feet[(first + last) // 2, foot, 1] += 5e-3 * size / 2.0
+    return changed(walk, feet_m=feet)
+
+
+@kind
+def rushing_foot(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A foot goes from its place and back within a few samples, faster than legs are."""
+    foot, first, last = a_swing(walk, rng)
+    feet = np.array(walk.feet_m)
+    feet[(first + last) // 2, foot, 1] += 10.0 * size * STEP_S
+    return changed(walk, feet_m=feet)
+
+
+@kind
+def spinning(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The body turns to one side and back by moments that nobody gives."""
+    at, lasts = a_moment(walk, rng, 100), 30
+    share = np.clip((np.arange(walk.samples) - at) / lasts, 0.0, 1.0)
+    turn = 0.1 * size * 64.0 * (share * (1.0 - share)) ** 3
+    rotation = Rotation.from_rotvec(turn[:, None] * [0.0, 0.0, 1.0]).as_matrix()
+    return changed(walk, rotation=rotation)
+
+
+@kind
+def facing_elsewhere(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The body does not face where it is asked to, all the way."""
+    turned = Rotation.from_euler("z", rng.choice([-1.0, 1.0]) * 0.01 * size).as_matrix()
+    return changed(walk, rotation=np.tile(turned, (walk.samples, 1, 1)))
+
+
+def part(walk: Trajectory, first: int, end: int) -> Trajectory:
+    """Some samples, with start and goal where they are."""
+    rows = {name: getattr(walk, name)[first:end] for name in ("torso_m", "rotation", "feet_m", "forces_n", "contact")}
+    torso = rows["torso_m"]
+    return changed(walk, times_s=walk.times_s[: end - first], start_xy_m=torso[0, :2], goal_xy_m=torso[-1, :2], **rows)
+
+
+def speeding(walk: Trajectory, speed: float) -> int:
+    """The first sample at which the body is this fast [m/s]."""
+    speeds = np.linalg.norm(np.diff(walk.torso_m, axis=0), axis=1) / STEP_S
+    return int(np.flatnonzero(speeds > speed)[0])
+
+
+@kind
+def starting_in_motion(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The walk begins while the body moves."""
+    return part(walk, speeding(walk, 5e-3 * size), walk.samples)
+
+
+@kind
+def ending_in_motion(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The walk ends while the body moves."""
+    return part(walk, 0, speeding(walk, 5e-3 * size) + 2)
+
+
+@kind
+def leaning_at_the_end(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The walk ends with the acceleration of a fall that has not begun."""
+    torso, late = np.array(walk.torso_m), np.arange(walk.samples) - walk.samples + 21
+    torso[:, 0] += 0.5 * 0.02 * size * 9.81 * (STEP_S * np.clip(late - 10, 0, None)) ** 2
+    return rebalanced(changed(walk, torso_m=torso, goal_xy_m=torso[-1, :2]))
+
+
+@kind
+def out_of_reach(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The body is so high that legs are too long, or so low that they are too short."""
+    body, foot = np.array(walk.torso_m), walk.robot.feet[0]
+    reach = -foot.reach_min_m[2] if rng.random() < 0.5 else -foot.reach_max_m[2]
+    body[:, 2] = reach + 3e-3 * size * (1.0 if reach == -foot.reach_min_m[2] else -1.0)
+    return rebalanced(changed(walk, torso_m=body))
+
+
+@kind
+def trunk_in_a_stone(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """A stone is where the trunk goes."""
+    high = walk.robot.stand_height_m - walk.robot.trunk_half_m[2] + 1e-3 * size
+    stone = HeightField.from_function(
+        lambda u, v: high * np.exp(-((u / 0.06) ** 2) - (v / 0.06) ** 2), 1.2, 0.02, name="level"
+    )
+    return changed(walk, terrain=stone)
+
+
+@kind
+def another_goal(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The walk ends beside its goal, or begins beside its start."""
+    way = rng.uniform(0.0, 2.0 * np.pi)
+    off = 5e-3 * size * np.array([np.cos(way), np.sin(way)])
+    name = "goal_xy_m" if rng.random() < 0.5 else "start_xy_m"
+    return changed(walk, **{name: getattr(walk, name) + off})
+
+
+@kind
+def off_the_map(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The terrain ends before the walk does."""
+    x = float(walk.feet_m[..., 0].max()) - 1e-3 * size
+    lines, across = np.linspace(x - 2.0, x, 9), np.linspace(-1.0, 1.0, 9)
+    return changed(walk, terrain=HeightField(lines, across, np.zeros((9, 9)), "level"))
+
+
+@kind
+def another_terrain(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The same walk over ground that is inclined, or wavy."""
+    slope = 2e-3 * size / 0.2
+    bent = HeightField.from_function(lambda u, v: slope * (u if size < 3 else 0.3 * np.sin(4.0 * v)), 2.0, 0.1)
+    return changed(walk, terrain=bent)
+
+
+@kind
+def another_slope(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """The whole walk turned onto a slope that its friction does not hold, weight and all."""
+    steep = float(np.arctan(walk.friction) + 0.02 * size)
+    turn = Rotation.from_euler("y", -steep).as_matrix()
+    ground = HeightField.from_function(lambda u, v: np.tan(steep) * u, 2.0, 0.25, name="slope")
+    feet, torso = walk.feet_m @ turn.T, walk.torso_m @ turn.T
+    forces = balanced(walk.robot, torso, feet, walk.contact)
+    heading = float(np.arctan2(turn[1, 0], turn[0, 0]))
+    return changed(
+        walk, feet_m=feet, torso_m=torso, rotation=turn @ walk.rotation, forces_n=forces, terrain=ground,
+        start_xy_m=torso[0, :2], goal_xy_m=torso[-1, :2], heading_rad=heading,
+    )  # fmt: skip
+
+
+@kind
+def stretched_body(walk: Trajectory, size: float, rng: np.random.Generator) -> Trajectory:
+    """What is said to be a rotation is none, or a reflection."""
+    if rng.random() < 0.5:
+        return changed(walk, rotation=walk.rotation * np.array([1.0, 1.0, -1.0]))
+    return changed(walk, rotation=walk.rotation * (1.0 + 1e-6 * size))

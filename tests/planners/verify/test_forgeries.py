@@ -1,0 +1,65 @@
+"""No forged walk is accepted: every kind, one size each; ``benchmarks/forgeries.py`` has all of them."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.verify import check_certificate, check_plan, check_posture
+from stancekit.planners.verify.trajectories import check_trajectory
+from tests.forgeries import judge_walks, stances
+from tests.forgeries.crawl import crawl
+from tests.forgeries.walks import KINDS
+
+
+@cache
+def honest() -> Trajectory:
+    return crawl()
+
+
+def test_the_honest_walk_is_accepted_by_the_verifier_and_by_the_judge() -> None:
+    report = check_trajectory(honest())
+    assert report.accepted, report.message
+    assert not report.unchecked
+    assert judge_walks.inexecutable(honest()) == ""
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_a_forged_walk_is_refused_and_the_judge_says_why_nobody_walks_it(name: str) -> None:
+    forged = KINDS[name](honest(), 2.0, np.random.default_rng(2))
+    assert judge_walks.inexecutable(forged)
+    assert not check_trajectory(forged).accepted
+
+
+plan, posture, proofs = cache(stances.honest_plan), cache(stances.honest_posture), cache(stances.proof_kinds)
+
+
+def test_the_honest_plan_and_posture_are_accepted_by_both() -> None:
+    assert check_plan(plan()).accepted
+    assert stances.plan_fault(plan()) == ""
+    assert check_posture(*posture()).accepted
+    assert stances.posture_fault(*posture()) == ""
+
+
+@pytest.mark.parametrize("name", stances.PLANS)
+def test_a_forged_plan_is_refused(name: str) -> None:
+    forged = stances.PLANS[name](plan(), 3.0, np.random.default_rng(3))
+    assert stances.plan_fault(forged)
+    assert not check_plan(forged).accepted
+
+
+@pytest.mark.parametrize("name", stances.POSTURES)
+def test_a_forged_posture_is_refused(name: str) -> None:
+    problem, forged = stances.POSTURES[name](*posture(), 3.0, np.random.default_rng(3))
+    assert stances.posture_fault(problem, forged)
+    assert not check_posture(problem, forged).accepted
+
+
+def test_no_proof_is_one_of_a_problem_that_has_a_posture() -> None:
+    assert stances.has_witness(posture()[0])
+    for name, forge in proofs().items():
+        problem, forged = forge(3.0, np.random.default_rng(3))
+        assert not check_certificate(problem, forged).accepted, name
