@@ -82,8 +82,8 @@ class PlanCourse:
     has something in hand. --no-reserve: with all of it at once. Two-stage only; there is a bound only of plans with all
     of it."""
     torque_nm: Annotated[OptionalFloat, tyro.conf.arg(metavar="NM")] = None
-    """Plan so that no joint takes more torque [Nm], whatever it has; for a robot without a file, what its servos have
-    (extra kin). Without it, a plan for a robot's file keeps to the file's torque limits."""
+    """Plan so that no joint takes more torque, whatever it has [Nm] (extra kin). The plan says so, and verify
+    holds it to that. Without it, a plan for a robot's file keeps to the file's limits."""
     torque_share: float = 0.9
     """Where a plan asks for more torque than there is, it is bent until this share of it is enough."""
     frames: OptionalInt = None
@@ -217,7 +217,7 @@ class PlanCourse:
         """Verify the plan once more, and write the files that were asked for."""
         from stancekit.planners.verify import check_plan
 
-        report = check_plan(plan, joints=plan.joints_rad is not None, servo=self._limits().servo)
+        report = check_plan(plan, joints=plan.joints_rad is not None)
         if self.out is not None:
             from stancekit.planners.answer.plan_file import write_plan
 

@@ -10,7 +10,6 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked
 from ..robot.model import Robot
-from ..robot.urdf import Servo
 
 if TYPE_CHECKING:
     from ..robot.kinematics import Kinematics
@@ -38,11 +37,6 @@ class TorqueLimits:
         checked(self.share, "torque_share", above=0.0, most=1.0)
         if self.steps < 0:
             raise InvalidInput(f"steps: expected 0 or more, got {self.steps}")
-
-    @property
-    def servo(self) -> Servo:
-        """What drives the joints of legs that are drawn up."""
-        return Servo() if self.torque_nm is None else Servo(torque_nm=self.torque_nm)
 
     def concern(self, robot: Robot) -> bool:
         """Whether a plan for the robot is to have joints: its file has legs, or torques are asked for."""

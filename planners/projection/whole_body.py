@@ -74,9 +74,11 @@ def whole_body(
 
     Raises InvalidInput without pinocchio, and for a robot whose legs are not known.
     """
-    solver = kinematics or Kinematics(plan.course.robot, limits.servo, gravity_m_s2=plan.course.gravity_m_s2)
+    solver = kinematics or Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
     limit_nm = limits.of(solver)
-    plan = replace(plan, joints_rad=np.array([answer.angles for answer in plan_angles(plan, solver)]))
+    angles = np.array([answer.angles for answer in plan_angles(plan, solver)])
+    said = {} if limits.torque_nm is None else {"torque_nm": limits.torque_nm}  # what the verifier holds it to
+    plan = replace(plan, joints_rad=angles, provenance={**plan.provenance, **said})
     before = largest(plan, solver, limit_nm)
     best, after, taken = plan, before, 0
     if before[0] > EASY:

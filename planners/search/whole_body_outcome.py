@@ -22,9 +22,7 @@ def with_whole_body(outcome: PlanOutcome, limits: TorqueLimits = TorqueLimits())
     if outcome.plan is None:
         return outcome
     found = whole_body(outcome.plan, limits)
-    said, (share, torque) = joint_report(found.plan, limits.servo).message, found.after
-    if not said and share > 1.0:  # the robot itself has more
-        said = f"{torque:.3g} Nm in a joint, where torque_nm allows {torque / share:.3g}"
+    said = joint_report(found.plan).message
     return replace(
         outcome,
         status=Status.UNDECIDED if said else outcome.status,

@@ -23,7 +23,6 @@ import numpy as np
 
 from ..answer.plan import Plan
 from ..files.arrays import Array
-from ..robot.urdf import Servo
 from ..terrain.patch import Patch
 from .defects import plan_defect
 from .geometry import contact_frames, cross, length, patch_distances
@@ -38,20 +37,17 @@ BETWEEN = tuple(k / 6.0 for k in range(1, 6))
 """Shares of the way from one frame to the next at which it is recomputed."""
 
 
-def check_plan(
-    plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, between: bool = True, servo: Servo = Servo()
-) -> Report:
+def check_plan(plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, between: bool = True) -> Report:
     """Check every constraint of the course at the plan; never raises for a bad plan.
 
     tolerance: largest violation allowed in any group, with lengths in the course's length scale, forces in the robot's
     weight, moments in their product and angles in rad. joints: judge joints and torques, too. between: recompute points
-    between the frames; without them, what convexity proves of the way is taken as proved. servo: drives the joints of a
-    robot without its own legs.
+    between the frames; without them, what convexity proves of the way is taken as proved.
     """
     defect, frame, limb = plan_defect(plan)
     if defect:
         return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
-    groups = check_joints(plan, servo) if joints else ({"verdict": NOT_ASKED},) * 2
+    groups = check_joints(plan) if joints else ({"verdict": NOT_ASKED},) * 2
     with np.errstate(all="ignore"):
         return _Sweep(plan).report(tolerance, groups, BETWEEN if between else ())
 
