@@ -36,6 +36,8 @@ WIDER, NARROWER, NARROWEST, WIDEST = 1.4, 0.4, 0.02, 2.0
 """Of the trust region's radius: after a step that was one, after one that was none, and its bounds."""
 GAIN = 1e-4
 """A step lowers the largest share by so much, or is none."""
+PATIENCE, HEADWAY = 6, 0.02
+"""So many steps together cover this part of what is left to what is wanted, or no more are tried."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -133,9 +135,11 @@ class _Stage:
 
     def _stepped(self, scaled: Scaled, restoration: Restoration, state: Restored) -> tuple[Restored, int]:
         """After steps that each lower the largest share, until it is what is wanted, or none does; and how many."""
-        radius, taken = 1.0, 0
+        radius, taken, before = 1.0, 0, list[float]()
         for _ in range(self._limits.steps):
-            if state.share <= self._limits.share or radius < NARROWEST:
+            before.append(state.share - self._limits.share)
+            stalled = len(before) > PATIENCE and before[-1] > (1.0 - HEADWAY) * before[-1 - PATIENCE]
+            if before[-1] <= 0.0 or stalled or radius < NARROWEST:
                 break
             other = self._step(scaled, restoration, state, radius)
             if other is not None and other.share < state.share - GAIN:
