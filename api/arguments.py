@@ -13,7 +13,7 @@ from typing import Any, Literal, ParamSpec, Protocol, TypeVar, Union, get_args, 
 import numpy as np
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.validation import shown
 from stancekit.planners.problem import PostureProblem
 
 P = ParamSpec("P")

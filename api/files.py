@@ -16,7 +16,7 @@ from stancekit.planners.answer.outcome import Certificate
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_json, read_text, read_yaml
-from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.validation import shown
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.gait import trajectory_file
 from stancekit.planners.gait.trajectory import Trajectory

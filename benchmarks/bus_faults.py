@@ -38,7 +38,7 @@ RUN_S, AFTER_S = 3.0, 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which faults, and how often. host, ending: of the process that moves the joints."""
 
     kinds: tuple[str, ...] = KINDS
@@ -47,17 +47,17 @@ class Asked(Options):
     ending: Literal["hold", "torque off"] = "hold"
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
-    if asked.host is not None:
-        host(asked.host, asked.ending)
+    if arguments.host is not None:
+        host(arguments.host, arguments.ending)
         return
-    for kind in asked.kinds:
-        rng = np.random.default_rng([asked.seed, KINDS.index(kind)])
-        runs = [run(kind, ("hold", "torque off")[k % 2], rng) for k in range(asked.count)]
-        for found in runs if asked.json else ():
-            asked.say(found)
-        if not asked.json:
+    for kind in arguments.kinds:
+        rng = np.random.default_rng([arguments.seed, KINDS.index(kind)])
+        runs = [run(kind, ("hold", "torque off")[k % 2], rng) for k in range(arguments.count)]
+        for found in runs if arguments.json else ():
+            arguments.say(found)
+        if not arguments.json:
             print(table(kind, runs), flush=True)
 
 
@@ -140,4 +140,4 @@ def table(kind: str, runs: list[dict[str, Any]]) -> str:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

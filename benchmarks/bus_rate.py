@@ -38,7 +38,7 @@ from tests.emulators.servo_bus import BusProcess
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which plans, and how they are forwarded."""
 
     courses: tuple[str, ...] = builtin_courses()
@@ -49,16 +49,16 @@ class Asked(Options):
     realtime: bool = False
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
-    if asked.plan is not None:
-        plans = {asked.plan.name: read_plan(asked.plan)[0]}
+    if arguments.plan is not None:
+        plans = {arguments.plan.name: read_plan(arguments.plan)[0]}
     else:
-        plans = {name: planned(name) for name in asked.courses}
-    realtime(asked.realtime)
+        plans = {name: planned(name) for name in arguments.courses}
+    realtime(arguments.realtime)
     for name, plan in plans.items():
-        found = {"plan": name} | forward(plan, asked.rate, asked.pace, asked.seconds or float("inf"))
-        asked.say(found, line)
+        found = {"plan": name} | forward(plan, arguments.rate, arguments.pace, arguments.seconds or float("inf"))
+        arguments.say(found, line)
 
 
 def planned(name: str) -> Plan:
@@ -119,4 +119,4 @@ def line(found: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

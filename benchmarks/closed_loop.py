@@ -46,7 +46,7 @@ LATE_S = (0.5, 12.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which courses, how slippery, and which loops."""
 
     courses: tuple[str, ...] = ("walls",)
@@ -60,7 +60,7 @@ class Asked(Options):
     reserve: bool = True
 
 
-def main(arguments: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
     if arguments.late and arguments.world != "mujoco":
         raise SystemExit("--late: only in mujoco")
@@ -165,4 +165,4 @@ def line(record: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

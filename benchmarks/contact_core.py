@@ -36,7 +36,7 @@ from stancekit.planners.answer.outcome import Certificate, Status
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_spec
-from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.replan import replan
@@ -48,12 +48,10 @@ WINDOWS = 12
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which table, and how much of it."""
 
-    table: Annotated[
-        Literal["start", "replan", "ice", "cuts", "copies", "foreign"], tyro.conf.Positional
-    ] = "replan"
+    table: Annotated[Literal["start", "replan", "ice", "cuts", "copies", "foreign"], tyro.conf.Positional] = "replan"
     count: int = 15
     """Pairs of runs (start), courses (ice), postures a class (cuts, copies), tries (foreign)."""
     frames: int = 30
@@ -67,7 +65,7 @@ class Asked(Options):
     """Of a course (ice)."""
 
 
-def start(options: Asked) -> Iterator[dict[str, Any]]:
+def start(options: Arguments) -> Iterator[dict[str, Any]]:
     """Process start to verified file: the whole command, imports included."""
     sides = checkouts(options.against)
     for course in options.courses:
@@ -98,11 +96,13 @@ def _command(folder: Path, course: str, frames: int) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def windows(options: Asked) -> Iterator[dict[str, Any]]:
+def windows(options: Arguments) -> Iterator[dict[str, Any]]:
     """Re-planning over a horizon: one frame is executed, its toes stay, everything else is new."""
     for name in options.courses:
         spec, horizon = read_spec(name), options.frames - 1
-        course = lay_out(spec if Path(name).suffix else spec.with_frames(options.frames + WINDOWS), Path(name).parent)
+        course = build_course(
+            spec if Path(name).suffix else spec.with_frames(options.frames + WINDOWS), Path(name).parent
+        )
         horizon = min(horizon, course.frames - WINDOWS // 2 - 2)
         outcome, times, trees = replan(None, course, horizon=horizon), list[float](), 0
         for frame in range(1, WINDOWS + 1):
@@ -128,7 +128,7 @@ def _reached(plan: Any) -> Standing:
     )  # fmt: skip
 
 
-def ice(options: Asked) -> Iterator[dict[str, Any]]:
+def ice(options: Arguments) -> Iterator[dict[str, Any]]:
     """Walls of panels that are ice by a chance of .55, three candidates a toe."""
     planner, rows = TwoStageCoursePlanner(time_limit_s=options.time_limit_s), list[tuple[str, float]]()
     for index in range(options.count):
@@ -156,7 +156,7 @@ def refuted(name: str, seed: int) -> Iterator[PostureProblem]:
             yield problem
 
 
-def cuts(options: Asked, frames: tuple[int, ...] = (1,)) -> Iterator[dict[str, Any]]:
+def cuts(options: Arguments, frames: tuple[int, ...] = (1,)) -> Iterator[dict[str, Any]]:
     """Postures that cuts refute, as courses: refuted, certificates accepted, and the time beside the posture's."""
     for name in DISTRIBUTIONS:
         for copies in frames:
@@ -188,7 +188,7 @@ def repeated(course: Course, frames: int) -> Course:
     )  # fmt: skip
 
 
-def foreign(options: Asked) -> Iterator[dict[str, Any]]:
+def foreign(options: Arguments) -> Iterator[dict[str, Any]]:
     """Certificates put to problems that have a posture: other problems, or trees and multipliers that were changed."""
     for name in DISTRIBUTIONS:
         rng, exact, source = np.random.default_rng(options.seed), ExactPlanner(), distribution(name)
@@ -220,13 +220,13 @@ def _changed(proof: Certificate, rng: np.random.Generator) -> Certificate:
     return Certificate(tree=tree, multipliers=multipliers)
 
 
-TABLES: dict[str, Callable[[Asked], Iterator[dict[str, Any]]]] = {
+TABLES: dict[str, Callable[[Arguments], Iterator[dict[str, Any]]]] = {
     "start": start, "replan": windows, "ice": ice, "cuts": cuts, "foreign": foreign,
     "copies": lambda options: cuts(options, (2, 3)),
 }  # fmt: skip
 
 
-def main(options: Asked) -> None:
+def main(options: Arguments) -> None:
     """Print the table and the yardstick."""
     print(json.dumps({"yardstick_cpu_s": round(yardstick(), 3)}))
     for row in TABLES[options.table](options):
@@ -234,4 +234,4 @@ def main(options: Asked) -> None:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

@@ -54,16 +54,16 @@ def in_process(case: Case, count: int, seed: int, out: Path) -> None:
         signal.setitimer(signal.ITIMER_PROF, LONGEST_S)
         try:
             code, _, err = said(lambda: run(verb))
-            told = fault(case, code, err, right)
+            message = fault(case, code, err, right)
         except Overdue:
-            code, told = -1, f"more than {LONGEST_S} s"
+            code, message = -1, f"more than {LONGEST_S} s"
         except BaseException as error:
-            code, told = -1, f"{type(error).__name__}: {error}"
+            code, message = -1, f"{type(error).__name__}: {error}"
         signal.setitimer(signal.ITIMER_PROF, 0)
         slowest = max(slowest, time.process_time() - began)
         codes[code] += 1
-        if told:
-            wrong.append(told)
+        if message:
+            wrong.append(message)
             (out / f"{case.name.replace(' ', '-')}-{index}").write_bytes(content)
     grown_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - began_kb
     row = {"reader": case.name, "files": count, "codes": codes, "wrong": len(wrong), "first": wrong[:5],
@@ -113,11 +113,11 @@ def as_processes(every: list[Case], count: int, seed: int, out: Path) -> dict[st
             content, right = case.damaged(whole, rng)
             Path(case.file).write_bytes(content)
             code, err, seconds, megabytes = process(case, out)
-            told = fault(case, code, err, right)
+            message = fault(case, code, err, right)
             codes[code] += 1
             slowest, grown = max(slowest, seconds), max(grown, megabytes)
-            if told:
-                wrong.append(f"{case.name}: {told}")
+            if message:
+                wrong.append(f"{case.name}: {message}")
                 (out / f"process-{case.name.replace(' ', '-')}-{index}").write_bytes(content)
         Path(case.file).write_bytes(whole)
     return {"processes": sum(codes.values()), "codes": codes, "wrong": len(wrong), "first": wrong[:20],
@@ -125,7 +125,7 @@ def as_processes(every: list[Case], count: int, seed: int, out: Path) -> dict[st
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """How many files, of which readers."""
 
     in_process: int = 1500
@@ -134,7 +134,7 @@ class Asked(Options):
     out: Path = Path("out/damage")
 
 
-def table(given: Asked) -> None:
+def table(given: Arguments) -> None:
     """Make the files, damage them, and print a row a reader."""
     out = given.out.resolve()
     folder = out / "files"
@@ -158,4 +158,4 @@ def table(given: Asked) -> None:
 
 
 if __name__ == "__main__":
-    launch(table, Asked, __doc__)
+    launch(table, Arguments, __doc__)

@@ -38,7 +38,7 @@ HEIGHT_M = 0.2
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which terrains, and how many problems."""
 
     count: int = 200
@@ -46,13 +46,13 @@ class Asked(Options):
     terrains: tuple[str, ...] = ("ripple", "cone")
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
-    rng, planner = np.random.default_rng(asked.seed), ExactPlanner()
-    envelope = quantile_box(solved_postures("ground-3", asked.samples, planner, rng)[1])
-    for name in asked.terrains:
-        for row in transfer(name, flatten(reference_terrain(name)), envelope, planner, asked.count, rng):
-            asked.say(row)
+    rng, planner = np.random.default_rng(arguments.seed), ExactPlanner()
+    envelope = quantile_box(solved_postures("ground-3", arguments.samples, planner, rng)[1])
+    for name in arguments.terrains:
+        for row in transfer(name, flatten(reference_terrain(name)), envelope, planner, arguments.count, rng):
+            arguments.say(row)
 
 
 def transfer(
@@ -101,4 +101,4 @@ def _percent(flags: np.ndarray[Any, np.dtype[np.bool_]]) -> str:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

@@ -35,7 +35,7 @@ from stancekit.runner.settings import RunSettings
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which courses, in which worlds, and how."""
 
     courses: tuple[str, ...] = builtin_courses()
@@ -47,23 +47,23 @@ class Asked(Options):
     reserve: bool = True
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
-    forces: Literal["planned", "shared"] = "planned" if asked.planned_forces else "shared"
-    for name in asked.courses:
+    forces: Literal["planned", "shared"] = "planned" if arguments.planned_forces else "shared"
+    for name in arguments.courses:
         begin = time.perf_counter()
-        plans, refused = planned(name, asked.count, asked.seed, reserve=asked.reserve)
+        plans, refused = planned(name, arguments.count, arguments.seed, reserve=arguments.reserve)
         seconds = time.perf_counter() - begin
-        for world in asked.worlds:
-            timing = Timing().at_pace(asked.pace)
+        for world in arguments.worlds:
+            timing = Timing().at_pace(arguments.pace)
             settings = RunSettings(forces=forces, timing=timing, check_limits=False)
             jobs = (delayed(simulate)(plan, world, settings=settings) for plan in plans)
-            runs: list[RunReport] = list(Parallel(n_jobs=asked.workers)(jobs))
+            runs: list[RunReport] = list(Parallel(n_jobs=arguments.workers)(jobs))
             record = {"course": name, "planned": len(plans), "refused": refused, "planning_s": seconds, "world": world}
             record |= summary(runs)
-            asked.say(record, line)
+            arguments.say(record, line)
             for index, run in enumerate(runs):
-                if not run.succeeded and not asked.json:
+                if not run.succeeded and not arguments.json:
                     print(f"    plan {index}: {run.message}", flush=True)
 
 
@@ -118,4 +118,4 @@ def line(record: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

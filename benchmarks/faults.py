@@ -45,7 +45,7 @@ KINDS = (*FAULTS, *STOPS)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which faults, and how often."""
 
     kinds: tuple[str, ...] = KINDS
@@ -54,28 +54,28 @@ class Asked(Options):
     realtime: bool = False
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
-    realtime(asked.realtime)
-    done = finished(asked.log)
+    realtime(arguments.realtime)
+    done = finished(arguments.log)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "plan.json"
         plan = TwoStageCoursePlanner().solve(read_course("walls", frames=2)).plan
         assert plan is not None
         write_plan(path, plan, check_plan(plan))
-        for kind in asked.kinds:
+        for kind in arguments.kinds:
             runs = list[dict[str, Any]]()
-            for k in range(asked.count):
-                rng = np.random.default_rng([asked.seed, KINDS.index(kind), k])
-                key = (asked.seed, kind, k)
+            for k in range(arguments.count):
+                rng = np.random.default_rng([arguments.seed, KINDS.index(kind), k])
+                key = (arguments.seed, kind, k)
                 run = done.get(key) or once(kind, path, k, rng)
-                runs.append({"seed": asked.seed, "kind": kind, "index": k} | run)
-                if asked.log is not None and key not in done:
-                    with asked.log.open("a") as file:
+                runs.append({"seed": arguments.seed, "kind": kind, "index": k} | run)
+                if arguments.log is not None and key not in done:
+                    with arguments.log.open("a") as file:
                         file.write(json.dumps(runs[-1]) + "\n")
-                if asked.json:
-                    asked.say(runs[-1])
-            if not asked.json:
+                if arguments.json:
+                    arguments.say(runs[-1])
+            if not arguments.json:
                 print(table(kind, runs), flush=True)
 
 
@@ -119,11 +119,11 @@ def table(kind: str, runs: list[dict[str, Any]]) -> str:
     left = Counter(f"{run['left']} ({run['state']})" if "state" in run else run["left"] for run in runs)
     if "phase" in runs[0]:
         phases = Counter(run["phase"] for run in runs)
-        told = [run["written_s"] for run in runs if run["written"]]
+        message = [run["written_s"] for run in runs if run["written"]]
         lines += [
             f"  when: {', '.join(f'{count} {phase}' for phase, count in phases.most_common())}",
             f"  late: {1e3 * max(run['late_s'] for run in runs):.1f} ms at most at the device; "
-            f"written: {len(told)}, {1e3 * max(told, default=0.0):.1f} ms at most",
+            f"written: {len(message)}, {1e3 * max(message, default=0.0):.1f} ms at most",
             f"  left as asked for: {sum(run['as_asked'] for run in runs)} of {len(runs)}",
         ]
     lines += [f"  left: {count} × {state}" for state, count in left.most_common(5)]
@@ -132,4 +132,4 @@ def table(kind: str, runs: list[dict[str, Any]]) -> str:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

@@ -26,14 +26,14 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--each", type=int, default=20)
     parser.add_argument("--only", default="", help="postures, plans, walks or proofs")
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     kinds, forged, judged, accepted = 0, 0, 0, 0
     for family in families.families():
-        if asked.only not in ("", family.name):
+        if arguments.only not in ("", family.name):
             continue
         for name, forge in family.kinds.items():
             groups, row = Counter[str](), Counter[str]()
-            for number, size in enumerate(np.geomspace(2.0, 10.0, asked.each)):
+            for number, size in enumerate(np.geomspace(2.0, 10.0, arguments.each)):
                 thing = forge(float(size), np.random.default_rng([number, len(name)]))
                 said, group = family.verdict(thing)
                 row["forged"] += 1

@@ -52,26 +52,28 @@ class Found:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which cases, and how many calls of each."""
 
     case: tuple[str, ...] = tuple(case.name for case in CASES)
     most: int = 16
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
     tried, wrong = 0, 0
     with tempfile.TemporaryDirectory() as spare, disk() as (root, limited):
         inputs = made_inputs(Path(spare) / "inputs")
         for case in CASES:
-            if case.name in asked.case:
-                found = Trial(case, root, inputs, Path(spare) / case.name).found(asked.most, limited)
+            if case.name in arguments.case:
+                found = Trial(case, root, inputs, Path(spare) / case.name).found(arguments.most, limited)
                 tried, wrong = tried + sum(found.tried.values()), wrong + len(found.wrong)
                 said = ", ".join(f"{count} {fault}" for fault, count in found.tried.items())
                 lines = [f"{found.case:18} {found.calls:4} calls: {said}", *(f"    {line}" for line in found.wrong)]
-                print(json.dumps(vars(found)) if asked.json else "\n".join(lines), flush=True)
-    print(json.dumps({"tried": tried, "wrong": wrong}) if asked.json else f"{tried} faults, {wrong} of them did harm")
+                print(json.dumps(vars(found)) if arguments.json else "\n".join(lines), flush=True)
+    print(
+        json.dumps({"tried": tried, "wrong": wrong}) if arguments.json else f"{tried} faults, {wrong} of them did harm"
+    )
     sys.exit(int(wrong > 0))
 
 
@@ -255,4 +257,4 @@ def sized(room: int) -> Iterator[None]:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

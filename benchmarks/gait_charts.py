@@ -63,7 +63,7 @@ class Cell:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which solves, and with what."""
 
     terrains: tuple[str, ...] = ("ripple", "cone", "hill", "pit")
@@ -81,16 +81,16 @@ class Asked(Options):
     """NAME=VALUE."""
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
-    settings, ipopt = pairs(asked.settings), pairs(asked.ipopt)
+    settings, ipopt = pairs(arguments.settings), pairs(arguments.ipopt)
     lines = []
-    for terrain in asked.terrains:
+    for terrain in arguments.terrains:
         field, tasks = reference_terrain(terrain), reference_tasks(terrain)
         warp = lru_cache(maxsize=1)(partial(flatten, field))
-        for chart in asked.charts:
+        for chart in arguments.charts:
             cells = []
-            for number in [task for task in asked.tasks if task < len(tasks)]:
+            for number in [task for task in arguments.tasks if task < len(tasks)]:
                 one = tasks[number]
                 ahead = one.goal_xy_m - one.start_xy_m
                 task = GaitTask(
@@ -98,20 +98,20 @@ def main(asked: Asked) -> None:
                     adhesive=one.adhesive, start_yaw_rad=float(np.arctan2(ahead[1], ahead[0])),
                 )  # fmt: skip
                 program = formulate(task, GaitSettings(chart=chart, **settings), warp)
-                for seed in range(asked.seeds):
-                    cells.append(solved(program, 1000 * number + seed if seed else None, asked, ipopt))
+                for seed in range(arguments.seeds):
+                    cells.append(solved(program, 1000 * number + seed if seed else None, arguments, ipopt))
                     print(f"{terrain:7} {chart:12} task {number:2d} seed {seed}  {cells[-1].text()}", flush=True)
             lines.append(summary(terrain, chart, cells))
     print("\n".join(lines))
 
 
-def solved(program: GaitProgram, seed: int | None, asked: Asked, ipopt: dict[str, Any]) -> Cell:
+def solved(program: GaitProgram, seed: int | None, arguments: Arguments, ipopt: dict[str, Any]) -> Cell:
     """One solve in a child process, and the verifier's word."""
-    guess = None if seed is None else program.perturbed(np.random.default_rng(seed), asked.noise)
+    guess = None if seed is None else program.perturbed(np.random.default_rng(seed), arguments.noise)
     try:
         found = solve_in_subprocess(
-            program, guess, time_limit_s=PATIENCE * asked.seconds, costs=Costs(proximal=asked.proximal),
-            max_iterations=asked.iterations, max_cpu_time=asked.seconds, **ipopt,
+            program, guess, time_limit_s=PATIENCE * arguments.seconds, costs=Costs(proximal=arguments.proximal),
+            max_iterations=arguments.iterations, max_cpu_time=arguments.seconds, **ipopt,
         )  # fmt: skip
     except PlanningFailed:
         return Cell(solution=None, report=None)
@@ -155,4 +155,4 @@ def pairs(words: Iterable[str]) -> dict[str, Any]:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

@@ -30,7 +30,7 @@ from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.method.guess import along_key_frames
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.problem.course_file import spec_from
-from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -51,7 +51,7 @@ GUESSES = ("guess", "flat", "world")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which walks, in which charts."""
 
     terrains: tuple[str, ...] = ("ripple", "cone")
@@ -59,21 +59,21 @@ class Asked(Options):
     charts: tuple[str, ...] = ("decoupled", "warped-exact")
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
     began = time.process_time()
     flat = planned(flat_course())
-    asked.say({"course": "level ground", "plan": round(time.process_time() - began, 2)})
+    arguments.say({"course": "level ground", "plan": round(time.process_time() - began, 2)})
     rows: list[dict[str, Any]] = []
-    for name in asked.terrains:
+    for name in arguments.terrains:
         field = reference_terrain(name)
         warp = flatten(field)
-        for start, yaw in directions(name, asked.walks):
-            for row in walk(field, warp, flat, start, yaw, asked.charts):
+        for start, yaw in directions(name, arguments.walks):
+            for row in walk(field, warp, flat, start, yaw, arguments.charts):
                 rows.append(row)
-                asked.say(row)
+                arguments.say(row)
     for row in summary(rows):
-        asked.say(row)
+        arguments.say(row)
 
 
 def directions(name: str, count: int) -> Iterator[tuple[Array, float]]:
@@ -166,7 +166,7 @@ def course(path_m: Array, terrain: dict[str, Any]) -> dict[str, Any]:
 
 def planned(data: dict[str, Any]) -> Plan:
     """The two-stage planner's answer. Raises PlanningFailed where there is none."""
-    outcome = TwoStageCoursePlanner().solve(lay_out(spec_from(data)))
+    outcome = TwoStageCoursePlanner().solve(build_course(spec_from(data)))
     if outcome.plan is None:
         raise PlanningFailed(outcome.message)
     return outcome.plan
@@ -208,4 +208,4 @@ def tangent_squares(field: HeightField, way_m: Array, turn: Array, home: Array) 
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

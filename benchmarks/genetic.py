@@ -38,7 +38,7 @@ Evolve = Callable[..., GeneticResult]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which problems, and how long the searches are."""
 
     problem: str = "wall-3"
@@ -52,7 +52,7 @@ class Asked(Options):
     """Paper E's Fig. 4 of all searches."""
 
 
-def main(arguments: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
     settings = GeneticSettings(
         population=arguments.population, generations=arguments.generations, terrains=arguments.terrains,
@@ -154,4 +154,4 @@ def show(runs: dict[str, dict[str, Any]]) -> None:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

@@ -51,7 +51,7 @@ CONFIG = Path(__file__).resolve().parents[1] / "configs" / "bench-envelopes.yaml
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which study, and how much of it."""
 
     study: Annotated[Literal["same", "seeds", "table", "fresh"], tyro.conf.Positional] = "same"
@@ -66,7 +66,7 @@ class Asked(Options):
     """Folders of `bench envelopes --quick` (seeds, table, fresh)."""
 
 
-def same(options: Asked) -> Iterator[str]:
+def same(options: Arguments) -> Iterator[str]:
     """Rows labelled in other ways."""
     for name in options.problems:
         batch = distribution(name).batch(np.random.default_rng(options.seed), options.count)
@@ -141,7 +141,7 @@ def apart(mine: Points, theirs: Points, *, keys: bool = True) -> str:
     return f"{len(both)} rows{only}; {farthest}"
 
 
-def seeds(options: Asked) -> Iterator[str]:
+def seeds(options: Arguments) -> Iterator[str]:
     """One method of ``--quick`` with many seeds on each bench's own data: is it the data or the seed?"""
     fit = Experiment.from_yaml(CONFIG, quick=True).fit
     knobs = {"ga": "genetic", "neural": "neural"}[options.method]
@@ -163,7 +163,7 @@ def seeds(options: Asked) -> Iterator[str]:
             )
 
 
-def table(options: Asked) -> Iterator[str]:
+def table(options: Arguments) -> Iterator[str]:
     """Every cell of the other benches beside the interval of the first."""
     tables = [
         {(row["problem_class"], row["selector"]): row for row in json.loads((bench / "table.json").read_text())}
@@ -185,7 +185,7 @@ def table(options: Asked) -> Iterator[str]:
         yield f"{bench}: {cells - outside} of {cells} cells within the 95 % intervals of {options.benches[0]}"
 
 
-def fresh(options: Asked) -> Iterator[str]:
+def fresh(options: Arguments) -> Iterator[str]:
     """The selectors that the benches learned, on rows that neither has seen: kept, refused, projected by fix-p."""
     for name in options.problems:
         with TemporaryDirectory() as folder:
@@ -206,14 +206,19 @@ def fresh(options: Asked) -> Iterator[str]:
                 yield f"{name} {file.split('.')[0]}: {', '.join(found)} of {options.count} each"
 
 
-STUDIES: dict[str, Callable[[Asked], Iterator[str]]] = {"same": same, "seeds": seeds, "table": table, "fresh": fresh}
+STUDIES: dict[str, Callable[[Arguments], Iterator[str]]] = {
+    "same": same,
+    "seeds": seeds,
+    "table": table,
+    "fresh": fresh,
+}
 
 
-def main(options: Asked) -> None:
+def main(options: Arguments) -> None:
     """Print the study."""
     for line in STUDIES[options.study](options):
         print(line, flush=True)
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

@@ -42,7 +42,7 @@ print(json.dumps({"cpu": cpu, "yard": 0.5 * (first + second), "drawn": summary.d
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """What is labelled."""
 
     against: Path | None = None
@@ -54,7 +54,7 @@ class Asked(Options):
     kinds: tuple[str, ...] = ("wall-3", "wall-5", "ground-3")
 
 
-def main(given: Asked) -> None:
+def main(given: Arguments) -> None:
     """Measure and print."""
     trees = checkouts(given.against)
     for kind in given.kinds:
@@ -107,4 +107,4 @@ def compare(kind: str, before: Path, after: Path) -> None:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

@@ -20,7 +20,7 @@ from stancekit.planners.search.methods import make_course_planner
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which courses, and what modes are learned from."""
 
     courses: int = 20
@@ -29,10 +29,10 @@ class Asked(Options):
     share: float = 0.0
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
-    modes = learn_modes(rng=np.random.default_rng(0), count=asked.samples, share=asked.share)
-    asked.list(measure(modes, asked.courses, np.random.default_rng(asked.seed)))
+    modes = learn_modes(rng=np.random.default_rng(0), count=arguments.samples, share=arguments.share)
+    arguments.list(measure(modes, arguments.courses, np.random.default_rng(arguments.seed)))
 
 
 def measure(modes: Modes, courses: int, rng: np.random.Generator) -> dict[str, float]:
@@ -63,4 +63,4 @@ def measure(modes: Modes, courses: int, rng: np.random.Generator) -> dict[str, f
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

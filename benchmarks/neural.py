@@ -40,7 +40,7 @@ PROJECTIONS: tuple[Projection, ...] = ("fix-p", "fix-toes", "scp")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """How much data, and which selectors."""
 
     problems: tuple[str, ...] = ("wall-3", "wall-5", "ground-3")
@@ -75,12 +75,12 @@ class Asked(Options):
     """A few hundred rows and epochs: does it run?"""
 
 
-def small(options: Asked) -> Asked:
+def small(options: Arguments) -> Arguments:
     """The same in a minute or so."""
     return replace(options, rows=600, held=150, test=150, epochs=15, margin_epochs=2, box_rows=150, steps=20)
 
 
-def main(options: Asked) -> None:
+def main(options: Arguments) -> None:
     """Train and evaluate everything on every class."""
     options = small(options) if options.quick else options
     console = Console(soft_wrap=True)
@@ -95,7 +95,7 @@ def main(options: Asked) -> None:
             console.print(table_of(problem, scores))
 
 
-def compare(problem: str, options: Asked) -> Iterator[Score]:
+def compare(problem: str, options: Arguments) -> Iterator[Score]:
     """Score every selector on one class."""
     train = data(problem, "train", options.rows, (3 * options.rows) // 10, options.seed + 1003, options)
     held = data(problem, "calibration", options.held, options.held, options.seed + 1002, options)
@@ -136,9 +136,7 @@ def compare(problem: str, options: Asked) -> Iterator[Score]:
 
 def table_of(problem: str, scores: list[Score]) -> Table:
     """Shares in per cent with their intervals, and the paper's below."""
-    table = Table(
-        "selector", "P1 feasible", "P1 infeasible", *PROJECTIONS, "trained [s]", title=f"{problem} [%]"
-    )
+    table = Table("selector", "P1 feasible", "P1 infeasible", *PROJECTIONS, "trained [s]", title=f"{problem} [%]")
     for score in scores:
         shares = (score.p1_feasible, score.p1_infeasible, *(score.projected[way] for way in PROJECTIONS))
         table.add_row(score.selector, *map(cell, shares), f"{score.notes['train_seconds']:.0f}")
@@ -162,7 +160,7 @@ def judged(name: str, selector: Selector, scenes: list[Scene], problem: str, box
     return replace(score, notes={"train_seconds": seconds})
 
 
-def data(problem: str, part: str, feasible: int, infeasible: int, seed: int, options: Asked) -> Dataset:
+def data(problem: str, part: str, feasible: int, infeasible: int, seed: int, options: Arguments) -> Dataset:
     """Label a data set, or what is missing of it."""
     folder = options.folder / f"{problem}-{part}-{feasible}-{infeasible}-{seed}"
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -178,4 +176,4 @@ def counted(bar: Callable[[int, int], None], rows: int) -> Callable[..., None]:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

@@ -24,7 +24,7 @@ from stancekit.envs.distributions.courses import SMALL, perturbed
 from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.problem.course import Course, Placement, StepLimits
+from stancekit.planners.problem.course import Course, Foothold, StepLimits
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.search.answer import CoursePlanner
@@ -34,7 +34,7 @@ from stancekit.planners.terrain import Patch
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which courses, and for how long."""
 
     count: int = 40
@@ -62,13 +62,13 @@ def course_of(index: int, seed: int) -> tuple[str, Course]:
 def pulled(course: Course, rng: np.random.Generator) -> Course:
     """With up to a third less friction, a body that may go three times as far, and a goal .2 m off."""
     less = rng.uniform(0.67, 1.0)
-    placements = tuple(
+    footholds = tuple(
         replace(put, candidates=tuple(replace(patch, friction=less * patch.friction) for patch in put.candidates))
-        for put in course.placements
+        for put in course.footholds
     )
     aside = rng.normal(size=3)
     return replace(
-        course, placements=placements, com_radius_m=3.0 * course.com_radius_m,
+        course, footholds=footholds, com_radius_m=3.0 * course.com_radius_m,
         goal_m=course.goal_m + 0.2 * aside / np.linalg.norm(aside),
     )  # fmt: skip
 
@@ -79,14 +79,14 @@ def tilted(rng: np.random.Generator, frames: int) -> Course:
     robot = Robot(name="four limbs", mass_kg=10.0, limbs=hexapod().select(names))
     com = np.array([[0.0, 0.0, 0.04 * k] for k in range(frames)])
     lifts = ((), *((names[k % 4],) for k in range(frames - 1)))
-    placements = tuple(
-        Placement(limb=limb.name, frame=k, candidates=(_tilted_patch(rng, com[k], limb),))
+    footholds = tuple(
+        Foothold(limb=limb.name, frame=k, candidates=(_tilted_patch(rng, com[k], limb),))
         for k in range(frames)
         for limb in robot.limbs
         if k == 0 or limb.name in lifts[k]
     )
     return Course(
-        name="tilted", robot=robot, terrain=tuple(put.candidates[0] for put in placements), placements=placements,
+        name="tilted", robot=robot, terrain=tuple(put.candidates[0] for put in footholds), footholds=footholds,
         lifts=lifts, com_nominal_m=com, com_radius_m=np.full(frames, 0.05),
         goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3), steps=StepLimits(com_m=0.09, toe_m=0.3, progress_m=0.01),
     )  # fmt: skip
@@ -107,7 +107,7 @@ def _tilted_patch(rng: np.random.Generator, com: Array, limb: Limb) -> Patch:
     )  # fmt: skip
 
 
-def main(options: Asked) -> None:
+def main(options: Arguments) -> None:
     """Solve, print and keep."""
     programs = Programs()
     first = TwoStageCoursePlanner(programs=programs, time_limit_s=options.time_limit_s)
@@ -193,4 +193,4 @@ def _text(value: float | None, form: str) -> str:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

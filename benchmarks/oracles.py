@@ -40,7 +40,7 @@ from stancekit.planners.verify import check_posture
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which postures, and for how long."""
 
     problem: str = "wall-3"
@@ -118,7 +118,7 @@ class Score:
 Ask = Callable[[PostureProblem], Said]
 
 
-def solver(name: str, options: Asked) -> Ask:
+def solver(name: str, options: Arguments) -> Ask:
     """The solver of this name. Raises InvalidInput where there is none or it is not installed."""
     limit = options.time_limit_s
     if name == "exact":
@@ -181,7 +181,7 @@ def ask_bilinear(
     )
 
 
-def hard_postures(options: Asked) -> tuple[list[tuple[PostureProblem, Status]], Counter[str]]:
+def hard_postures(options: Arguments) -> tuple[list[tuple[PostureProblem, Status]], Counter[str]]:
     """Draw until both halves are full; also what was drawn and left out."""
     planner, rng = ExactPlanner(time_limit_s=options.time_limit_s), np.random.default_rng(options.seed)
     drawn, out = distribution(options.problem), Counter[str]()
@@ -202,7 +202,7 @@ def hard_postures(options: Asked) -> tuple[list[tuple[PostureProblem, Status]], 
     return postures, out
 
 
-def run(options: Asked, solvers: dict[str, Ask]) -> tuple[dict[str, dict[str, Any]], Counter[str]]:
+def run(options: Arguments, solvers: dict[str, Ask]) -> tuple[dict[str, dict[str, Any]], Counter[str]]:
     """Every solver's row. The solvers take turns on each posture, and who begins rotates."""
     postures, out = hard_postures(options)
     names = list(solvers)
@@ -217,7 +217,7 @@ def run(options: Asked, solvers: dict[str, Ask]) -> tuple[dict[str, dict[str, An
     return {name: score.summary(base_ms) for name, score in scores.items()}, out
 
 
-def table(options: Asked, rows: dict[str, dict[str, Any]]) -> Table:
+def table(options: Arguments, rows: dict[str, dict[str, Any]]) -> Table:
     """The rows for people. CPU times in ms; a peer's ratio is that of its solver alone to our whole call."""
     shown = Table(title=f"{options.problem}, {options.count} hard postures, seed {options.seed}, one thread, CPU ms")
     titles = "solver|call median|p90|max|solver alone|on feas.|on infeas.|ratio|feas./infeas./unknown|contra-|refuted"
@@ -237,7 +237,7 @@ def table(options: Asked, rows: dict[str, dict[str, Any]]) -> Table:
     return shown
 
 
-def main(options: Asked) -> None:
+def main(options: Arguments) -> None:
     """Run and print."""
     solvers: dict[str, Ask] = {}
     errors = Console(stderr=True)
@@ -267,4 +267,4 @@ def _median(values: list[float]) -> float:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

@@ -30,18 +30,18 @@ ROUNDS = 6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which problems, and how many."""
 
     problem: str = "wall-3"
     count: int = 400
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
-    rng = np.random.default_rng(asked.seed)
-    problems = [distribution(asked.problem).sample(rng) for _ in range(asked.count)]
-    asked.list(measure(lambda: [Scaled.of(problem) for problem in problems]), problem=asked.problem)
+    rng = np.random.default_rng(arguments.seed)
+    problems = [distribution(arguments.problem).sample(rng) for _ in range(arguments.count)]
+    arguments.list(measure(lambda: [Scaled.of(problem) for problem in problems]), problem=arguments.problem)
 
 
 def measure(scenes: Callable[[], list[Scaled]]) -> dict[str, float]:
@@ -104,4 +104,4 @@ def middle_box(scenes: list[Scaled]) -> Envelope:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

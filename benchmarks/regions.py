@@ -3,9 +3,9 @@
 python benchmarks/regions.py --count 30 --seed 0 --out out/regions
 
 Random panels of .3 m, half of them without friction, M = 4 and 8 key frames, 2 to 4 candidate patches a toe. The peers
-HiGHS and SCIP get the lift with a binary a slot (``region_peers.py``); their choices and toes go through the same P2
-and verifier as the two-stage planner's. A course is proved infeasible where the verifier accepts the certificate; HiGHS
-and SCIP only claim. Times are wall times. Finished courses are kept in the folder.
+HiGHS and SCIP get the lift with a binary a candidate (``region_peers.py``); their choices and toes go through the same
+P2 and verifier as the two-stage planner's. A course is proved infeasible where the verifier accepts the certificate;
+HiGHS and SCIP only claim. Times are wall times. Finished courses are kept in the folder.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which courses, and for how long."""
 
     frames: tuple[int, ...] = (4, 8)
@@ -112,7 +112,7 @@ def rounded(mixed: region_peers.Mixed, scaled: Scaled, x: Array) -> tuple[Index,
     return choice, start
 
 
-def main(options: Asked) -> None:
+def main(options: Arguments) -> None:
     """Solve, print and keep."""
     programs = Programs()
     planners: dict[str, Any] = {
@@ -128,7 +128,7 @@ def main(options: Asked) -> None:
 
 
 def course_row(
-    planners: dict[str, Any], options: Asked, frames: int, regions: int, index: int
+    planners: dict[str, Any], options: Arguments, frames: int, regions: int, index: int
 ) -> dict[str, dict[str, Any]]:
     """Every planner's answer to one course, from the folder where it is there."""
     rng = np.random.default_rng(np.random.SeedSequence(options.seed, spawn_key=(frames, regions, index)))
@@ -181,7 +181,7 @@ def cell(rows: list[dict[str, dict[str, Any]]], name: str) -> dict[str, Any]:
     }
 
 
-def show(cells: list[dict[str, Any]], options: Asked) -> None:
+def show(cells: list[dict[str, Any]], options: Arguments) -> None:
     """One size's table."""
     if options.json:
         for found in cells:
@@ -206,4 +206,4 @@ def show(cells: list[dict[str, Any]], options: Asked) -> None:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

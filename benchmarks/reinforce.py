@@ -55,7 +55,7 @@ class RandomBox(MemorylessPolicy):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which environment, and how much of it."""
 
     name: Annotated[Literal["selection", "refinement"], tyro.conf.Positional]
@@ -64,7 +64,7 @@ class Asked(Options):
     out: Path = Path("out/reinforce")
 
 
-def main(arguments: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Train, compare, print, draw."""
     config = TrainConfig.from_yaml(CONFIGS / f"train-{arguments.name}.yaml")
     config = replace(config, steps=arguments.steps or config.steps)
@@ -148,4 +148,4 @@ def draw(rows: list[Row], curves: list[tuple[CurvePoint, ...]], path: Path) -> N
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

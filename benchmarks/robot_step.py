@@ -23,7 +23,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.plan_file import check_file, read_plan, write_plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import spec_from
-from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.posture import Contact, PostureProblem
 from stancekit.planners.projection.whole_body import whole_body
 from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
@@ -58,7 +58,7 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
     if len(model.legs) != 4:
         return {"name": name, "refused": f"expected four legs, found {len(model.legs)}"}
     try:
-        course = lay_out(spec_from(step_course(model, file)))
+        course = build_course(spec_from(step_course(model, file)))
     except InvalidInput as error:
         return {"name": name, "refused": str(error)}
     started = time.process_time()
@@ -157,9 +157,9 @@ def step_line(row: dict[str, Any]) -> str:
     """One row of --step."""
     if "refused" in row:
         return f"{row['name']:44} refused: {row['refused']:.120}"
-    told = f"{row['name']:44} {row['status']}, {row['plan_s']:.1f} s"
+    message = f"{row['name']:44} {row['status']}, {row['plan_s']:.1f} s"
     if "accepted" in row:
         verdict = "accepted" if row["accepted"] else "refused"
-        told += f", {verdict}, {row['feet']} feet within {1e3 * row['worst_m']:.5f} mm; {row['message']}"
+        message += f", {verdict}, {row['feet']} feet within {1e3 * row['worst_m']:.5f} mm; {row['message']}"
     share = row["open"] / max(row["yes"] + row["no"] + row["open"], 1)
-    return f"{told} | natural postures: {row['yes']} yes, {row['no']} no, {row['open']} neither ({share:.1%})"
+    return f"{message} | natural postures: {row['yes']} yes, {row['no']} no, {row['open']} neither ({share:.1%})"

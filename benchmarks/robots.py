@@ -74,8 +74,8 @@ def main() -> None:
             continue
         found = step_row(name, file, arguments.natural) if arguments.step else row(name, file, arguments.legs)
         rows.append(found)
-        told = step_line(found) if arguments.step else line(found)
-        print(json.dumps(found) if arguments.json else told, flush=True)
+        message = step_line(found) if arguments.step else line(found)
+        print(json.dumps(found) if arguments.json else message, flush=True)
     if arguments.step:
         asked = [each for each in rows if "refused" not in each]
         climbed = sum(bool(each.get("accepted")) and each["worst_m"] <= REACHED_M for each in asked)

@@ -44,7 +44,7 @@ SETTLE_S = 0.6
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which faults, and how often."""
 
     kinds: tuple[str, ...] = KINDS
@@ -53,27 +53,29 @@ class Asked(Options):
     ending: Ending = "hold"
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
-    for kind in asked.kinds:
-        rng = np.random.default_rng([asked.seed, KINDS.index(kind)])
-        runs = [tried(kind, float(rng.uniform(0.3, 2.0)), asked.ros, asked.ending) for _ in range(asked.count)]
-        record = {"kind": kind, "ros": asked.ros, "ending": asked.ending} | summary(runs)
-        asked.say(record, line)
+    for kind in arguments.kinds:
+        rng = np.random.default_rng([arguments.seed, KINDS.index(kind)])
+        runs = [
+            tried(kind, float(rng.uniform(0.3, 2.0)), arguments.ros, arguments.ending) for _ in range(arguments.count)
+        ]
+        record = {"kind": kind, "ros": arguments.ros, "ending": arguments.ending} | summary(runs)
+        arguments.say(record, line)
 
 
 def tried(kind: str, at_s: float, ros: Literal[1, 2], ending: Ending) -> dict[str, Any]:
     """One run with one fault."""
     with RosBridge(JOINTS, START, ros=ros) as bridge:
         moved = Moved(bridge)
-        told = killed(bridge, at_s, ros) if kind == "host killed" else driven(bridge, kind, at_s, ros, ending)
+        message = killed(bridge, at_s, ros) if kind == "host killed" else driven(bridge, kind, at_s, ros, ending)
         time.sleep(SETTLE_S)
-        fault_s, stop_s = told.pop("fault_s"), told.pop("stop_s")
+        fault_s, stop_s = message.pop("fault_s"), message.pop("stop_s")
         got = [when for what, when in bridge.log if what in ("stream", "goal")]
-        sent = told.pop("sent", None)
+        sent = message.pop("sent", None)
         after = sum(when > stop_s + 0.1 for when in got) if sent is None else max(len(got) - sent, 0)
         moved.end()
-        return told | {"told_s": stop_s - fault_s, "still_s": max(moved.last_s - fault_s, 0.0), "after": after}
+        return message | {"told_s": stop_s - fault_s, "still_s": max(moved.last_s - fault_s, 0.0), "after": after}
 
 
 def driven(bridge: RosBridge, kind: str, at_s: float, ros: Literal[1, 2], ending: Ending) -> dict[str, Any]:
@@ -181,10 +183,10 @@ class Moved:
 
 def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """Counts, medians and worst."""
-    told, still = (np.array([run[key] for run in runs]) for key in ("told_s", "still_s"))
+    message, still = (np.array([run[key] for run in runs]) for key in ("told_s", "still_s"))
     return {
-        "runs": len(runs), "stopped": int(np.isfinite(told).sum()), "told_ms": 1e3 * float(np.median(told)),
-        "told_worst_ms": 1e3 * float(told.max()), "still_ms": 1e3 * float(np.median(still)),
+        "runs": len(runs), "stopped": int(np.isfinite(message).sum()), "told_ms": 1e3 * float(np.median(message)),
+        "told_worst_ms": 1e3 * float(message.max()), "still_ms": 1e3 * float(np.median(still)),
         "still_worst_ms": 1e3 * float(still.max()), "after": sum(run["after"] for run in runs),
         "left": tally(run["left"] for run in runs),
         "message": runs[0]["message"],
@@ -201,4 +203,4 @@ def line(record: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

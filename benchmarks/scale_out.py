@@ -1,8 +1,8 @@
 """Labelling at scale: throughput and memory of a long run, killed and resumed; and a Ray cluster that loses a node.
 
-    python benchmarks/scale_out.py                                   # both, small
-    python benchmarks/scale_out.py --rows 100000 --kill-at 50 --only memory
-    python benchmarks/scale_out.py --rows 4000 --only cluster        # two nodes on this machine's loopback device
+python benchmarks/scale_out.py                                   # both, small
+python benchmarks/scale_out.py --rows 100000 --kill-at 50 --only memory
+python benchmarks/scale_out.py --rows 4000 --only cluster        # two nodes on this machine's loopback device
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ LOOPBACK = "127.0.0.2"  # Ray replaces 127.0.0.1 by the machine's address
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """How much, and where."""
 
     problem: str = "wall-3"
@@ -45,9 +45,9 @@ class Asked(Options):
     """Where to work; a temporary folder where there is none."""
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure, print, and fail where anything was lost or came twice."""
-    given = replace(asked, shard_size=asked.shard_size or max(asked.rows // 100, 1))
+    given = replace(arguments, shard_size=arguments.shard_size or max(arguments.rows // 100, 1))
     with tempfile.TemporaryDirectory() as spare:
         folder = given.folder or Path(spare)
         folder.mkdir(parents=True, exist_ok=True)
@@ -62,14 +62,14 @@ def main(asked: Asked) -> None:
             cluster_run(given, folder)
 
 
-def start(given: Asked, folder: Path, *options: str) -> subprocess.Popen[str]:
+def start(given: Arguments, folder: Path, *options: str) -> subprocess.Popen[str]:
     """Label natural rows by the command line, in a process of its own."""
     command = [sys.executable, "-m", "stancekit.cli.main", "label", given.problem, str(folder), "--natural", "--json"]
     command += ["--feasible", str(given.rows), "--infeasible", "0", "--shard-size", str(given.shard_size), *options]
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def long_run(given: Asked, folder: Path) -> None:
+def long_run(given: Arguments, folder: Path) -> None:
     """Throughput, memory over time, kill -9 and resume."""
     workers = ("--workers", str(given.workers))
     memory: dict[str, list[tuple[float, float]]] = defaultdict(list)
@@ -102,7 +102,7 @@ def long_run(given: Asked, folder: Path) -> None:
               f"{', '.join(f'{part.mean():.0f}' for part in parts)} MB")  # fmt: skip
 
 
-def cluster_run(given: Asked, folder: Path) -> None:
+def cluster_run(given: Arguments, folder: Path) -> None:
     """Two nodes of one processor each and a head without any; one node is killed mid-run."""
     from ray.cluster_utils import Cluster
 
@@ -191,4 +191,4 @@ def digests(folder: Path) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

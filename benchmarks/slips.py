@@ -27,7 +27,7 @@ from tests.emulators.slipping import FAULTS, SlippingWorld
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which course, and how slippery it gets."""
 
     course: str = "walls"
@@ -36,17 +36,17 @@ class Asked(Options):
     ending: Ending = "hold"
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
-    plan = plan_with_reserve(TwoStageCoursePlanner(), read_course(asked.course)).plan
+    plan = plan_with_reserve(TwoStageCoursePlanner(), read_course(arguments.course)).plan
     if plan is None:
-        raise SystemExit(f"no plan for {asked.course}")
-    accepted = Accepted.verified(plan, asked.course)
+        raise SystemExit(f"no plan for {arguments.course}")
+    accepted = Accepted.verified(plan, arguments.course)
     for kind in FAULTS:
-        rng = np.random.default_rng([asked.seed, FAULTS.index(kind)])
-        runs = [tried(accepted, kind, rng, asked.share, asked.ending) for _ in range(asked.count)]
-        record = {"course": asked.course, "kind": kind, "ending": asked.ending} | summary(runs)
-        asked.say(record, line)
+        rng = np.random.default_rng([arguments.seed, FAULTS.index(kind)])
+        runs = [tried(accepted, kind, rng, arguments.share, arguments.ending) for _ in range(arguments.count)]
+        record = {"course": arguments.course, "kind": kind, "ending": arguments.ending} | summary(runs)
+        arguments.say(record, line)
 
 
 def tried(accepted: Accepted, kind: str, rng: np.random.Generator, share: float, ending: Ending) -> dict[str, Any]:
@@ -69,10 +69,10 @@ def tried(accepted: Accepted, kind: str, rng: np.random.Generator, share: float,
 def summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     """Counts, and times of those that were stopped."""
     stopped = [run for run in runs if run["stopped"] and run["happened"]]
-    told = [run["told_s"] for run in stopped] or [float("nan")]
+    message = [run["told_s"] for run in stopped] or [float("nan")]
     return {
         "runs": len(runs), "as_planned": sum(run["good"] for run in runs), "stopped": len(stopped),
-        "told_s": float(np.median(told)), "told_worst_s": float(np.max(told)),
+        "told_s": float(np.median(message)), "told_worst_s": float(np.max(message)),
         "left": tally(run["left"] for run in runs),
         "message": next((run["message"] for run in runs if run["message"]), ""),
     }  # fmt: skip
@@ -88,4 +88,4 @@ def line(record: dict[str, Any]) -> str:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

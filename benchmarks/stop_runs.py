@@ -120,7 +120,7 @@ def host_main(arguments: list[str], says: int) -> None:
     """The host: says when it arms, is armed, and what its latch counted."""
     latches = list[StopLatch]()
 
-    def told(kind: type[Any]) -> None:
+    def on_progress(kind: type[Any]) -> None:
         arm = kind.torque
 
         def torque(world: Any, on: bool) -> None:
@@ -141,7 +141,7 @@ def host_main(arguments: list[str], says: int) -> None:
         for stream, mode in ((0, "r"), (1, "w"), (2, "w")):
             setattr(sys, ("stdin", "stdout", "stderr")[stream], open(stream, mode, closefd=False))  # noqa: SIM115
         for kind in (DynamixelWorld, RosWorld):
-            told(kind)
+            on_progress(kind)
         for number in SIGNALS.values():
             signal.signal(number, signal.SIG_DFL)  # a benchmark in the background may have inherited others
         signal.signal(signal.SIGUSR2, burst)
@@ -206,7 +206,7 @@ def inject(kind: str, host: Host, device: Device, topic: Device | None, folder: 
         "exception": lambda: os.kill(host.pid, signal.SIGUSR2),
         "full disk": lambda: resource.prlimit(host.pid, resource.RLIMIT_FSIZE, (1, 1)),
         "host killed": lambda: os.kill(host.pid, signal.SIGKILL),
-        "host frozen": lambda: frozen(host.pid),
+        "host frozen": lambda: read_only(host.pid),
         "monitor killed": lambda: os.kill(monitor(host.pid), signal.SIGKILL),
         "monitor frozen": lambda: os.kill(monitor(host.pid), signal.SIGSTOP),
         "cable unplugged": lambda: device.inject("cable pulled"),
@@ -234,7 +234,7 @@ def twice(pid: int, apart_s: float) -> None:
     os.kill(pid, signal.SIGTERM)
 
 
-def frozen(pid: int) -> None:
+def read_only(pid: int) -> None:
     """The host stands still, and goes on later as if nothing had been."""
     os.kill(pid, signal.SIGSTOP)
     time.sleep(FROZEN_S)
@@ -258,7 +258,7 @@ def judged(
     if what == "cable unplugged" and state["happened"]:
         from_s = state["happened"][0][1]  # by the bus's own clock
     if "log" in state:
-        moved_s = [when for told, when in state["log"] if told in ("stream", "goal")]
+        moved_s = [when for message, when in state["log"] if message in ("stream", "goal")]
         torque, moving = [state["on"]], np.abs(state["rate_rad_s"]).max() > STILL_RAD_S
     else:
         moved_s = state["goal_packets_s"] + state["torque_packets_s"]

@@ -26,7 +26,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course, spec_from
-from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.projection.torque_limits import TorqueLimits
 from stancekit.planners.projection.whole_body import whole_body
 from stancekit.planners.robot.kinematics import Kinematics
@@ -81,7 +81,7 @@ def courses(options: Torques) -> Iterator[tuple[str, Course | str]]:
             try:
                 model = named_robot(file)
                 if len(model.legs) == 4:
-                    yield name, lay_out(spec_from(step_course(model, file)))
+                    yield name, build_course(spec_from(step_course(model, file)))
             except InvalidInput as error:
                 yield name, str(error)
         return

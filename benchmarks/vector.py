@@ -36,7 +36,7 @@ NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which problems, and for how long."""
 
     problem: str = "wall-3"
@@ -45,9 +45,9 @@ class Asked(Options):
     rounds: int = 5
 
 
-def main(asked: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
-    asked.list(overhead(asked) | rates(asked), problem=asked.problem, envs=asked.envs)
+    arguments.list(overhead(arguments) | rates(arguments), problem=arguments.problem, envs=arguments.envs)
 
 
 @dataclass(frozen=True)
@@ -81,30 +81,30 @@ class RecordedScenes(SampledScenes):
         return self  # one list for all sub-environments
 
 
-def overhead(asked: Asked) -> dict[str, float]:
+def overhead(arguments: Arguments) -> dict[str, float]:
     """Processor time of environment and bare loop on the same problems, scenes and actions, in turns."""
-    plain = distribution(asked.problem)
+    plain = distribution(arguments.problem)
     names = ("name", "terrain", "legs", "friction", "robot")
     recorded = RecordedDistribution(**{name: getattr(plain, name) for name in names})
     scenes = RecordedScenes(recorded)
-    env = EnvelopeSelectionVectorEnv(asked.envs, asked.problem, scenes=scenes)
+    env = EnvelopeSelectionVectorEnv(arguments.envs, arguments.problem, scenes=scenes)
     bare = BareLoop()
-    actions = actions_for(asked.problem, asked.envs)
-    env.reset(seed=asked.seed)
+    actions = actions_for(arguments.problem, arguments.envs)
+    env.reset(seed=arguments.seed)
     env.step(actions)  # compiles
     bare.run(recorded.drawn, scenes.kept, actions[0])
     ours, theirs, sampling, steps = 0.0, 0.0, 0.0, 0
-    for _ in range(asked.rounds):
+    for _ in range(arguments.rounds):
         recorded.drawn.clear()
         recorded.seconds.clear()
-        scenes.kept[:] = scenes.kept[-asked.envs :]  # drawn by the last step, judged by the next
+        scenes.kept[:] = scenes.kept[-arguments.envs :]  # drawn by the last step, judged by the next
         begin = time.process_time()
-        for _ in range(asked.steps):
+        for _ in range(arguments.steps):
             env.step(actions)
         middle = time.process_time()
-        bare.run(recorded.drawn, scenes.kept[: -asked.envs], actions[0])
+        bare.run(recorded.drawn, scenes.kept[: -arguments.envs], actions[0])
         end = time.process_time()
-        ours, theirs, steps = ours + middle - begin, theirs + end - middle, steps + asked.steps * asked.envs
+        ours, theirs, steps = ours + middle - begin, theirs + end - middle, steps + arguments.steps * arguments.envs
         sampling += sum(recorded.seconds)
     return {
         "bare planner loop [ms a step, processor]": 1e3 * theirs / steps,
@@ -138,9 +138,9 @@ class BareLoop:
                     self._acceptance.outcome(scene.problem, method="fix-p", begin=0.0, posture=found)
 
 
-def rates(asked: Asked) -> dict[str, float]:
+def rates(arguments: Arguments) -> dict[str, float]:
     """Wall-clock steps per second, a step being one of one sub-environment; median of the rounds."""
-    given = {"problem": asked.problem, "num_envs": asked.envs}
+    given = {"problem": arguments.problem, "num_envs": arguments.envs}
     same = {"autoreset_mode": AutoresetMode.SAME_STEP}
     envs: dict[str, VectorEnv] = {
         "Gymnasium Sync": gymnasium.make_vec(NAME, **given, vectorization_mode="sync", vector_kwargs=same),
@@ -148,23 +148,23 @@ def rates(asked: Asked) -> dict[str, float]:
         "ours, 1 process": gymnasium.make_vec(NAME, **given),
         "ours, 2 processes": gymnasium.make_vec(NAME, **given, workers=2),
     }
-    actions = actions_for(asked.problem, asked.envs)
+    actions = actions_for(arguments.problem, arguments.envs)
     first: dict[str, float] = {}
     for name, env in envs.items():
         begin = time.perf_counter()
-        env.reset(seed=asked.seed)
+        env.reset(seed=arguments.seed)
         env.step(actions)
         first[f"{name}: first step with compiling [s]"] = time.perf_counter() - begin
     seconds: dict[str, list[float]] = {name: [] for name in envs}
-    for _ in range(asked.rounds):
+    for _ in range(arguments.rounds):
         for name, env in envs.items():
             begin = time.perf_counter()
-            for _ in range(asked.steps):
+            for _ in range(arguments.steps):
                 env.step(actions)
             seconds[name].append(time.perf_counter() - begin)
     for env in envs.values():
         env.close()
-    steps = asked.steps * asked.envs
+    steps = arguments.steps * arguments.envs
     rate = {f"{name} [steps/s]": steps / float(np.median(taken)) for name, taken in seconds.items()}
     one, two = (float(np.median(seconds[f"ours, {count}"])) for count in ("1 process", "2 processes"))
     return first | rate | {"1 to 2 processes": one / two}
@@ -178,4 +178,4 @@ def actions_for(problem: str, envs: int) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

@@ -77,19 +77,19 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     for name, usual in (("offset-deg", 0.0), ("delay-ms", 0.0), ("mass", 1.0), ("stiffness", 1.0), ("friction", 1.0)):
         parser.add_argument(f"--{name}", type=float, default=usual)
-    asked = parser.parse_args()
+    arguments = parser.parse_args()
     wrong = Imperfections(
-        offset_rad=np.deg2rad(asked.offset_deg), delay_s=1e-3 * asked.delay_ms, mass_share=asked.mass,
-        stiffness_share=asked.stiffness,
+        offset_rad=np.deg2rad(arguments.offset_deg), delay_s=1e-3 * arguments.delay_ms, mass_share=arguments.mass,
+        stiffness_share=arguments.stiffness,
     )  # fmt: skip
-    asked.keep.mkdir(parents=True, exist_ok=True)
-    for name in asked.only.split(","):
-        if not (asked.robots / ROBOTS[name].urdf).exists():
+    arguments.keep.mkdir(parents=True, exist_ok=True)
+    for name in arguments.only.split(","):
+        if not (arguments.robots / ROBOTS[name].urdf).exists():
             print(f"{name}: no file {ROBOTS[name].urdf}, left out")
             continue
-        for terrain in asked.terrains.split(","):
-            found = row(name, asked.robots, terrain, asked.keep, asked.world, wrong, asked.friction)
-            print(json.dumps(found) if asked.json else line(found), flush=True)
+        for terrain in arguments.terrains.split(","):
+            found = row(name, arguments.robots, terrain, arguments.keep, arguments.world, wrong, arguments.friction)
+            print(json.dumps(found) if arguments.json else line(found), flush=True)
 
 
 def model(example: Example, folder: Path) -> RobotModel:
@@ -133,10 +133,10 @@ def row(
     name: str, folder: Path, terrain: str, keep: Path, world: str, wrong: Imperfections, friction: float
 ) -> dict[str, object]:
     """One walk, run."""
-    told: dict[str, object] = {"robot": name, "terrain": terrain}
+    message: dict[str, object] = {"robot": name, "terrain": terrain}
     path = planned(name, folder, terrain, keep)
     if isinstance(path, str):
-        return told | {"outcome": f"not planned: {path}"}
+        return message | {"outcome": f"not planned: {path}"}
     accepted = AcceptedGait.from_file(path)
     settings = RunSettings(check_limits=False, tolerance=Tolerance(body_m=0.3, body_rad=0.8, slip_m=SLIP_M))
     with make_world(world, accepted.robot, imperfections=wrong) as made:
@@ -148,8 +148,10 @@ def row(
         report = Runner(made, settings=settings).run(accepted, accepted.ground(friction))
     run = report.execution
     if run is None:
-        return told | {"outcome": report.message}
-    return told | {"outcome": "stood" if run.fallen_s is None else f"fell at {run.fallen_s:.1f} s"} | figures(run, fits)
+        return message | {"outcome": report.message}
+    return (
+        message | {"outcome": "stood" if run.fallen_s is None else f"fell at {run.fallen_s:.1f} s"} | figures(run, fits)
+    )
 
 
 def figures(run: Execution, fits: str) -> dict[str, object]:

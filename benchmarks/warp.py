@@ -24,7 +24,7 @@ from stancekit.views.sheet import save
 
 
 @dataclass(frozen=True, kw_only=True)
-class Asked(Options):
+class Arguments(Options):
     """Which maps."""
 
     terrains: tuple[str, ...] = ("ripple", "cone", "hill", "pit")
@@ -34,7 +34,7 @@ class Asked(Options):
     picture: Path | None = None
 
 
-def main(arguments: Asked) -> None:
+def main(arguments: Arguments) -> None:
     """Measure and print."""
     for terrain in arguments.terrains:
         field = reference_terrain(terrain)
@@ -64,4 +64,4 @@ def named(picture: Path, report: MapReport) -> Path:
 
 
 if __name__ == "__main__":
-    launch(main, Asked, __doc__)
+    launch(main, Arguments, __doc__)

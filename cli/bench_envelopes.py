@@ -72,8 +72,8 @@ class BenchEnvelopes:
         folder = self.out or Path("out/bench-quick" if self.quick else "out/bench")
         make_folder(folder)
         table: list[dict[str, Any]] = []
-        with stages("bench") as told:
-            for result in bench.run(experiment, folder, executor=where, progress=told):
+        with stages("bench") as on_progress:
+            for result in bench.run(experiment, folder, executor=where, progress=on_progress):
                 records = rows(result)
                 table += records
                 write_text(folder / "table.json", json.dumps(table, indent=1) + "\n")

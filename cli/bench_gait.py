@@ -72,9 +72,9 @@ class BenchGait:
         elif not folder.is_dir():
             raise InvalidInput(f"{folder}: expected an existing folder with --kept, found none there")
         rows: list[dict[str, Any]] = []
-        with stages("bench gait") as told:
+        with stages("bench gait") as on_progress:
             known = gait_bench.kept(settings, folder) if self.kept else None
-            for row in gait_bench.run(settings, folder, told, self.workers) if known is None else known:
+            for row in gait_bench.run(settings, folder, on_progress, self.workers) if known is None else known:
                 rows.append(row)
                 if self.json:
                     emit(row)
@@ -201,12 +201,12 @@ def comparisons(rows: list[dict[str, Any]]) -> list[str]:
         if method == BASELINE or METHODS[method].portfolio:
             continue
         shares = {name: ratios(rows, method, name) for name in ("iterations", "cpu_s")}
-        told = [
+        message = [
             f"{terrain} {shares['iterations'][terrain]:.2f} × iterations, {shares['cpu_s'][terrain]:.2f} × time"
             for terrain in shares["iterations"]
         ]
-        if told:
-            found.append(f"{METHODS[method].label} over {METHODS[BASELINE].label}: " + "; ".join(told))
+        if message:
+            found.append(f"{METHODS[method].label} over {METHODS[BASELINE].label}: " + "; ".join(message))
     return found
 
 
@@ -221,11 +221,11 @@ def products(records: list[dict[str, Any]]) -> list[str]:
         if below:
             found.append(f"{METHODS[method].label}, verified below success: " + ", ".join(below) + " points")
         if METHODS[method].portfolio:
-            told = [
+            message = [
                 f"{one['terrain']} {one['verified_cpu_s'][1]:.1f} CPU-s, peak {one['peak_before_g'][1]:.2f} → "
                 f"{one['peak_g'][1]:.2f} g"
                 for one in own
                 if one["verified_cpu_s"] and one["peak_before_g"]
             ]
-            found += [f"{METHODS[method].label}, medians of a verified walk: " + "; ".join(told)] if told else []
+            found += [f"{METHODS[method].label}, medians of a verified walk: " + "; ".join(message)] if message else []
     return found

@@ -53,8 +53,8 @@ class BenchPlanner:
         folder = self.out or Path("out/bench-planner-quick" if self.quick else "out/bench-planner")
         make_folder(folder)
         rows: list[dict[str, Any]] = []
-        with stages("bench planner") as told:
-            for row in planner_bench.run(settings, folder, told):
+        with stages("bench planner") as on_progress:
+            for row in planner_bench.run(settings, folder, on_progress):
                 rows.append(row)
                 if self.json:
                     emit(row)
@@ -109,8 +109,8 @@ def speed_ups(rows: list[dict[str, Any]]) -> list[str]:
             continue
         sign = {(False, False): "", (True, False): "≥ ", (False, True): "≤ "}.get((plain["capped"], row["capped"]))
         if sign is not None:
-            told = " *" if optimised else ""
-            found.append(f"{method}{told}, M = {frames}: {sign}{plain['cpu_s'] / max(row['cpu_s'], 1e-9):.1f} ×")
+            message = " *" if optimised else ""
+            found.append(f"{method}{message}, M = {frames}: {sign}{plain['cpu_s'] / max(row['cpu_s'], 1e-9):.1f} ×")
     return found
 
 

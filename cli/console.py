@@ -135,14 +135,14 @@ def stages(title: str) -> Iterator[Callable[[str, int, int], None]]:
     seen: list[str] = []
     with progress(title) as bar:
 
-        def told(stage: str, done: int, total: int) -> None:
+        def on_progress(stage: str, done: int, total: int) -> None:
             if not seen or seen[-1] != stage:
                 seen.append(stage)
                 if not err.is_terminal:
                     err.print(stage)
             bar(done, total)
 
-        yield told
+        yield on_progress
 
 
 def make_folder(folder: Path) -> None:

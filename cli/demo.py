@@ -42,8 +42,8 @@ class Demo:
         executor = processes(self.workers)
         make_folder(self.out)
         results = []
-        with stages("demo") as told:
-            for result in bench.run(experiment, self.out, executor=executor, progress=told):
+        with stages("demo") as on_progress:
+            for result in bench.run(experiment, self.out, executor=executor, progress=on_progress):
                 results.append(result)
                 report(result, as_json=self.json)
         return self._picture(results[0])

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.validation import shown
 
 from . import gait_options
 from .console import as_options, emit, err, out
@@ -252,8 +252,8 @@ class Gait:
         for line in words(plan):
             out.print(line, highlight=False)
         if (found := joints(best)) is not None:
-            told = f"{found['reached']} of {found['feet']} feet are reached by the robot's own legs"
-            out.print(f"joints: {told}, the worst within {1e3 * found['worst_m']:.2g} mm", highlight=False)
+            message = f"{found['reached']} of {found['feet']} feet are reached by the robot's own legs"
+            out.print(f"joints: {message}, the worst within {1e3 * found['worst_m']:.2g} mm", highlight=False)
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}")

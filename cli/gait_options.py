@@ -6,12 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.validation import shown
 
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
     from stancekit.planners.robot.single_body import GaitRobot
-
 
 
 def place(text: str, option: str) -> Array:

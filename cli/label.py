@@ -71,10 +71,10 @@ class LabelPostures:
             where = executor(self.executor, workers=self.workers, address=self.address)
         with progress(f"label {self.problem}") as bar:
 
-            def told(state: Progress) -> None:
+            def on_progress(state: Progress) -> None:
                 bar(state.rows, plan.rows)
 
-            summary = label(plan, self.folder, run=where, progress=told)
+            summary = label(plan, self.folder, run=where, progress=on_progress)
         record, header = summary.to_json(), read_header(self.folder)
         if self.json:
             emit(record)

@@ -131,7 +131,7 @@ def _table(report: RunReport, run: Execution) -> Table:
     if message:
         table.add_row("", message)
     table.add_row("centre of mass", f"{final:.1f} mm from the plan's at the end, {worst:.1f} mm at most")
-    table.add_row("feet", f"slid {slid:.1f} mm at most, over {len(run.slip_m)} placements")
+    table.add_row("feet", f"slid {slid:.1f} mm at most, over {len(run.slip_m)} footholds")
     table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
     torques = (
         f"{run.torque_worst_nm:.1f} Nm at most, planned {run.planned_torque_nm:.1f}, limit {run.torque_limit_nm:g}"

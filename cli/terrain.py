@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import tyro
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.validation import shown
 
 if TYPE_CHECKING:
     from stancekit.planners.terrain.heightfield import HeightField

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import tyro
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.validation import shown
 
 from .console import complain, emit, out, text_of
 from .options import OptionalPath, OptionalText

@@ -13,7 +13,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.validation import shown
 from stancekit.planners.gait.charts import CHARTS
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.task import GaitSettings, GaitTask
@@ -30,6 +30,7 @@ PATCH, PATCH_M = 24, 4.0
 """Heights along a side of the observed square, and its side [m]."""
 LARGEST = 1e6
 _ROOM = 4.0  # bound on lengths in an observation [m]
+
 
 @dataclass(frozen=True, kw_only=True)
 class GaitRewardWeights:

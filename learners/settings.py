@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any, TypeVar
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.refusals import validated
+from stancekit.planners.files.validation import validated
 
 Settings = TypeVar("Settings")
 

@@ -26,7 +26,7 @@ from typing import Any, Generic, TypeVar, cast
 
 from .errors import InvalidInput, StancekitError
 from .files.documents import read_text
-from .files.refusals import shown
+from .files.validation import shown
 
 T = TypeVar("T")
 FILE = "stancekit_file_"
@@ -153,8 +153,8 @@ def _attribute(module: ModuleType, attribute: str, where: str) -> Any:
             found = getattr(found, part)
         except AttributeError:
             has = [name for name, it in vars(module).items() if getattr(it, "__module__", "") == module.__name__]
-            told = f"; it defines {', '.join(has[:8])}" if has else ""
-            raise InvalidInput(f"{where}: expected {shown(attribute)} in it, found no such name{told}") from None
+            message = f"; it defines {', '.join(has[:8])}" if has else ""
+            raise InvalidInput(f"{where}: expected {shown(attribute)} in it, found no such name{message}") from None
     return found
 
 

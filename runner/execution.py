@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.files.arrays import Array, checked, gathered
+from stancekit.planners.files.arrays import Array, checked, collect_errors
 from stancekit.planners.robot.kinematics import Kinematics
 
 from .record import Record, Trace
@@ -32,16 +32,18 @@ class Tolerance:
     body_rad: float = 0.5
 
     def __post_init__(self) -> None:
-        gathered(*(lambda n=n: checked(getattr(self, n), f"tolerance.{n}", above=0.0) for n in self.__annotations__))
+        collect_errors(
+            *(lambda n=n: checked(getattr(self, n), f"tolerance.{n}", above=0.0) for n in self.__annotations__)
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Execution:
-    """How a motion was followed; P placements, J joints.
+    """How a motion was followed; P footholds, J joints.
 
     succeeded: by ``Tolerance``; message: why not. fallen_s: when it fell, None if it did not. com_final_m: distance of
     the final centre of mass from the plan's; com_worst_m, tilt_worst_rad: largest on the path. body_rms_m,
-    body_worst_m, body_final_m: distance of the body's origin from where it should be. slip_m: of every placement since
+    body_worst_m, body_final_m: distance of the body's origin from where it should be. slip_m: of every foothold since
     it touched, and late_s: how long after it should have that was, shape (P,). force_rms_n: root mean square, over time
     and the feet that should stand, of the difference between measured and planned forces. torque_worst_nm,
     planned_torque_nm: largest of any joint, measured and as planned; torque_limit_nm: the strongest joint's.
@@ -88,7 +90,7 @@ class Execution:
     ) -> Execution:
         """Compare a record, of one period or more, with what was planned.
 
-        goal_m: where the centre of mass should end, shape (3,). stances: what every placement is called in a message.
+        goal_m: where the centre of mass should end, shape (3,). stances: what every foothold is called in a message.
         wall_s: real time taken [s].
         """
         trace = Trace.of(record, kinematics)
@@ -115,7 +117,7 @@ class Execution:
             body_final_m=float(away[-1]),
             slip_m=slip,
             late_s=trace.late(len(stances)),
-            force_rms_n=float(np.sqrt(np.mean(np.sum(between[trace.placement >= 0] ** 2, axis=-1)))),
+            force_rms_n=float(np.sqrt(np.mean(np.sum(between[trace.foothold >= 0] ** 2, axis=-1)))),
             torque_worst_nm=float(np.abs(trace.torques_nm).max()),
             planned_torque_nm=float(np.abs(trace.planned_torques_nm).max()),
             torque_limit_nm=float(limits_nm.max()),

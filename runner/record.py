@@ -59,7 +59,7 @@ class Trace:
     angles_rad: Array
     torques_nm: Array
     planned_torques_nm: Array
-    placement: Array
+    foothold: Array
     bump_n: Array
 
     @classmethod
@@ -81,33 +81,33 @@ class Trace:
             angles_rad=np.array([s.angles_rad for s in states]),
             torques_nm=np.array([s.torques_nm for s in states]),
             planned_torques_nm=np.array([target.torques_nm for target, _ in pairs]),
-            placement=np.array([p.placement for p in samples]),
+            foothold=np.array([p.foothold for p in samples]),
             bump_n=np.array([s.bump_n for s in states]),
         )
 
-    def slips(self, placements: int) -> Array:
+    def slips(self, footholds: int) -> Array:
         """How far every placement's foot slid from where it touched, while it should stand, shape (P,) [m].
 
         That is its centre's path less what it should have rolled; of one that never touches, from where it should have.
         """
-        found, feet = np.zeros(placements), self.feet_m - self.rolled_m
-        for placement, (rows, limbs, first) in enumerate(self._stood(placements)):
+        found, feet = np.zeros(footholds), self.feet_m - self.rolled_m
+        for foothold, (rows, limbs, first) in enumerate(self._stood(footholds)):
             if len(rows):
                 moved = feet[rows[first:], limbs[first:]] - feet[rows[first], limbs[first]]
-                found[placement] = float(np.linalg.norm(moved, axis=1).max())
+                found[foothold] = float(np.linalg.norm(moved, axis=1).max())
         return found
 
-    def late(self, placements: int) -> Array:
+    def late(self, footholds: int) -> Array:
         """How long after it should stand each placement's foot touched, shape (P,) [s]."""
         since = [self.time_s[rows[first]] - self.time_s[rows[0]] if len(rows) else 0.0
-                 for rows, _, first in self._stood(placements)]  # fmt: skip
+                 for rows, _, first in self._stood(footholds)]  # fmt: skip
         return np.array(since)
 
-    def _stood(self, placements: int) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], int]]:
-        """Rows and limbs of every placement, and at which of them its foot touches first."""
+    def _stood(self, footholds: int) -> Iterator[tuple[NDArray[np.int_], NDArray[np.int_], int]]:
+        """Rows and limbs of every foothold, and at which of them its foot touches first."""
         touches = np.linalg.norm(self.forces_n, axis=-1) > TOUCH_N
-        for placement in range(placements):
-            rows, limbs = np.nonzero(self.placement == placement)
+        for foothold in range(footholds):
+            rows, limbs = np.nonzero(self.foothold == foothold)
             yield rows, limbs, int(np.argmax(touches[rows, limbs])) if len(rows) else 0
 
     def to_npz(self) -> bytes:

@@ -15,7 +15,7 @@ from matplotlib.patheffects import withStroke
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, NullLocator
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, frozen
+from stancekit.planners.files.arrays import Array, read_only
 
 from .sheet import ACCENT, DEFAULT_STYLE, INK, PLOT_PX, QUIET, RULE, Size, headline, quiet_axes, sheet
 
@@ -52,7 +52,7 @@ class GaitRun:
     seconds: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "violations", frozen(np.minimum(self.violations, 1e6), (None,), "violations"))
+        object.__setattr__(self, "violations", read_only(np.minimum(self.violations, 1e6), (None,), "violations"))
         if not len(self.violations):
             raise InvalidInput("violations: expected one or more, got none")
 

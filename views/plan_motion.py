@@ -102,13 +102,13 @@ class PlanMotion:
             raise InvalidInput("robot: expected one that has a model, got balls of reach")
         return ToeKinematics(model)
 
-    def swing(self, placement: int, part: float) -> Array:
+    def swing(self, foothold: int, part: float) -> Array:
         """Where a toe is on its way to a placement: off its old patch, over, and onto the new one, shape (3,) [m]."""
         course, toes = self.plan.course, self.plan.toes_m
-        put = course.placements[placement]
+        put = course.footholds[foothold]
         old = int(course.holds[put.frame - 1, self._names.index(put.limb)])
-        lift = sum(course.patch(p, self.plan.choice).normal for p in (old, placement))
-        way = (1.0 - part) * toes[old] + part * toes[placement]
+        lift = sum(course.patch(p, self.plan.choice).normal for p in (old, foothold))
+        way = (1.0 - part) * toes[old] + part * toes[foothold]
         return np.asarray(way + self._clearance_m * np.sin(np.pi * part) * 0.5 * lift)
 
     @cached_property
@@ -130,9 +130,9 @@ class PlanMotion:
 
     def _toes(self, step: int, part: float) -> Array:
         toes = self.plan.toes_at(step).copy()
-        for i, placement in enumerate(self.plan.course.holds[step + 1]):
-            if placement != self.plan.course.holds[step, i]:
-                toes[i] = self.swing(int(placement), part)
+        for i, foothold in enumerate(self.plan.course.holds[step + 1]):
+            if foothold != self.plan.course.holds[step, i]:
+                toes[i] = self.swing(int(foothold), part)
         return toes
 
 

@@ -67,7 +67,7 @@ class PlanView:
     def friction(self) -> ScalarMappable:
         """Colours of the surfaces."""
         course = self.plan.course
-        terrain = course.terrain or tuple(put.candidates[0] for put in course.placements)
+        terrain = course.terrain or tuple(put.candidates[0] for put in course.footholds)
         return friction_colours([patch.friction for patch in terrain])
 
     @cached_property
@@ -77,9 +77,9 @@ class PlanView:
 
     @cached_property
     def chosen(self) -> list[Patch]:
-        """The patch of every placement."""
+        """The patch of every foothold."""
         course = self.plan.course
-        return [course.patch(p, self.plan.choice) for p in range(len(course.placements))]
+        return [course.patch(p, self.plan.choice) for p in range(len(course.footholds))]
 
     @cached_property
     def bounds_m(self) -> Array:
@@ -136,9 +136,9 @@ class PlanView:
 
     @cached_property
     def colours(self) -> list[str]:
-        """Of the limb of every placement."""
+        """Of the limb of every foothold."""
         names = self.plan.course.robot.limb_names
-        return [leg_colour(names.index(put.limb)) for put in self.plan.course.placements]
+        return [leg_colour(names.index(put.limb)) for put in self.plan.course.footholds]
 
     @cached_property
     def _windows(self) -> list[Body]:
@@ -169,17 +169,17 @@ class PlanView:
         ]  # fmt: skip
         arrows = []
         for i, (toe, force) in enumerate(zip(moment.toes_m, moment.forces_n, strict=True)):
-            placement = int(self.plan.course.holds[moment.frame, i])
-            height = float(force @ self.chosen[placement].normal) * self.metres_a_newton
+            foothold = int(self.plan.course.holds[moment.frame, i])
+            height = float(force @ self.chosen[foothold].normal) * self.metres_a_newton
             if height > 1e-9:
-                shape = self._cone(placement, height) if cone_m is None else self._cones[placement]
-                bodies.append(cone_body(f"cone {placement}", shape, toe))
+                shape = self._cone(foothold, height) if cone_m is None else self._cones[foothold]
+                bodies.append(cone_body(f"cone {foothold}", shape, toe))
                 arrows.append(self.shape.force(self.shape.limbs[i], toe, self.metres_a_newton * force))
         return Scene(bodies=bodies, arrows=arrows)
 
-    def _cone(self, placement: int, height_m: float) -> Mesh:
-        """The friction cone of a placement; a wide one is cut to what the picture has room for."""
-        patch = self.chosen[placement]
+    def _cone(self, foothold: int, height_m: float) -> Mesh:
+        """The friction cone of a foothold; a wide one is cut to what the picture has room for."""
+        patch = self.chosen[foothold]
         return cone(min(patch.friction, 1.2 * self.shape.size_m / height_m), patch.frame, height_m)
 
     @cached_property
@@ -199,9 +199,9 @@ class PlanView:
 
     @cached_property
     def tracks(self) -> Scene:
-        """The path of every toe from placement to placement, dashed."""
+        """The path of every toe from foothold to foothold, dashed."""
         course, paths = self.plan.course, list[Path]()
-        for p, put in enumerate(course.placements):
+        for p, put in enumerate(course.footholds):
             if put.frame:
                 line = np.array([self.motion.swing(p, part) for part in np.linspace(0.0, 1.0, 26)])
                 paths.append(Path(pieces_m=dashed(line), colour=self.colours[p], opacity=0.55))

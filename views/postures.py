@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 from stancekit.planners.answer.outcome import Posture
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, frozen
+from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.robot.rotation import rotation_of
@@ -256,7 +256,7 @@ def draw_posture(
     count = len(problem.contacts)
     if posture is not None:
         for name, shape in (("com_m", (3,)), ("rotation_rad", (3,)), ("toes_m", (count, 3)), ("forces_n", (count, 3))):
-            frozen(getattr(posture, name), shape, f"posture: {name}")
+            read_only(getattr(posture, name), shape, f"posture: {name}")
     if envelope is not None and envelope.contacts != count:
         raise InvalidInput(f"envelope: expected {count} contacts, got {envelope.contacts}")
     view = PostureView(problem=problem, posture=posture)

@@ -11,7 +11,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_spec
 from stancekit.planners.problem.course_keys import CourseSpec
-from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.course_terrain import (
     Flat,
     GroundToWall,
@@ -45,7 +45,7 @@ def perturbed(
     spec = spec if frames is None else spec.with_frames(frames)
     for _ in range(REDRAWS):
         changed = spec.model_copy(update={"terrain": _changed(spec.terrain, rng, amount)})
-        found = lay_out(changed, folder)
+        found = build_course(changed, folder)
         if not isinstance(spec.terrain, IcyWalls) or grips(found):
             return found
     raise InvalidInput(f"{spec.name}: expected walls that offer every toe some grip, got none in {REDRAWS} draws")
@@ -59,12 +59,12 @@ def icy_walls(rng: np.random.Generator, frames: int = 8, regions: int = 4, *, ic
     spec = read_spec("icy-walls").with_frames(frames)
     terrain = spec.terrain.model_copy(update=_panels(rng, ice))
     candidates = spec.candidates.model_copy(update={"count": regions})
-    return lay_out(spec.model_copy(update={"terrain": terrain, "candidates": candidates}), Path())
+    return build_course(spec.model_copy(update={"terrain": terrain, "candidates": candidates}), Path())
 
 
 def grips(course: Course) -> bool:
-    """Every placement has a candidate with friction."""
-    return all(any(patch.friction > 0.0 for patch in placement.candidates) for placement in course.placements)
+    """Every foothold has a candidate with friction."""
+    return all(any(patch.friction > 0.0 for patch in foothold.candidates) for foothold in course.footholds)
 
 
 def _changed(terrain: TerrainSpec, rng: np.random.Generator, amount: float) -> TerrainSpec:

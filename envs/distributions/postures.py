@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.refusals import validated
+from stancekit.planners.files.validation import validated
 from stancekit.planners.plugins import Registry, made_or_class
 from stancekit.planners.problem import PostureBatch, PostureProblem
 from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS

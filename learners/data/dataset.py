@@ -18,7 +18,7 @@ from stancekit.planners.answer.outcome import Certificate, Posture, Status
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, frozen
+from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.files.documents import parse_json
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.robot import Limb, Robot
@@ -64,7 +64,7 @@ class LabelledPosture:
 
     def __post_init__(self) -> None:
         if self.point is not None:
-            object.__setattr__(self, "point", frozen(self.point, (len(self.problem.contacts), 6), "point"))
+            object.__setattr__(self, "point", read_only(self.point, (len(self.problem.contacts), 6), "point"))
 
     @property
     def kind(self) -> str:

@@ -60,14 +60,14 @@ def executor(kind: Kind = "processes", *, workers: int = 1, address: str | None 
 
 
 def gather(
-    run: Executor, tasks: Sequence[Task[Answer]], told: Callable[[int, int], None] | None = None
+    run: Executor, tasks: Sequence[Task[Answer]], on_progress: Callable[[int, int], None] | None = None
 ) -> list[Answer]:
     """All answers in the order of the tasks. ``told`` is given how many are there, and how many there will be."""
     answers: dict[int, Answer] = {}
     for number, answer in run([partial(_numbered, k, task) for k, task in enumerate(tasks)]):
         answers[number] = answer
-        if told is not None:
-            told(len(answers), len(tasks))
+        if on_progress is not None:
+            on_progress(len(answers), len(tasks))
     return [answers[number] for number in range(len(tasks))]
 
 

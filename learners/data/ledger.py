@@ -23,7 +23,7 @@ from pydantic import BaseModel, Field, ValidationError
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files import writing
 from stancekit.planners.files.documents import read_json
-from stancekit.planners.files.refusals import refusals, shown
+from stancekit.planners.files.validation import shown, validation_errors
 from stancekit.planners.files.writing import write_bytes
 
 from .label_plan import STRICT
@@ -222,7 +222,7 @@ def _read_json(path: Path, model: type[Model]) -> Model:
     try:
         return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
-        raise InvalidInput(f"{path}: " + "; ".join(refusals(error))) from None
+        raise InvalidInput(f"{path}: " + "; ".join(validation_errors(error))) from None
 
 
 def _line(error: Exception) -> str:

@@ -31,7 +31,7 @@ from .evaluate import Score, Share, evaluate, evaluate_lift
 from .experiment import Experiment
 
 Progress = Callable[[str, int, int], None]
-Told = Callable[[str], Callable[[int, int], None]]
+OnProgress = Callable[[str], Callable[[int, int], None]]
 Key = TypeVar("Key")
 SHARD_SIZE = 125
 
@@ -92,17 +92,25 @@ def run(
     for name in experiment.problems:
         (folder / name).mkdir(parents=True, exist_ok=True)
 
-        def told(stage: str, name: str = name) -> Callable[[int, int], None]:
+        def on_progress(stage: str, name: str = name) -> Callable[[int, int], None]:
             return lambda done, total: None if progress is None else progress(f"{name}: {stage}", done, total)
 
-        yield _Class(experiment, name, folder / name, executor, told).result()
+        yield _Class(experiment, name, folder / name, executor, on_progress).result()
 
 
 class _Class:
     """The run of one class of problems."""
 
-    def __init__(self, experiment: Experiment, name: str, folder: Path, executor: Executor, told: Told) -> None:
-        self._experiment, self._name, self._folder, self._run, self._told = experiment, name, folder, executor, told
+    def __init__(
+        self, experiment: Experiment, name: str, folder: Path, executor: Executor, on_progress: OnProgress
+    ) -> None:
+        self._experiment, self._name, self._folder, self._run, self._told = (
+            experiment,
+            name,
+            folder,
+            executor,
+            on_progress,
+        )
 
     def result(self) -> ClassResult:
         """All rows of this class."""

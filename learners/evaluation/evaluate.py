@@ -172,11 +172,11 @@ def _everywhere(
     """Play the scenes CHUNK by CHUNK wherever the executor likes; the infos come in the order of the scenes."""
     chunks = [scenes[begin : begin + CHUNK] for begin in range(0, len(scenes), CHUNK)]
 
-    def told(done: int, total: int) -> None:
+    def on_progress(done: int, total: int) -> None:
         if progress is not None:
             progress(min(done * CHUNK, len(scenes)), len(scenes))
 
-    parts = gather(run or processes(1), [partial(play, chunk) for chunk in chunks], told)
+    parts = gather(run or processes(1), [partial(play, chunk) for chunk in chunks], on_progress)
     return [info for part in parts for info in part]
 
 

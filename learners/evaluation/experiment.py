@@ -12,7 +12,7 @@ from pydantic import ConfigDict
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.refusals import shown, validated
+from stancekit.planners.files.validation import shown, validated
 from stancekit.planners.projection.project import Projection
 
 from ..data.quota import Quota

@@ -22,7 +22,7 @@ from pydantic import Field, NonNegativeInt, PositiveInt
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import LARGEST
 from stancekit.planners.files.documents import read_json
-from stancekit.planners.files.refusals import check_fields
+from stancekit.planners.files.validation import check_fields
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.method.budget import SolveBudget
@@ -123,7 +123,7 @@ def _spread(count: int, every: int) -> list[int]:
 def run(
     settings: GaitBenchSettings,
     folder: Path,
-    told: Callable[[str, int, int], None] | None = None,
+    on_progress: Callable[[str, int, int], None] | None = None,
     workers: int = 1,
 ) -> Iterator[dict[str, Any]]:
     """Measure the cells that the folder does not have by this protocol; yield the row of every cell, as they come."""
@@ -137,8 +137,8 @@ def run(
     done = len(every) - len(missing)
     for row in processes(workers)([partial(measured, cell, settings, folder) for cell in missing]):
         done += 1
-        if told is not None:
-            told(f"{row['terrain']} {row['task']}, {METHODS[row['method']].label}", done, len(every))
+        if on_progress is not None:
+            on_progress(f"{row['terrain']} {row['task']}, {METHODS[row['method']].label}", done, len(every))
         yield row
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.refusals import shown, validated
+from stancekit.planners.files.validation import shown, validated
 
 
 class _Model(BaseModel):

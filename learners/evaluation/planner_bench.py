@@ -113,23 +113,23 @@ def cells(settings: PlannerBenchSettings) -> list[Cell]:
 
 
 def run(
-    settings: PlannerBenchSettings, folder: Path, told: Callable[[str, int, int], None] | None = None
+    settings: PlannerBenchSettings, folder: Path, on_progress: Callable[[str, int, int], None] | None = None
 ) -> Iterator[dict[str, Any]]:
     """Measure the cells that the folder does not have with these settings; yield the row of every cell, in order."""
     every, given = cells(settings), json.loads(json.dumps(asdict(settings)))
     shared = {name: given[name] for name in ("course", "solver", "cap_s", "repeats", "samples", "seed", "gap")}
     envelopes = wall_envelope(settings, folder)
     for index, cell in enumerate(every):
-        if told is not None:
-            told(f"{FORMS[cell.form]}, M = {cell.frames}", index, len(every))
+        if on_progress is not None:
+            on_progress(f"{FORMS[cell.form]}, M = {cell.frames}", index, len(every))
         path = folder / cell.file
         kept = read_json(path) if path.exists() else {}
         if kept.get("settings") != shared:
             kept = {"settings": shared, "row": measure(cell, settings, envelopes)}
             write_text(path, json.dumps(kept, indent=1) + "\n")
         yield kept["row"]
-    if told is not None:
-        told("done", len(every), len(every))
+    if on_progress is not None:
+        on_progress("done", len(every), len(every))
 
 
 def wall_envelope(settings: PlannerBenchSettings, folder: Path) -> EnvelopeSet:

@@ -18,7 +18,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.archive import read_archive
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.documents import parse_json
-from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.validation import shown
 from stancekit.planners.files.writing import write_bytes
 from stancekit.views.sheet import ACCENT, DEFAULT_STYLE, INK, LEG_COLOURS, RULE, sheet
 

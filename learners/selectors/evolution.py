@@ -19,7 +19,17 @@ from stancekit.planners.files.arrays import Array
 
 from .convergence import Generation
 from .feasibility import FeasibilityOracle
-from .genetic import DOMAIN, GeneticResult, GeneticSettings, Told, Trials, finish, first_generation, fitness, generation
+from .genetic import (
+    DOMAIN,
+    GeneticResult,
+    GeneticSettings,
+    OnProgress,
+    Trials,
+    finish,
+    first_generation,
+    fitness,
+    generation,
+)
 from .genetic import ranking as ranked
 
 Ask = Callable[[], Array]
@@ -37,7 +47,7 @@ def evolve_cma(
     settings: GeneticSettings = GeneticSettings(),
     *,
     oracle: FeasibilityOracle | None = None,
-    progress: Told | None = None,
+    progress: OnProgress | None = None,
 ) -> GeneticResult:
     """CMA-ES on the bounds, from the mean of the genetic algorithm's first generation; arguments as of ``evolve``.
 
@@ -77,7 +87,7 @@ def evolve_nsga2(
     settings: GeneticSettings = GeneticSettings(),
     *,
     oracle: FeasibilityOracle | None = None,
-    progress: Told | None = None,
+    progress: OnProgress | None = None,
 ) -> GeneticResult:
     """NSGA-II of pymoo on (a, b), from the genetic algorithm's first generation; arguments as of ``evolve``.
 
@@ -126,7 +136,12 @@ def extra(module: str) -> Any:
 
 
 def _run(
-    ask: Ask, tell: Tell, trials: Trials, settings: GeneticSettings, rng: np.random.Generator, progress: Told | None
+    ask: Ask,
+    tell: Tell,
+    trials: Trials,
+    settings: GeneticSettings,
+    rng: np.random.Generator,
+    progress: OnProgress | None,
 ) -> tuple[Array, list[Generation]]:
     """All generations; returns the boxes of the last one from best to worst, and the history."""
     history: list[Generation] = []

@@ -22,7 +22,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.refusals import check_fields
+from stancekit.planners.files.validation import check_fields
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..data.dataset import Dataset
@@ -33,7 +33,7 @@ from .feasibility import CachingOracle, Counts, FeasibilityOracle
 DOMAIN = 1.0
 """p and f lie in [−1, 1] by the choice of scales (paper E §II)."""
 Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
-Told = Callable[[Generation], None]
+OnProgress = Callable[[Generation], None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -153,7 +153,7 @@ def evolve(
     *,
     oracle: FeasibilityOracle | None = None,
     checkpoint: Path | None = None,
-    progress: Told | None = None,
+    progress: OnProgress | None = None,
 ) -> GeneticResult:
     """Run the genetic algorithm. points: S, shape (F, N, 6), for the first generation and the scale of mutations.
 
@@ -272,11 +272,11 @@ def fit_genetic(
             f"{len(infeasible)} infeasible"
         )
 
-    def told(done: Generation) -> None:
+    def on_progress(done: Generation) -> None:
         if progress is not None:
             progress(done.number + 1, settings.generations)
 
-    result = evolve(feasible, infeasible, dataset.points, settings, checkpoint=checkpoint, progress=told)
+    result = evolve(feasible, infeasible, dataset.points, settings, checkpoint=checkpoint, progress=on_progress)
     provenance = {
         "method": "ga",
         "settings": asdict(settings),

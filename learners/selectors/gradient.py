@@ -14,7 +14,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.refusals import check_fields
+from stancekit.planners.files.validation import check_fields
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
@@ -154,14 +154,14 @@ def fit_gradient(
     infeasible = [Scaled.of(problem) for problem in dataset.select(dataset.infeasible).problems()]
     losses: list[float] = []
 
-    def told(step: int, loss: float) -> None:
+    def on_progress(step: int, loss: float) -> None:
         losses.append(loss)
         if progress is not None:
             progress(step + 1, steps)
 
     found = descend_together(
         clustered_boxes(dataset.points, boxes, share=share, seed=seed), feasible, infeasible,
-        Programs(), np.random.default_rng(seed), settings, told,
+        Programs(), np.random.default_rng(seed), settings, on_progress,
     )  # fmt: skip
     provenance = {
         "method": "gradient",

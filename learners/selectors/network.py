@@ -20,7 +20,7 @@ from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.refusals import check_fields
+from stancekit.planners.files.validation import check_fields
 
 CORNERS = 3
 """Corners of a patch in the environment's observation."""

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.refusals import check_fields
+from stancekit.planners.files.validation import check_fields
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
 

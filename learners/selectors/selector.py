@@ -78,8 +78,8 @@ class Learned:
         if isinstance(found, EnvelopeSet):
             return cls.fixed(name, found)
         if not callable(getattr(found, "predict", None)):
-            told = f"an EnvelopeSet or a selector with predict(observation), got a {type(found).__name__}"
-            raise InvalidInput(f"{name}: expected {told}")
+            message = f"an EnvelopeSet or a selector with predict(observation), got a {type(found).__name__}"
+            raise InvalidInput(f"{name}: expected {message}")
 
         def write(path: Path) -> None:
             if not callable(getattr(found, "save", None)):

@@ -101,7 +101,7 @@ def _margin_fit(
     programs = Programs()
     done = 0
 
-    def told(step: int, loss: float) -> None:
+    def on_progress(step: int, loss: float) -> None:
         nonlocal done
         done += 1
         if progress is not None:
@@ -111,7 +111,7 @@ def _margin_fit(
         rng = np.random.default_rng(settings.seed)
         mine = [feasible[i] for i in members]
         return descend(
-            start, mine, infeasible, programs, rng, Descent(steps=settings.steps, batch=settings.batch), told
+            start, mine, infeasible, programs, rng, Descent(steps=settings.steps, batch=settings.batch), on_progress
         )
 
     return boundary_fit

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 from pydantic import ConfigDict, Field, NonNegativeInt, PositiveInt
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.refusals import check_fields
+from stancekit.planners.files.validation import check_fields
 
 from ..data.dataset import Dataset
 from ..selectors.genetic import GeneticSettings

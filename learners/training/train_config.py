@@ -14,7 +14,7 @@ from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import SceneKind
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.refusals import validated
+from stancekit.planners.files.validation import validated
 
 from ..data.quota import Quota
 from ..selectors.policy import EnvironmentName, PolicyShape

@@ -86,14 +86,14 @@ class Certificate:
     """A proof that a posture problem has no answer or a course no plan: a tree that covers all that there is to choose
     (patches, toes and forces), and multipliers a leaf.
 
-    A posture problem is a course of one frame with one stance, in which placement i is contact i with one candidate.
+    A posture problem is a course of one frame with one stance, in which foothold i is contact i with one candidate.
 
     Arguments:
         tree: shape (K, 5), the nodes in preorder, a row each, (kind, i, j, first, second):
             kind 0, a leaf: the other entries are 0;
-            kind 1, a choice: in the first child placement ``i`` stands on its candidate ``j``, in the second it does
+            kind 1, a choice: in the first child foothold ``i`` stands on its candidate ``j``, in the second it does
               not;
-            kind 2, a cut of candidate ``j`` of placement ``i`` along the chord between two points of the border of the
+            kind 2, a cut of candidate ``j`` of foothold ``i`` along the chord between two points of the border of the
               piece that is left of it, given as border coordinates ``first`` < ``second``: the coordinate e + s is the
               point v_e + s (v_{e+1} − v_e) of the piece's own vertices, 0 ≤ s < 1; the first child runs along the
               border from ``first`` to ``second``, the second child from ``second`` round to ``first``, each beginning
@@ -104,7 +104,7 @@ class Certificate:
         multipliers: shape (leaves, count), the leaves in preorder, with S stances, M frames and N limbs: ν_F (S, 3) of
             the balances of forces, ν_M (S, 3) of those of moments, r (M, N, 3) of reach, a (M − 1, 3) of the steps of
             the COM, t (M − 1, 3) of those of the rotation, g (M − 1) of progress, b (moves, 3) of the steps of toes,
-            all for the non-dimensional problem; 6 + 3N for a posture. A leaf in which a placement has no candidate left
+            all for the non-dimensional problem; 6 + 3N for a posture. A leaf in which a foothold has no candidate left
             needs none. Any multipliers give a valid bound, so nothing here has to be trusted
             (``verify.check_certificate``).
     Source:
@@ -135,7 +135,7 @@ class Certificate:
         """A certificate of this or an older form. Raises InvalidInput for tables of other shapes.
 
         Older trees have four columns (of postures: (1, contact, component, value) splits a force box, (2, contact,
-        first, second) cuts a patch) or two (of courses: (−1, −1) is a leaf, (placement, candidate) a choice).
+        first, second) cuts a patch) or two (of courses: (−1, −1) is a leaf, (foothold, candidate) a choice).
         """
         if tree.ndim != 2 or tree.shape[1] not in (2, 4, 5) or multipliers.ndim != 2:
             raise InvalidInput(

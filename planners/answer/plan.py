@@ -16,14 +16,14 @@ from .outcome import Certificate, Posture, Status
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Plan:
-    """M key frames over a course of P placements and S stances, for a robot with N limbs.
+    """M key frames over a course of P footholds and S stances, for a robot with N limbs.
 
     Arguments:
         course: what it is a plan of.
         com_m: shape (M, 3) [m].
         rotation_rad: small body rotation Θ, shape (M, 3) [rad].
-        toes_m: one a placement, shape (P, 3) [m].
-        choice: the candidate patch of every placement, shape (P,).
+        toes_m: one a foothold, shape (P, 3) [m].
+        choice: the candidate patch of every foothold, shape (P,).
         forces_n: forces on the robot in every stance, world frame, zero for limbs that do not carry in it, shape
             (S, N, 3) [N].
         points_m, point_forces_n: where feet are soles, whose centres are the toes: where the points of every foot

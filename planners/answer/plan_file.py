@@ -20,7 +20,7 @@ from ..errors import InvalidInput
 from ..files.archive import unpacked
 from ..files.documents import read_bytes, read_json
 from ..files.embedded import embedded, extracted
-from ..files.refusals import shown
+from ..files.validation import shown
 from ..files.writing import check_writable, write_text
 from ..problem.course import Course
 from ..problem.course_json import course_from_json, course_to_json
@@ -234,9 +234,9 @@ def _check_numbers(path: Path, numbers: Mapping[str, NDArray[Any]], course: Cour
     for name, array in numbers.items():
         kind = "i" if name in ("choice", "modes") else "f"
         if array.shape != shapes[name] or array.dtype.kind != kind:
-            told = "whole numbers" if kind == "i" else "numbers"
+            message = "whole numbers" if kind == "i" else "numbers"
             raise InvalidInput(
-                f"{path}: {name}: expected {told} of shape {shapes[name]}, got {array.dtype} of shape {array.shape}"
+                f"{path}: {name}: expected {message} of shape {shapes[name]}, got {array.dtype} of shape {array.shape}"
             )
         if not np.isfinite(array).all():
             raise InvalidInput(f"{path}: {name}: expected finite numbers")

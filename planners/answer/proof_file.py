@@ -66,8 +66,8 @@ def write_proof(path: str | Path, subject: PostureProblem | Course, certificate:
 
     Raises InvalidInput where nothing can be written.
     """
-    told = course_to_json(subject) if isinstance(subject, Course) else subject.to_json()
-    content = {"format": FORMAT, "subject": told, **certificate.to_json()}
+    message = course_to_json(subject) if isinstance(subject, Course) else subject.to_json()
+    content = {"format": FORMAT, "subject": message, **certificate.to_json()}
     write_text(path, json.dumps(content, allow_nan=False) + "\n")
 
 
@@ -84,9 +84,9 @@ def read_proof(path: str | Path) -> tuple[PostureProblem | Course, Certificate]:
     if set(data) != set(keys):
         names = ", ".join(sorted(set(data) ^ set(keys)))
         raise InvalidInput(f"{path}: expected the keys {', '.join(keys)}; missing or unknown: {names:.120}")
-    told, subject = data[key], PostureProblem.from_json if _is_posture(data[key]) else course_from_json
+    message, subject = data[key], PostureProblem.from_json if _is_posture(data[key]) else course_from_json
     try:
-        found = subject(told)
+        found = subject(message)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: {key}: {error}") from None
     try:

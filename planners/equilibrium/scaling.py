@@ -24,7 +24,7 @@ def of_posture(scaled: Callable[..., Scaled], problem: PostureProblem) -> Scaled
     regions = [contact.region for contact in contacts]
     corners = tuple((len(region.vertices_m),) for region in regions)
     points, offsets = _offsets([contact.offsets_m for contact in contacts], length_m)
-    bearing = np.repeat(np.arange(len(contacts)), points or 1)
+    stance_contact = np.repeat(np.arange(len(contacts)), points or 1)
     return scaled(
         layout=Layout(
             holds=(feet,), stances=((0, feet),), corners=corners, reach_rows=HalfSpaces.counts(contacts), points=points
@@ -36,8 +36,8 @@ def of_posture(scaled: Callable[..., Scaled], problem: PostureProblem) -> Scaled
         friction=np.array([contact.patch.friction for contact in contacts]),
         shoulders=np.array([contact.shoulder_m for contact in contacts]) / length_m,
         reach=np.array([contact.reach_m for contact in contacts]) / length_m,
-        force_min=np.array([contact.force_min for contact in contacts])[bearing],
-        force_max=np.array([contact.force_max for contact in contacts])[bearing],
+        force_min=np.array([contact.force_min for contact in contacts])[stance_contact],
+        force_max=np.array([contact.force_max for contact in contacts])[stance_contact],
         weight=problem.weight_n / force_n,
         com=problem.com_nominal_m[None] / length_m,
         com_radius=np.array([problem.com_radius_m / length_m]),
@@ -54,10 +54,10 @@ def of_posture(scaled: Callable[..., Scaled], problem: PostureProblem) -> Scaled
 def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
     """A course as ``scaled`` holds it, with every candidate open."""
     scale, limbs, limits = course.length_scale_m, course.robot.limbs, course.steps
-    patches = [patch for placement in course.placements for patch in placement.candidates]
+    patches = [patch for foothold in course.footholds for patch in foothold.candidates]
     borders = [
-        patch.vertices_m if placement.toe_m is None else placement.toe_m[None]
-        for placement, regions in zip(course.placements, course.regions, strict=True)
+        patch.vertices_m if foothold.toe_m is None else foothold.toe_m[None]
+        for foothold, regions in zip(course.footholds, course.regions, strict=True)
         for patch in regions
     ]
     points, offsets = _offsets([each for row in course.offsets_m for each in row] if course.has_soles else [], scale)
@@ -65,7 +65,7 @@ def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
     layout = Layout(
         holds=tuple(tuple(row) for row in course.holds.tolist()),
         stances=tuple((stance.frame, stance.limbs) for stance in course.stances),
-        corners=tuple(tuple(next(sizes) for _ in placement.candidates) for placement in course.placements),
+        corners=tuple(tuple(next(sizes) for _ in foothold.candidates) for foothold in course.footholds),
         reach_rows=HalfSpaces.counts(limbs),
         points=tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs) if points else (),
     )
@@ -73,8 +73,8 @@ def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
     carrying = len(layout.contact_points)
     return scaled(
         layout=layout,
-        options=max(len(placement.candidates) for placement in course.placements),
-        which=tuple(tuple(range(len(placement.candidates))) for placement in course.placements),
+        options=max(len(foothold.candidates) for foothold in course.footholds),
+        which=tuple(tuple(range(len(foothold.candidates))) for foothold in course.footholds),
         vertices=np.concatenate(borders) / scale,
         frames=np.array([patch.frame for patch in patches]),
         friction=np.array([patch.friction for patch in patches]),

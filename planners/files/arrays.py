@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InvalidInput
-from .refusals import shown
+from .validation import shown
 
 Array = NDArray[np.float64]
 
@@ -18,7 +18,7 @@ LARGEST = 1e6
 """No length [m], mass [kg], force [N] or ratio of a legged robot exceeds this; a larger one is a mistake in units."""
 
 
-def frozen(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Array:
+def read_only(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Array:
     """Return a read-only float copy of ``value`` after checking shape, finiteness and magnitude.
 
     ``shape`` has ``None`` where any length will do; ``where`` names the key in error messages.
@@ -46,7 +46,7 @@ def checked(
     value: Any, where: str, *, least: float = -LARGEST, above: float | None = None, most: float = LARGEST
 ) -> float:
     """Return ``value`` as a float in [least, most], or in (above, most] with ``above``. Raises InvalidInput."""
-    number = float(frozen(value, (), where))
+    number = float(read_only(value, (), where))
     if above is not None and not number > above:
         raise InvalidInput(f"{where}: expected a number above {above:g}, got {number:g}")
     if not least <= number <= most:
@@ -61,7 +61,7 @@ def checked_name(value: Any, where: str) -> str:
     return value
 
 
-def gathered(*checks: Callable[[], object]) -> None:
+def collect_errors(*checks: Callable[[], object]) -> None:
     """Run every check and raise one InvalidInput that says all that is wrong, separated by "; "."""
     wrong = []
     for check in checks:

@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from ..errors import InvalidInput
-from .refusals import shown
+from .validation import shown
 
 MOST_BYTES = 128_000_000
 """Of any file."""
@@ -121,8 +121,8 @@ def parse_yaml(text: str, where: str) -> dict[str, Any]:
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     except Exception as error:  # PyYAML's constructors raise whatever struck them
-        told = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidInput(f"{where}: expected YAML: {told:.300}") from None
+        message = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidInput(f"{where}: expected YAML: {message:.300}") from None
     if not isinstance(data, dict):
         raise InvalidInput(f"{where}: expected keys and values, got {type(data).__name__}")
     return data

@@ -102,10 +102,10 @@ def _too_far(task: GaitTask, boxes: GradientBoxes) -> str:
     rises = np.linspace(1e-3, 0.5 * np.pi - 1e-3, 400)
     higher = float(np.ptp(task.terrain.heights_m)) + 2.0 * _reach_m(task)
     room = higher + 0.5 * GRAVITY_M_S2 * task.duration_s**2
-    told = rises[away * np.cos(rises) > room * np.sin(rises)]
-    w = np.column_stack([np.outer(np.cos(told), -ahead / away), np.sin(told)])
+    message = rises[away * np.cos(rises) > room * np.sin(rises)]
+    w = np.column_stack([np.outer(np.cos(message), -ahead / away), np.sin(message)])
     normals = boxes.normals()
-    if not len(told) or not (_suits(w, normals, task.friction + FRICTION_ROOM)).any():
+    if not len(message) or not (_suits(w, normals, task.friction + FRICTION_ROOM)).any():
         return ""
     return (
         f"from rest to rest in {task.duration_s:g} s friction {task.friction:g} does not bring the body {away:.2f} m "

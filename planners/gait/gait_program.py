@@ -10,7 +10,7 @@ from typing import Any, TypedDict
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, frozen
+from ..files.arrays import Array, checked, read_only
 from .constraints.cost import acceleration, force_rate
 from .method.guess import perturbed, terrain_following
 from .task import GaitSettings, GaitTask
@@ -68,7 +68,7 @@ class GaitProgram:
     @cached_property
     def guess(self) -> Array:
         """The terrain-following initial guess, shape (size,)."""
-        return frozen(terrain_following(self.structure), (self.size,), "guess")
+        return read_only(terrain_following(self.structure), (self.size,), "guess")
 
     def perturbed(self, rng: np.random.Generator, size: float = 0.02) -> Array:
         """The guess with normal noise of this deviation on every variable, shape (size,) [m, rad, m·g]."""
@@ -110,9 +110,9 @@ class GaitProgram:
                 f"height_factor: expected 1 in the chart {self.settings.chart}, whose map is for one terrain, "
                 f"got {height_factor:g}"
             )
-        start = self.guess if guess is None else frozen(guess, (self.size,), "guess")
+        start = self.guess if guess is None else read_only(guess, (self.size,), "guess")
         parameters = np.concatenate(
-            [start if reference is None else frozen(reference, (self.size,), "reference"),
+            [start if reference is None else read_only(reference, (self.size,), "reference"),
              [costs.proximal, costs.acceleration, costs.force_rate, height_factor]]
         )  # fmt: skip
         found = self._ipopt.solve(
@@ -124,7 +124,7 @@ class GaitProgram:
             success=found.success,
             iterations=found.iterations,
             history=found.history,
-            x=frozen(found.x, (self.size,), "x"),
+            x=read_only(found.x, (self.size,), "x"),
             violations=self._violations(found.x, parameters),
             status=found.status,
             seconds=found.seconds,

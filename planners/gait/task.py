@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, frozen, gathered
+from ..files.arrays import Array, checked, collect_errors, read_only
 from ..robot.single_body import GaitRobot
 from ..terrain.heightfield import HeightField
 from .charts import CHARTS
@@ -62,15 +62,15 @@ class GaitTask:
             raise InvalidInput(f"timings: expected one of {', '.join(get_args(Timings))}, got {self.timings!r}")
         gait_named(self.gait)
         sucks = SUCTION * self.robot.weight_n if self.suction_n is None else self.suction_n
-        gathered(
-            lambda: self._set("start_xy_m", frozen(self.start_xy_m, (2,), "start_xy_m")),
-            lambda: self._set("goal_xy_m", frozen(self.goal_xy_m, (2,), "goal_xy_m")),
+        collect_errors(
+            lambda: self._set("start_xy_m", read_only(self.start_xy_m, (2,), "start_xy_m")),
+            lambda: self._set("goal_xy_m", read_only(self.goal_xy_m, (2,), "goal_xy_m")),
             lambda: self._set("start_yaw_rad", checked(self.start_yaw_rad, "start_yaw_rad")),
             lambda: self._set("duration_s", checked(self.duration_s, "duration_s", above=0.0, most=120.0)),
             lambda: self._set("friction", checked(self.friction, "friction", above=0.0, most=10.0)),
             lambda: self._set("suction_n", checked(sucks, "suction_n", least=0.0)),
         )
-        gathered(lambda: self._check_place("start"), lambda: self._check_place("goal"))
+        collect_errors(lambda: self._check_place("start"), lambda: self._check_place("goal"))
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)

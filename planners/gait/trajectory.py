@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.refusals import refusals, shown
+from ..files.validation import shown, validation_errors
 from ..robot.model_json import ModelJson, model_from_json, model_to_json
 
 if TYPE_CHECKING:
@@ -169,7 +169,7 @@ def robot_from_json(data: Any) -> GaitRobot:
         model = model_from_json(ModelJson.model_validate(data["model"]), data["name"]) if "model" in data else None
         return GaitRobot(**{**data, "feet": feet, "model": model})
     except ValidationError as error:
-        raise InvalidInput(f"robot: {'; '.join(f'model.{each}' for each in refusals(error))}") from None
+        raise InvalidInput(f"robot: {'; '.join(f'model.{each}' for each in validation_errors(error))}") from None
     except InvalidInput as error:
         raise InvalidInput(f"robot: {error}") from None
     except (TypeError, KeyError, ValueError, AttributeError):

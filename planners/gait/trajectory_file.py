@@ -19,10 +19,10 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from ..errors import InvalidInput
 from ..files.archive import read_archive, unpacked
-from ..files.arrays import frozen
+from ..files.arrays import read_only
 from ..files.documents import read_json
 from ..files.embedded import embedded, extracted
-from ..files.refusals import shown, validated
+from ..files.validation import shown, validated
 from ..files.writing import check_writable, write_text
 from ..terrain.heightfield import HeightField
 from ..verify.trajectories import GaitReport, check_trajectory
@@ -130,7 +130,7 @@ def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory
         "times_s": (count,), "torso_m": (count, 3), "rotation": (count, 3, 3), "feet_m": (count, feet, 3),
         "forces_n": (count, feet, 3),
     }  # fmt: skip
-    samples = {name: frozen(arrays[name], shape, name) for name, shape in shapes.items()}
+    samples = {name: read_only(arrays[name], shape, name) for name, shape in shapes.items()}
     if arrays["contact"].shape != (count, feet):
         raise InvalidInput(f"contact: expected shape {(count, feet)}, got {arrays['contact'].shape}")
     surface = {name.removeprefix("terrain_"): array for name, array in arrays.items() if name.startswith("terrain_")}
@@ -141,8 +141,8 @@ def _assemble(header: _Header, arrays: Mapping[str, NDArray[Any]]) -> Trajectory
         terrain=HeightField.from_arrays(surface, header.terrain),
         friction=header.friction,
         adhesive=np.array(header.adhesive, dtype=bool),
-        start_xy_m=frozen(header.start_xy_m, (2,), "start_xy_m"),
-        goal_xy_m=frozen(header.goal_xy_m, (2,), "goal_xy_m"),
+        start_xy_m=read_only(header.start_xy_m, (2,), "start_xy_m"),
+        goal_xy_m=read_only(header.goal_xy_m, (2,), "goal_xy_m"),
         provenance=header.provenance,
         heading_rad=header.asked.heading_rad,
         still=(header.asked.still[0], header.asked.still[1]),

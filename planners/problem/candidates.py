@@ -19,7 +19,7 @@ TOUCH_M = 0.01
 """Terrain this close to a toe does not hide its place [m]."""
 
 
-class Footing:
+class CandidatePatches:
     """The surfaces of a terrain that toes may stand on, with spheres about them to sort out the far ones."""
 
     def __init__(self, terrain: Terrain, margin_m: float) -> None:
@@ -107,11 +107,11 @@ class Footing:
             return f"{where}: expected a surface to stand on, got none that is left inside candidates.margin_m"
         gaps = [float(np.linalg.norm(surface.nearest(shoulder_m) - shoulder_m)) for surface in self.surfaces]
         best = int(np.argmin(gaps))
-        surface, told = self.surfaces[best], ""
+        surface, message = self.surfaces[best], ""
         if gaps[best] <= limb.reach_m:
-            told = ", which faces away" if surface.height(shoulder_m) <= 0.0 else ", which other terrain hides"
+            message = ", which faces away" if surface.height(shoulder_m) <= 0.0 else ", which other terrain hides"
         place = ", ".join(f"{value:.3g}" for value in shoulder_m)
         return (
             f"{where}: expected a surface within its reach of {limb.reach_m:g} m of its shoulder at ({place}), the "
-            f"nearest is {gaps[best]:.3g} m away (terrain patch {self.numbers[best]}{told})"
+            f"nearest is {gaps[best]:.3g} m away (terrain patch {self.numbers[best]}{message})"
         )

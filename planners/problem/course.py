@@ -1,7 +1,7 @@
 """A course: what a plan of key frames is asked for (E11, §IV-B), with the candidate patches of every toe.
 
-A *placement* is one toe put down, by a limb, at a key frame, on one of its candidate patches; it stays until the limb's
-next placement. A *stance* is a set of limbs that must carry the robot alone at a key frame. Between two key frames the
+A *foothold* is one toe put down, by a limb, at a key frame, on one of its candidate patches; it stays until the limb's
+next foothold. A *stance* is a set of limbs that must carry the robot alone at a key frame. Between two key frames the
 limbs of the schedule lift; the others must hold the robot both before and after the body has moved. Since their toes
 stay and the balances are linear in (c, f) once toes are held, two such stances hold everywhere between them.
 """
@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, frozen, gathered
+from ..files.arrays import Array, checked, collect_errors, read_only
 from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
 from ..terrain.sole import sole_offsets, sole_region
-from .foothold import Placement as Placement
+from .foothold import Foothold as Foothold
 from .foothold import Stance as Stance
 from .limits import StepLimits as StepLimits
 from .limits import Weights as Weights
@@ -51,7 +51,7 @@ class Course:
         force_min, force_max: bounds on (f_n, f_y, f_z) of every contact in units of the weight, shape (3,).
         modes: mode of the terrain under each frame (0, 1, …), where a course says so, shape (M,): for reports only.
     Raises:
-        InvalidInput: for a schedule and placements that do not fit each other, wrong shapes, numbers out of range.
+        InvalidInput: for a schedule and footholds that do not fit each other, wrong shapes, numbers out of range.
     Source:
         Paper E §IV-B, E11.
     Example:
@@ -64,7 +64,7 @@ class Course:
     name: str
     robot: Robot
     terrain: tuple[Patch, ...]
-    placements: tuple[Placement, ...]
+    footholds: tuple[Foothold, ...]
     lifts: tuple[tuple[str, ...], ...]
     next_lift: tuple[str, ...] = ()
     com_nominal_m: Array
@@ -83,15 +83,15 @@ class Course:
         frames, put = len(self.lifts), object.__setattr__
         if not 1 <= frames <= MOST_FRAMES:
             raise InvalidInput(f"frames: expected 1 to {MOST_FRAMES} key frames, got {frames}")
-        gathered(
-            lambda: put(self, "com_nominal_m", frozen(self.com_nominal_m, (frames, 3), "com_nominal_m")),
-            lambda: put(self, "com_radius_m", frozen(self.com_radius_m, (frames,), "com_radius_m")),
-            lambda: put(self, "goal_m", frozen(self.goal_m, (3,), "goal_m")),
+        collect_errors(
+            lambda: put(self, "com_nominal_m", read_only(self.com_nominal_m, (frames, 3), "com_nominal_m")),
+            lambda: put(self, "com_radius_m", read_only(self.com_radius_m, (frames,), "com_radius_m")),
+            lambda: put(self, "goal_m", read_only(self.goal_m, (3,), "goal_m")),
             lambda: put(self, "tilt_limit_rad", checked(self.tilt_limit_rad, "tilt_limit_rad", least=0.0, most=0.5)),
             lambda: put(self, "gravity_m_s2", checked(self.gravity_m_s2, "gravity_m_s2", above=0.0)),
             lambda: put(self, "length_scale_m", checked(self.length_scale_m, "length_scale_m", above=0.0)),
-            lambda: put(self, "force_min", frozen(self.force_min, (3,), "force_min")),
-            lambda: put(self, "force_max", frozen(self.force_max, (3,), "force_max")),
+            lambda: put(self, "force_min", read_only(self.force_min, (3,), "force_min")),
+            lambda: put(self, "force_max", read_only(self.force_max, (3,), "force_max")),
             self._check_schedule,
         )
         if np.any(self.com_radius_m < 0.0):
@@ -121,8 +121,8 @@ class Course:
             name=name,
             robot=Robot(name="posture", mass_kg=problem.mass_kg, limbs=limbs, identity=problem.robot),
             terrain=patches,
-            placements=tuple(
-                Placement(limb=c.leg, frame=0, candidates=(c.patch,), yaws_rad=() if c.sole_m is None else (c.yaw_rad,))
+            footholds=tuple(
+                Foothold(limb=c.leg, frame=0, candidates=(c.patch,), yaws_rad=() if c.sole_m is None else (c.yaw_rad,))
                 for c in problem.contacts
             ),
             lifts=((),),
@@ -149,11 +149,11 @@ class Course:
 
     @cached_property
     def holds(self) -> NDArray[np.int_]:
-        """The placement that each limb stands on at each frame, shape (M, N)."""
+        """The foothold that each limb stands on at each frame, shape (M, N)."""
         names = self.robot.limb_names
         table = np.full((self.frames, len(names)), -1)
-        for index, placement in enumerate(self.placements):
-            table[placement.frame :, names.index(placement.limb)] = index
+        for index, foothold in enumerate(self.footholds):
+            table[foothold.frame :, names.index(foothold.limb)] = index
         if np.any(table < 0):
             limb = names[int(np.argwhere(table < 0)[0, 1])]
             raise InvalidInput(f"placements: expected one at frame 0 for every limb, got none for {limb}")
@@ -162,7 +162,7 @@ class Course:
 
     @cached_property
     def offsets_m(self) -> tuple[tuple[Array, ...], ...]:
-        """From the toe of each placement to the points that bear forces, on each candidate, shape (K, 3) [m]."""
+        """From the toe of each foothold to the points that bear forces, on each candidate, shape (K, 3) [m]."""
         soles = {limb.name: limb.sole_m for limb in self.robot.limbs}
         point = np.zeros((1, 3))
         return tuple(
@@ -170,19 +170,19 @@ class Course:
                 point if (sole := soles[put.limb]) is None else sole_offsets(sole, patch, yaw)
                 for patch, yaw in zip(put.candidates, put.yaws_rad or (0.0,) * len(put.candidates), strict=True)
             )
-            for put in self.placements
+            for put in self.footholds
         )
 
     @cached_property
     def regions(self) -> tuple[tuple[Patch, ...], ...]:
-        """Where the toe of each placement may be on each candidate: the patch, or what a sole leaves of it.
+        """Where the toe of each foothold may be on each candidate: the patch, or what a sole leaves of it.
 
         Raises InvalidInput where a sole has no room.
         """
         if not self.has_soles:
-            return tuple(put.candidates for put in self.placements)
+            return tuple(put.candidates for put in self.footholds)
         found = []
-        for index, (put, offsets) in enumerate(zip(self.placements, self.offsets_m, strict=True)):
+        for index, (put, offsets) in enumerate(zip(self.footholds, self.offsets_m, strict=True)):
             regions = put.candidates
             if len(offsets[0]) > 1:
                 try:
@@ -219,23 +219,23 @@ class Course:
         length = float(np.linalg.norm(step))
         return step / length if length > 1e-9 else np.zeros(3)
 
-    def patch(self, placement: int, choice: Sequence[int] | NDArray[np.int_]) -> Patch:
-        """The patch that was chosen for a placement; choice: candidate's index a placement, shape (P,)."""
-        return self.placements[placement].candidates[int(choice[placement])]
+    def patch(self, foothold: int, choice: Sequence[int] | NDArray[np.int_]) -> Patch:
+        """The patch that was chosen for a foothold; choice: candidate's index a foothold, shape (P,)."""
+        return self.footholds[foothold].candidates[int(choice[foothold])]
 
     def posture_problem(self, stance: Stance, choice: Sequence[int] | NDArray[np.int_]) -> PostureProblem:
         """The posture problem of one stance on the chosen patches."""
         contacts = []
         for limb in stance.limbs:
             owner = self.robot.limbs[limb]
-            placement = int(self.holds[stance.frame, limb])
-            yaws = self.placements[placement].yaws_rad
+            foothold = int(self.holds[stance.frame, limb])
+            yaws = self.footholds[foothold].yaws_rad
             contacts.append(
                 Contact(
                     leg=owner.name, shoulder_m=owner.shoulder_m, reach_m=owner.reach_m,
-                    patch=self.patch(placement, choice), force_min=self.force_min, force_max=self.force_max,
+                    patch=self.patch(foothold, choice), force_min=self.force_min, force_max=self.force_max,
                     reach_rows=owner.reach_rows, sole_m=owner.sole_m,
-                    yaw_rad=yaws[int(choice[placement])] if yaws else 0.0,
+                    yaw_rad=yaws[int(choice[foothold])] if yaws else 0.0,
                 )
             )  # fmt: skip
         return PostureProblem(
@@ -250,33 +250,34 @@ class Course:
         )
 
     def with_choice(self, choice: Sequence[int] | NDArray[np.int_]) -> Course:
-        """The course with one candidate a placement."""
+        """The course with one candidate a foothold."""
         return replace(
             self,
-            placements=tuple(
+            footholds=tuple(
                 replace(
-                    placement, candidates=(placement.candidates[int(chosen)],),
-                    yaws_rad=placement.yaws_rad[int(chosen) : int(chosen) + 1],
+                    foothold,
+                    candidates=(foothold.candidates[int(chosen)],),
+                    yaws_rad=foothold.yaws_rad[int(chosen) : int(chosen) + 1],
                 )
-                for placement, chosen in zip(self.placements, choice, strict=True)
+                for foothold, chosen in zip(self.footholds, choice, strict=True)
             ),
         )
 
     def _check_schedule(self) -> None:
-        """Raise InvalidInput unless the schedule and the placements say the same."""
+        """Raise InvalidInput unless the schedule and the footholds say the same."""
         names = self.robot.limb_names
         if self.lifts[0]:
             raise InvalidInput(f"lifts[0]: expected nobody to move before the first frame, got {list(self.lifts[0])}")
-        placed = {(placement.frame, placement.limb) for placement in self.placements}
-        if len(placed) != len(self.placements):
+        placed = {(foothold.frame, foothold.limb) for foothold in self.footholds}
+        if len(placed) != len(self.footholds):
             raise InvalidInput("placements: expected each limb at most once a frame")
         wanted = {(0, name) for name in names} | {(k, name) for k, lifted in enumerate(self.lifts) for name in lifted}
         self.robot.select([name for _, name in sorted(wanted | {(0, name) for name in self.next_lift})])
         if placed != wanted:
             frame, limb = sorted(placed ^ wanted)[0]
-            told = "a placement, since it moves there" if (frame, limb) in wanted else "no placement: it stays there"
-            raise InvalidInput(f"placements: frame {frame}, limb {limb}: expected {told}")
-        order = [(placement.frame, names.index(placement.limb)) for placement in self.placements]
+            message = "a foothold, since it moves there" if (frame, limb) in wanted else "no placement: it stays there"
+            raise InvalidInput(f"placements: frame {frame}, limb {limb}: expected {message}")
+        order = [(foothold.frame, names.index(foothold.limb)) for foothold in self.footholds]
         if order != sorted(order):
             raise InvalidInput("placements: expected them in order of frame, then limb")
         if self.modes is not None and len(self.modes) != self.frames:

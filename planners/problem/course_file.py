@@ -11,11 +11,11 @@ from pydantic import ValidationError
 
 from ..errors import InvalidInput
 from ..files.documents import parse_yaml, read_json, read_yaml
-from ..files.refusals import refusals
+from ..files.validation import validation_errors
 from .course import Course
 from .course_json import course_from_json
 from .course_keys import MADE_UP, PLAIN, CourseSpec
-from .course_layout import lay_out
+from .course_layout import build_course
 from .posture import FORMAT as POSTURE
 from .posture import PostureProblem
 
@@ -28,16 +28,16 @@ def read_course(
 ) -> Course:
     """The course of a built-in name, of a YAML file, or of a JSON file that holds it, or one posture, explicitly.
 
-    frames: M, where another one is wanted than the file says; not for JSON files, whose placements are fixed. robot: in
+    frames: M, where another one is wanted than the file says; not for JSON files, whose footholds are fixed. robot: in
     place of the file's, a built-in name, a .urdf file or a .yaml file that names one; not for JSON files either.
     sets: of the legs of a robot's file, what they surely reach, for plans, or what they might, for proofs.
     Raises InvalidInput with every key that is wrong, or with the frame and the limb that have no place to stand.
     """
     if Path(course).suffix == ".json":
         if frames is not None:
-            raise InvalidInput(f"{course}: expected no other number of frames for a course whose placements are fixed")
+            raise InvalidInput(f"{course}: expected no other number of frames for a course whose footholds are fixed")
         if robot is not None:
-            raise InvalidInput(f"{course}: expected no other robot for a course whose placements are fixed")
+            raise InvalidInput(f"{course}: expected no other robot for a course whose footholds are fixed")
         data = read_json(course)
         try:
             if isinstance(data, Mapping) and data.get("format") == POSTURE:
@@ -47,7 +47,7 @@ def read_course(
             raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
     spec = read_spec(course, robot)
     try:
-        return lay_out(spec if frames is None else spec.with_frames(frames), Path(course).parent, sets)
+        return build_course(spec if frames is None else spec.with_frames(frames), Path(course).parent, sets)
     except InvalidInput as error:
         raise InvalidInput(f"{course}: {error}") from None
 
@@ -80,7 +80,7 @@ def spec_from(data: Mapping[str, Any]) -> CourseSpec:
     try:
         return CourseSpec.model_validate(data)
     except ValidationError as error:
-        raise InvalidInput("; ".join(_plain(text, data) for text in refusals(error))) from None
+        raise InvalidInput("; ".join(_plain(text, data) for text in validation_errors(error))) from None
 
 
 def _plain(text: str, data: Mapping[str, Any]) -> str:

@@ -10,13 +10,13 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict
 
 from ..errors import InvalidInput
-from ..files.arrays import frozen
-from ..files.refusals import validated
+from ..files.arrays import read_only
+from ..files.validation import validated
 from ..robot.model import Limb, Robot
 from ..robot.model_json import ModelJson, model_from_json, model_to_json
 from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
-from .course import Course, Placement, StepLimits, Weights
+from .course import Course, Foothold, StepLimits, Weights
 from .posture_json import ReachRowsJson
 
 FORMAT = "stancekit/course/1"
@@ -29,7 +29,7 @@ Made = TypeVar("Made")
 
 
 def course_to_json(course: Course) -> dict[str, Any]:
-    """The course as JSON-ready values: robot, every patch of the terrain, every placement with its candidates."""
+    """The course as JSON-ready values: robot, every patch of the terrain, every foothold with its candidates."""
     return {
         "format": FORMAT,
         "name": course.name,
@@ -43,13 +43,13 @@ def course_to_json(course: Course) -> dict[str, Any]:
         "terrain": [_patch_to_json(patch) for patch in course.terrain],
         "placements": [
             {
-                "limb": placement.limb,
-                "frame": placement.frame,
-                "toe_m": None if placement.toe_m is None else placement.toe_m.tolist(),
-                "candidates": [_patch_to_json(patch) for patch in placement.candidates],
-                **({"yaws_rad": list(placement.yaws_rad)} if placement.yaws_rad else {}),
+                "limb": foothold.limb,
+                "frame": foothold.frame,
+                "toe_m": None if foothold.toe_m is None else foothold.toe_m.tolist(),
+                "candidates": [_patch_to_json(patch) for patch in foothold.candidates],
+                **({"yaws_rad": list(foothold.yaws_rad)} if foothold.yaws_rad else {}),
             }
-            for placement in course.placements
+            for foothold in course.footholds
         ],
         "lifts": [list(lifted) for lifted in course.lifts],
         "next_lift": list(course.next_lift),
@@ -69,7 +69,7 @@ def course_from_json(data: Mapping[str, Any]) -> Course:
     notes = _Notes()
     robot = notes.made("", partial(_robot, raw.robot))
     terrain = [notes.made(f"terrain[{i}].", partial(_patch, item)) for i, item in enumerate(raw.terrain)]
-    placements = [_placement(item, f"placements[{i}].", notes) for i, item in enumerate(raw.placements)]
+    footholds = [_foothold(item, f"placements[{i}].", notes) for i, item in enumerate(raw.placements)]
     steps = notes.made("", partial(StepLimits, **raw.steps.model_dump()))
     weights = notes.made("", partial(Weights, **raw.weights.model_dump()))
     if notes.wrong or robot is None or steps is None or weights is None:
@@ -77,7 +77,7 @@ def course_from_json(data: Mapping[str, Any]) -> Course:
     return Course(
         name=raw.name, robot=robot, steps=steps, weights=weights,
         terrain=tuple(patch for patch in terrain if patch),
-        placements=tuple(placement for placement in placements if placement),
+        footholds=tuple(foothold for foothold in footholds if foothold),
         lifts=tuple(tuple(lifted) for lifted in raw.lifts), next_lift=tuple(raw.next_lift),
         modes=None if raw.modes is None else tuple(raw.modes),
         **{name: getattr(raw, name) for name in (*_ARRAYS, *_NUMBERS)},
@@ -115,7 +115,7 @@ def _limb(raw: _LimbJson) -> Limb:
         rows = None if raw.reach_rows is None else ReachRows(**raw.reach_rows.model_dump())
     except InvalidInput as error:
         raise InvalidInput(f"limb {raw.name}: {error}") from None
-    sole = None if raw.sole_m is None else frozen(raw.sole_m, (None, 2), f"limb {raw.name}: sole_m")
+    sole = None if raw.sole_m is None else read_only(raw.sole_m, (None, 2), f"limb {raw.name}: sole_m")
     return Limb(
         name=raw.name, shoulder_m=np.array(raw.shoulder_m), reach_m=raw.reach_m, reach_rows=rows, sole_m=sole
     )  # fmt: skip
@@ -131,7 +131,7 @@ def _limb_to_json(limb: Limb) -> dict[str, Any]:
     }
 
 
-def _placement(raw: _PlacementJson, place: str, notes: _Notes) -> Placement | None:
+def _foothold(raw: _FootholdJson, place: str, notes: _Notes) -> Foothold | None:
     found = [notes.made(f"{place}candidates[{i}].", partial(_patch, item)) for i, item in enumerate(raw.candidates)]
     candidates = tuple(patch for patch in found if patch)
     if len(candidates) < len(raw.candidates):
@@ -140,7 +140,7 @@ def _placement(raw: _PlacementJson, place: str, notes: _Notes) -> Placement | No
     yaws = tuple(raw.yaws_rad)
     return notes.made(
         place,
-        lambda: Placement(limb=raw.limb, frame=raw.frame, candidates=candidates, toe_m=toe_m, yaws_rad=yaws),
+        lambda: Foothold(limb=raw.limb, frame=raw.frame, candidates=candidates, toe_m=toe_m, yaws_rad=yaws),
     )
 
 
@@ -179,7 +179,7 @@ class _PatchJson(_Keys):
     friction: float
 
 
-class _PlacementJson(_Keys):
+class _FootholdJson(_Keys):
     limb: str
     frame: int
     toe_m: list[float] | None
@@ -206,7 +206,7 @@ class _CourseJson(_Keys):
     name: str
     robot: _RobotJson
     terrain: list[_PatchJson]
-    placements: list[_PlacementJson]
+    placements: list[_FootholdJson]
     lifts: list[list[str]]
     next_lift: list[str]
     com_nominal_m: list[list[float]]

@@ -1,4 +1,4 @@
-"""From a course's description to the course: nominal path, schedule, and the candidate patches of every placement."""
+"""From a course's description to the course: nominal path, schedule, and the candidate patches of every foothold."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from ..robot.model import Limb, Robot
 from ..terrain.patch import Patch
 from ..terrain.polygon import STEEP, Surface
 from ..terrain.sole import sole_offsets, sole_region
-from .candidates import Footing
-from .course import Course, Placement, Weights
+from .candidates import CandidatePatches
+from .course import Course, Foothold, Weights
 from .course_keys import CourseSpec, StanceSpec
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ TOE_M = 0.02
 """Two toes do not fit on a patch that is nowhere wider than this [m]."""
 
 
-def lay_out(spec: CourseSpec, folder: Path = Path(), reach: Sets = "inner") -> Course:
+def build_course(spec: CourseSpec, folder: Path = Path(), reach: Sets = "inner") -> Course:
     """The course that a description means.
 
     folder: where relative paths of files begin. reach: what legs do, see ``contact_robot``. Raises InvalidInput.
@@ -44,9 +44,11 @@ def lay_out(spec: CourseSpec, folder: Path = Path(), reach: Sets = "inner") -> C
     sets = _sets(spec.gait, robot)
     lifts = ((), *(sets[(k - 1) % len(sets)] for k in range(1, spec.frames)))
     terrain = spec.terrain.along(corners, folder)
-    placements, placed = _placements(spec, robot, lifts, com_m, passed, Footing(terrain, spec.candidates.margin_m))
+    footholds, placed = _footholds(
+        spec, robot, lifts, com_m, passed, CandidatePatches(terrain, spec.candidates.margin_m)
+    )
     return Course(
-        name=spec.name, robot=robot, terrain=terrain.patches, placements=placements, lifts=lifts,
+        name=spec.name, robot=robot, terrain=terrain.patches, footholds=footholds, lifts=lifts,
         next_lift=sets[(spec.frames - 1) % len(sets)], com_nominal_m=com_m, com_radius_m=radius, goal_m=com_m[-1],
         steps=spec.steps.limits(), weights=Weights(**spec.weights.model_dump()),
         tilt_limit_rad=spec.body.tilt_limit_rad, modes=_modes(placed, spec.frames),
@@ -81,19 +83,19 @@ def _started(spec: CourseSpec, robot: Robot, folder: Path) -> CourseSpec:
     return spec.model_copy(update={"start_m": (*spec.start_m, float(np.mean(heights)))})
 
 
-def _placements(
+def _footholds(
     spec: CourseSpec,
     robot: Robot,
     lifts: Sequence[Sequence[str]],
     com_m: Array,
     passed: NDArray[np.int_],
-    footing: Footing,
-) -> tuple[tuple[Placement, ...], list[tuple[int, Patch]]]:
-    """Every placement with its candidates, and by placement its frame and the surface nearest to where it likes to be.
+    footing: CandidatePatches,
+) -> tuple[tuple[Foothold, ...], list[tuple[int, Patch]]]:
+    """Every foothold with its candidates, and by foothold its frame and the surface nearest to where it likes to be.
 
     A toe's nominal place is meant for the middle of the frames that it stands through.
     """
-    placements, placed = list[Placement](), list[tuple[int, Patch]]()
+    footholds, placed = list[Foothold](), list[tuple[int, Patch]]()
     alone = dict[str, int]()  # limbs that have one surface only, and its index
     for frame, limb, until in _schedule(robot, lifts):
         shoulder = com_m[frame:until].mean(axis=0) + limb.shoulder_m
@@ -113,17 +115,15 @@ def _placements(
             alone[limb.name] = found[0][0]
         placed.append((frame, footing.surfaces[found[0][0]].patch))
         patches = tuple(patch for _, patch in found)
-        placements.append(
-            Placement(limb=limb.name, frame=frame, candidates=patches)
+        footholds.append(
+            Foothold(limb=limb.name, frame=frame, candidates=patches)
             if limb.sole_m is None
             else _with_yaws(limb, limb.sole_m, frame, patches, spec.candidates.yaws_rad)
         )
-    return tuple(placements), placed
+    return tuple(footholds), placed
 
 
-def _with_yaws(
-    limb: Limb, sole_m: Array, frame: int, patches: Sequence[Patch], yaws: Sequence[float]
-) -> Placement:
+def _with_yaws(limb: Limb, sole_m: Array, frame: int, patches: Sequence[Patch], yaws: Sequence[float]) -> Foothold:
     """A sole put down on every patch with every yaw that it has room for. Raises InvalidInput where there is none."""
     found = []
     for patch, yaw in ((patch, yaw) for patch in patches for yaw in yaws):
@@ -137,7 +137,7 @@ def _with_yaws(
             f"frame {frame}, limb {limb.name}: expected room for its sole at one of {len(yaws)} yaws on the surfaces "
             f"within reach, got none on {len(patches)}"
         )
-    return Placement(
+    return Foothold(
         limb=limb.name, frame=frame, candidates=tuple(patch for patch, _ in found),
         yaws_rad=tuple(yaw for _, yaw in found),
     )  # fmt: skip
@@ -211,7 +211,7 @@ def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str,
 
 
 def _schedule(robot: Robot, lifts: Sequence[Sequence[str]]) -> list[tuple[int, Limb, int]]:
-    """Every placement in order: its frame, its limb, and the frame of the limb's next one (M after the last)."""
+    """Every foothold in order: its frame, its limb, and the frame of the limb's next one (M after the last)."""
     frames = {name: [0] + [k for k, lifted in enumerate(lifts) if name in lifted] for name in robot.limb_names}
     until = {(k, name): end for name, at in frames.items() for k, end in zip(at, [*at[1:], len(lifts)], strict=True)}
     each = [(k, limb) for k in range(len(lifts)) for limb in robot.limbs]

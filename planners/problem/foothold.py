@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, frozen
+from ..files.arrays import Array, read_only
 from ..terrain.patch import Patch
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Placement:
+class Foothold:
     """One toe put down: by ``limb``, at key frame ``frame``, on one of the candidates.
 
     toe_m: where the toe already stands, shape (3,) [m]; None where the planner chooses. candidates: at least one; a toe
@@ -27,7 +27,7 @@ class Placement:
     def __post_init__(self) -> None:
         where = f"frame {self.frame}, limb {self.limb}"
         if len(self.yaws_rad):
-            yaws = frozen(self.yaws_rad, (None,), f"{where}: yaws_rad")
+            yaws = read_only(self.yaws_rad, (None,), f"{where}: yaws_rad")
             if len(yaws) != len(self.candidates):
                 raise InvalidInput(
                     f"{where}: yaws_rad: expected {len(self.candidates)}, one a candidate, got {len(yaws)}"
@@ -37,7 +37,7 @@ class Placement:
             raise InvalidInput(f"{where}: expected one or more candidate patches, got none within reach")
         object.__setattr__(self, "candidates", tuple(self.candidates))
         if self.toe_m is not None:
-            object.__setattr__(self, "toe_m", frozen(self.toe_m, (3,), f"{where}: toe_m"))
+            object.__setattr__(self, "toe_m", read_only(self.toe_m, (3,), f"{where}: toe_m"))
             if len(self.candidates) != 1:
                 raise InvalidInput(f"{where}: expected one patch under a toe that stands, got {len(self.candidates)}")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import InvalidInput
-from ..files.arrays import checked, gathered
+from ..files.arrays import checked, collect_errors
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,7 +22,7 @@ class StepLimits:
     progress_m: float = 0.0
 
     def __post_init__(self) -> None:
-        gathered(
+        collect_errors(
             *(lambda n=n: checked(getattr(self, n), f"steps.{n}", above=0.0) for n in ("com_m", "toe_m")),
             lambda: checked(self.rotation_rad, "steps.rotation_rad", least=0.0),
             lambda: checked(self.progress_m, "steps.progress_m", least=0.0),
@@ -47,4 +47,6 @@ class Weights:
     tilt: float = 0.05
 
     def __post_init__(self) -> None:
-        gathered(*(lambda n=n: checked(getattr(self, n), f"weights.{n}", least=0.0) for n in self.__annotations__))
+        collect_errors(
+            *(lambda n=n: checked(getattr(self, n), f"weights.{n}", least=0.0) for n in self.__annotations__)
+        )

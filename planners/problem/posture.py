@@ -10,8 +10,8 @@ from typing import Any, cast
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, frozen, gathered
-from ..files.refusals import validated
+from ..files.arrays import Array, checked, collect_errors, read_only
+from ..files.validation import validated
 from ..robot.model import Robot, hexapod
 from ..robot.reach import ReachRows
 from ..terrain.patch import Patch
@@ -68,11 +68,11 @@ class Contact:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        gathered(
-            lambda: put(self, "shoulder_m", frozen(self.shoulder_m, (3,), "shoulder_m")),
+        collect_errors(
+            lambda: put(self, "shoulder_m", read_only(self.shoulder_m, (3,), "shoulder_m")),
             lambda: put(self, "reach_m", checked(self.reach_m, "reach_m", above=0.0)),
-            lambda: put(self, "force_min", frozen(self.force_min, (3,), "force_min")),
-            lambda: put(self, "force_max", frozen(self.force_max, (3,), "force_max")),
+            lambda: put(self, "force_min", read_only(self.force_min, (3,), "force_min")),
+            lambda: put(self, "force_max", read_only(self.force_max, (3,), "force_max")),
         )
         if np.any(self.force_min > self.force_max):
             raise InvalidInput(
@@ -210,7 +210,7 @@ class PostureProblem:
         raw = validated(PostureJson, data)
         known, contacts = robot or (None if raw.robot else hexapod()), list[Contact]()
         body = raw.model_dump(exclude={"format", "robot", "contacts"})
-        gathered(
+        collect_errors(
             *(lambda i=i, item=item: contacts.append(_contact(item, i, known)) for i, item in enumerate(raw.contacts)),
             lambda: _checked_body(**body),
         )
@@ -229,11 +229,11 @@ def _checked_body(**values: Any) -> dict[str, Any]:
     def number(name: str, **limits: float) -> None:
         found[name] = checked(values[name], name, **limits)
 
-    gathered(
+    collect_errors(
         lambda: number("mass_kg", above=0.0),
         lambda: number("gravity_m_s2", above=0.0),
         lambda: number("length_scale_m", above=0.0),
-        lambda: found.update(com_nominal_m=frozen(values["com_nominal_m"], (3,), "com_nominal_m")),
+        lambda: found.update(com_nominal_m=read_only(values["com_nominal_m"], (3,), "com_nominal_m")),
         lambda: number("com_radius_m", least=0.0),
         lambda: number("tilt_limit_rad", least=0.0, most=0.5 * np.pi),
         lambda: None if values["force_scale_n"] is None else number("force_scale_n", above=0.0),
@@ -273,4 +273,3 @@ def _contact(item: ContactJson, index: int, robot: Robot | None) -> Contact:
     if wrong:
         raise InvalidInput("; ".join(f"contacts[{index}].{text}" for text in wrong))
     return Contact(patch=patches[0], **rest)
-

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, frozen
+from ..files.arrays import Array, read_only
 from ..terrain.patch import contact_frames, polygon_defect
 from .posture import PostureProblem
 
@@ -37,9 +37,9 @@ class PostureBatch:
         if any(contact.sole_m is not None for contact in self.like.contacts):
             raise InvalidInput("like: expected point feet in a batch of posture problems, got soles")
         put = object.__setattr__
-        put(self, "vertices_m", frozen(self.vertices_m, (None, count, None, 3), "vertices_m"))
-        put(self, "normals", frozen(self.normals, (len(self), count, 3), "normals"))
-        put(self, "friction", frozen(self.friction, (len(self), count), "friction"))
+        put(self, "vertices_m", read_only(self.vertices_m, (None, count, None, 3), "vertices_m"))
+        put(self, "normals", read_only(self.normals, (len(self), count, 3), "normals"))
+        put(self, "friction", read_only(self.friction, (len(self), count), "friction"))
         if self.vertices_m.shape[2] < 3:
             raise InvalidInput(f"vertices_m: expected 3 or more vertices a patch, got {self.vertices_m.shape[2]}")
         along = np.abs(np.vecdot(self.normals, self.shear_references)) > 1.0 - 5e-7

@@ -111,11 +111,11 @@ def _fitting(course: Course, stance: Stance, either: tuple[EnvelopeSet, ...]) ->
 
 def _check_one_frame(course: Course, limb: int, foothold: int) -> None:
     """Raise InvalidInput unless the candidates of a foothold share one contact frame."""
-    placement = course.placements[foothold]
-    frames = np.array([patch.frame for patch in placement.candidates])
+    stood_on = course.footholds[foothold]
+    frames = np.array([patch.frame for patch in stood_on.candidates])
     if np.abs(frames - frames[0]).max() > 1e-6:
         raise InvalidInput(
-            f"frame {placement.frame}, limb {course.robot.limb_names[limb]}: expected candidate patches that share one "
+            f"frame {stood_on.frame}, limb {course.robot.limb_names[limb]}: expected candidate patches that share one "
             "contact frame, for boxes on the forces in it; got several: use boxes in world axes, or one candidate"
         )
 
@@ -124,20 +124,20 @@ def _check(course: Course, stance: Stance, envelopes: EnvelopeSet, axes: Axes) -
     """Raise InvalidInput unless every candidate patch under the stance is of the kind that was learned."""
     names = course.robot.limb_names
     limbs = tuple(names.index(leg) for leg in envelopes.legs)
-    under = [course.placements[int(course.holds[stance.frame, limb])] for limb in limbs]
-    for option in range(max(len(placement.candidates) for placement in under)):
-        choice = np.zeros(len(course.placements), dtype=np.int_)
+    under = [course.footholds[int(course.holds[stance.frame, limb])] for limb in limbs]
+    for option in range(max(len(stood_on.candidates) for stood_on in under)):
+        choice = np.zeros(len(course.footholds), dtype=np.int_)
         choice[course.holds[stance.frame, list(limbs)]] = [min(option, len(one.candidates) - 1) for one in under]
         where = f"frame {stance.frame}, stance on {', '.join(envelopes.legs)}"
         try:
             envelopes.check_fits(course.posture_problem(Stance(stance.frame, limbs), choice))
         except InvalidInput as error:
             raise InvalidInput(f"{where}: {error}") from None
-        for placement in under if axes == "contact" else []:
-            patch = placement.candidates[min(option, len(placement.candidates) - 1)]
+        for stood_on in under if axes == "contact" else []:
+            patch = stood_on.candidates[min(option, len(stood_on.candidates) - 1)]
             if _turned(patch.shear_reference, patch.normal) > 1e-3:
                 raise InvalidInput(
-                    f"{where}, limb {placement.limb}: expected the shear axis z up on walls and forward on ground, "
+                    f"{where}, limb {stood_on.limb}: expected the shear axis z up on walls and forward on ground, "
                     f"as envelopes are learned, got {np.round(patch.shear_reference, 3).tolist()}"
                 )
 

@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, frozen
-from ..files.refusals import validated
+from ..files.arrays import Array, checked, read_only
+from ..files.validation import validated
 from ..problem import PostureProblem
 
 FORMAT = "stancekit/envelope/1"
@@ -46,8 +46,8 @@ class Envelope:
     high: Array
 
     def __post_init__(self) -> None:
-        low = frozen(self.low, (None, 6), "low")
-        high = frozen(self.high, (len(low), 6), "high")
+        low = read_only(self.low, (None, 6), "low")
+        high = read_only(self.high, (len(low), 6), "high")
         if np.any(low > high):
             i, d = np.argwhere(low > high)[0]
             raise InvalidInput(f"low[{i}][{d}]: expected at most high, got {low[i, d]:g} > {high[i, d]:g}")
@@ -167,8 +167,8 @@ class EnvelopeSet:
             raise InvalidInput(f"legs: expected one or more different ones, got {list(self.legs)}")
         for name in ("force_scale_n", "length_scale_m"):
             object.__setattr__(self, name, checked(getattr(self, name), name, above=0.0))
-        object.__setattr__(self, "normals", frozen(self.normals, (count, 3), "normals"))
-        object.__setattr__(self, "tilt_rad", frozen(self.tilt_rad, (count,), "tilt_rad"))
+        object.__setattr__(self, "normals", read_only(self.normals, (count, 3), "normals"))
+        object.__setattr__(self, "tilt_rad", read_only(self.tilt_rad, (count,), "tilt_rad"))
         if np.any(np.abs(np.linalg.norm(self.normals, axis=1) - 1.0) > 1e-3):
             raise InvalidInput(f"normals: expected unit vectors, got {self.normals.tolist()}")
         if np.any(self.tilt_rad < 0.0):

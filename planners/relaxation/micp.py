@@ -166,8 +166,8 @@ class MicpProgram:
                 warnings.simplefilter("ignore", UserWarning)  # cvxpy's advice about time limits
                 self.problem.solve(warm_start=False, **options)
         except cp.SolverError as error:  # a time-out without a point, or a licence too small for the program
-            told = GUROBI_LIMITS if self._solver == "gurobi" else str(error)
-            return MicpAnswer(claim="unknown", seconds=time.perf_counter() - begin, message=told)
+            message = GUROBI_LIMITS if self._solver == "gurobi" else str(error)
+            return MicpAnswer(claim="unknown", seconds=time.perf_counter() - begin, message=message)
         status, seconds = self.problem.status, float(self.problem.solver_stats.solve_time)
         if status not in (cp.OPTIMAL, cp.OPTIMAL_INACCURATE):  # a bounded objective: never unbounded
             empty = status in (cp.INFEASIBLE, cp.settings.INFEASIBLE_OR_UNBOUNDED)

@@ -18,7 +18,7 @@ from ..equilibrium.layout import Index, Layout
 from ..equilibrium.scaled import Scaled
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.refusals import shown
+from ..files.validation import shown
 from ..problem import PostureProblem
 from .domain import domain_of
 from .envelope import Envelope, EnvelopeSet

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..files.arrays import Array, cross, frozen
+from ..files.arrays import Array, cross, read_only
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -39,7 +39,7 @@ class Chain:
 
     def __post_init__(self) -> None:
         for name, shape in (("rotations", (None, 3, 3)), ("origins", (None, 3)), ("axes", (None, 3)), ("tip_m", (3,))):
-            object.__setattr__(self, name, frozen(getattr(self, name), shape, name))
+            object.__setattr__(self, name, read_only(getattr(self, name), shape, name))
         turns = np.array([_with_z(axis) for axis in self.axes])
         before = np.concatenate([np.eye(3)[None], turns[:-1]]).transpose(0, 2, 1)
         steps = np.einsum("nij,njk,nkl->nil", before, self.rotations, turns)

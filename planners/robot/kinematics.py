@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..files.arrays import Array, frozen
+from ..files.arrays import Array, read_only
 from ..problem.posture import GRAVITY_M_S2
 from ..terrain.prism import Solid
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
@@ -131,10 +131,10 @@ class Kinematics:
         """
         count = len(self.robot.limbs)
         turn = rotation_of(rotation_rad)
-        out = np.zeros((count, 3)) if normals is None else frozen(normals, (count, 3), "normals")
-        com = frozen(com_m, (3,), "com_m")
-        feet = self.targets(com, turn, frozen(toes_m, (count, 3), "toes_m"), out)
-        near = None if seed is None else frozen(seed, (len(self.joints),), "seed")
+        out = np.zeros((count, 3)) if normals is None else read_only(normals, (count, 3), "normals")
+        com = read_only(com_m, (3,), "com_m")
+        feet = self.targets(com, turn, read_only(toes_m, (count, 3), "toes_m"), out)
+        near = None if seed is None else read_only(seed, (len(self.joints),), "seed")
         if self.robot.model is None:
             close = None if near is None else near.reshape(count, -1)
             wished = limb_postures(
@@ -150,7 +150,7 @@ class Kinematics:
             excess = np.where(missed <= REACHED_M, np.maximum(over, 0.0), 0.0)
         torques = np.zeros(len(self.joints))
         if forces_n is not None:
-            torques = self.torques(angles, turn, frozen(forces_n, (count, 3), "forces_n"))
+            torques = self.torques(angles, turn, read_only(forces_n, (count, 3), "forces_n"))
         return JointAnswer(angles=angles, error_m=error, limit_rad=excess, torques_nm=torques)
 
     def targets(self, com_m: Array, rotation: Array, toes_m: Array, normals: Array) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..files.arrays import Array, frozen
+from ..files.arrays import Array, read_only
 from .chain import Chain
 
 FULL_TURN = 2.0 * np.pi - 1e-6
@@ -43,7 +43,9 @@ class Leg:
     stance_rad: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "stance_rad", frozen(self.stance_rad, (len(self.joints),), f"{self.name}: stance_rad"))
+        object.__setattr__(
+            self, "stance_rad", read_only(self.stance_rad, (len(self.joints),), f"{self.name}: stance_rad")
+        )
 
     @property
     def joint_names(self) -> tuple[str, ...]:

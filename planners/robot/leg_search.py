@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..files.refusals import shown
+from ..files.validation import shown
 from .chain import Chain
 from .leg import FULL_TURN, Joint, Leg
 from .shapes import Shape

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.archive import read_archive
-from ..files.arrays import Array, frozen
+from ..files.arrays import Array, read_only
 from ..files.writing import write_bytes
 from .workspace_cache import cache_folder
 
@@ -75,7 +75,7 @@ def thinned_mesh(path: Path, scale: Array, most: int, *, cached: bool = True) ->
 
 def _checked(vertices: Any, faces: Any) -> Triangles:
     """What was kept. Raises InvalidInput for a file that something else has written."""
-    points = frozen(vertices, (None, 3), "vertices")
+    points = read_only(vertices, (None, 3), "vertices")
     whole = faces.ndim == 2 and faces.shape[1] == 3 and faces.dtype.kind == "i"
     if not whole or not np.all((faces >= 0) & (faces < len(points))):
         raise InvalidInput(f"faces: expected corners of {len(points)} vertices by index")

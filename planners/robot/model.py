@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, checked_name, frozen
+from ..files.arrays import Array, checked, checked_name, read_only
 from ..terrain.sole import checked_sole
 from .reach import ReachRows
 
@@ -50,7 +50,7 @@ class Limb:
 
     def __post_init__(self) -> None:
         checked_name(self.name, "limb name")
-        object.__setattr__(self, "shoulder_m", frozen(self.shoulder_m, (3,), f"limb {self.name}: shoulder_m"))
+        object.__setattr__(self, "shoulder_m", read_only(self.shoulder_m, (3,), f"limb {self.name}: shoulder_m"))
         object.__setattr__(self, "reach_m", checked(self.reach_m, f"limb {self.name}: reach_m", above=0.0))
         if self.sole_m is not None:
             object.__setattr__(self, "sole_m", checked_sole(self.sole_m, f"limb {self.name}: sole_m"))

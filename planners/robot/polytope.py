@@ -10,7 +10,7 @@ from scipy.optimize import LinearConstraint, linprog, minimize
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, frozen
+from ..files.arrays import Array, read_only
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,8 +21,8 @@ class Polytope:
     offsets_m: Array
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "normals", frozen(self.normals, (None, 3), "normals"))
-        object.__setattr__(self, "offsets_m", frozen(self.offsets_m, (len(self.normals),), "offsets_m"))
+        object.__setattr__(self, "normals", read_only(self.normals, (None, 3), "normals"))
+        object.__setattr__(self, "offsets_m", read_only(self.offsets_m, (len(self.normals),), "offsets_m"))
 
     def contains(self, points: Array) -> np.ndarray:
         """Which points, shape (K, 3) [m], are inside, shape (K,)."""

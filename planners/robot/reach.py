@@ -19,7 +19,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, frozen
+from ..files.arrays import Array, read_only
 
 MOST_ROWS = 256
 CORNERS = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [1.0, -1.0, -1.0]])
@@ -39,8 +39,8 @@ class ReachRows:
     bounds_m: Array
 
     def __post_init__(self) -> None:
-        normals = frozen(self.normals, (None, 3), "reach_rows.normals")
-        bounds = frozen(self.bounds_m, (len(normals),), "reach_rows.bounds_m")
+        normals = read_only(self.normals, (None, 3), "reach_rows.normals")
+        bounds = read_only(self.bounds_m, (len(normals),), "reach_rows.bounds_m")
         if not 1 <= len(normals) <= MOST_ROWS:
             raise InvalidInput(f"reach_rows.normals: expected 1 to {MOST_ROWS} half-spaces, got {len(normals)}")
         length = np.linalg.norm(normals, axis=1)
@@ -49,8 +49,8 @@ class ReachRows:
         scaled = np.abs(length - 1.0) > 1e-12  # rows that are unit stay as they are, to the last bit
         normals = np.where(scaled[:, None], normals / length[:, None], normals)
         bounds = np.where(scaled, bounds / length, bounds)
-        object.__setattr__(self, "normals", frozen(normals, (None, 3), "reach_rows.normals"))
-        object.__setattr__(self, "bounds_m", frozen(bounds, (len(normals),), "reach_rows.bounds_m"))
+        object.__setattr__(self, "normals", read_only(normals, (None, 3), "reach_rows.normals"))
+        object.__setattr__(self, "bounds_m", read_only(bounds, (len(normals),), "reach_rows.bounds_m"))
         _ = self.centre_m
 
     def to_json(self) -> dict[str, list[object]]:

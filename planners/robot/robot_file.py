@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.documents import read_text, read_yaml
-from ..files.refusals import shown, validated
+from ..files.validation import shown, validated
 from .legged import legged_model
 from .model import hexapod
 from .robot_model import RobotModel, model_of

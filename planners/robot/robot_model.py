@@ -17,7 +17,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked_name
-from ..files.refusals import shown
+from ..files.validation import shown
 from .leg import Leg
 from .leg_search import legs_of
 from .shapes import Shape, disabled_pairs, shapes_of

@@ -12,8 +12,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, frozen
-from ..files.refusals import shown
+from ..files.arrays import Array, read_only
+from ..files.validation import shown
 
 Kind = Literal["sphere", "box", "cylinder", "capsule", "mesh"]
 PACKAGE_PATHS = ("ROS_PACKAGE_PATH", "AMENT_PREFIX_PATH")
@@ -120,15 +120,15 @@ def _shape(link: str, element: Element, collides: bool, meshes: Mapping[str, Pat
         size, mesh = _numbers(body.get("scale", "1 1 1"), 3, where), meshes[body.get("filename", "")]
     else:
         size = [x for key in SIZES[body.tag] for x in _numbers(body.get(key, ""), 3 if key == "size" else 1, where)]
-    rotation, origin = placement(element.find("origin"), where)
+    rotation, origin = foothold(element.find("origin"), where)
     kind: Kind = body.tag  # type: ignore[assignment]
     return Shape(
-        link=link, kind=kind, size_m=frozen(size, (None,), where), rotation=rotation, origin_m=origin,
+        link=link, kind=kind, size_m=read_only(size, (None,), where), rotation=rotation, origin_m=origin,
         collides=collides, mesh=mesh,
     )  # fmt: skip
 
 
-def placement(origin: Element | None, where: str) -> tuple[Array, Array]:
+def foothold(origin: Element | None, where: str) -> tuple[Array, Array]:
     """R and p of a URDF's <origin>, shapes (3, 3), (3,) [m]: roll, pitch, yaw about fixed axes."""
     place = _numbers("0 0 0" if origin is None else origin.get("xyz", "0 0 0"), 3, where)
     angles = _numbers("0 0 0" if origin is None else origin.get("rpy", "0 0 0"), 3, where)
@@ -140,7 +140,7 @@ def placement(origin: Element | None, where: str) -> tuple[Array, Array]:
             [-sp, cp * sr, cp * cr],
         ]
     )
-    return frozen(turn, (3, 3), where), frozen(place, (3,), where)
+    return read_only(turn, (3, 3), where), read_only(place, (3,), where)
 
 
 def _numbers(text: str, count: int, where: str) -> list[float]:

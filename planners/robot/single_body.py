@@ -10,9 +10,9 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, checked_name, frozen, gathered
+from ..files.arrays import Array, checked, checked_name, collect_errors, read_only
 from ..files.documents import read_yaml
-from ..files.refusals import refusals
+from ..files.validation import validation_errors
 from .model import hexapod
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ class Foot:
     def __post_init__(self) -> None:
         checked_name(self.name, "name")
         for name in ("nominal_m", "reach_min_m", "reach_max_m", "hip_m"):
-            object.__setattr__(self, name, frozen(getattr(self, name), (3,), f"foot {self.name}: {name}"))
+            object.__setattr__(self, name, read_only(getattr(self, name), (3,), f"foot {self.name}: {name}"))
         if not np.all((self.reach_min_m < self.nominal_m) & (self.nominal_m < self.reach_max_m)):
             raise InvalidInput(
                 f"foot {self.name}: expected reach_min_m < nominal_m < reach_max_m, got {self.reach_min_m.tolist()}, "
@@ -65,7 +65,7 @@ class GaitRobot:
 
     def __post_init__(self) -> None:
         where = f"robot {checked_name(self.name, 'name')}"
-        gathered(
+        collect_errors(
             lambda: object.__setattr__(self, "mass_kg", checked(self.mass_kg, f"{where}: mass_kg", above=0.0)),
             lambda: object.__setattr__(self, "inertia_kgm2", _inertia(self.inertia_kgm2, f"{where}: inertia_kgm2")),
             lambda: object.__setattr__(
@@ -99,7 +99,7 @@ class GaitRobot:
         try:
             return _Numbers.model_validate(read_yaml(path)).robot()
         except ValidationError as error:
-            raise InvalidInput(f"{path}: {'; '.join(refusals(error))}") from None
+            raise InvalidInput(f"{path}: {'; '.join(validation_errors(error))}") from None
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
 
@@ -173,7 +173,7 @@ class _Numbers(BaseModel):
 
 def half_sides(value: Any, where: str) -> Array:
     """Half sides of a box, all above 0, shape (3,) [m]."""
-    sides = frozen(value, (3,), where)
+    sides = read_only(value, (3,), where)
     if not np.all(sides > 0.0):
         raise InvalidInput(f"{where}: expected sides above 0 m, got {sides.tolist()}")
     return sides
@@ -181,7 +181,7 @@ def half_sides(value: Any, where: str) -> Array:
 
 def _inertia(value: Any, where: str) -> Array:
     """A symmetric positive definite matrix whose principal moments a body can have, shape (3, 3) [kg m²]."""
-    matrix = frozen(value, (3, 3), where)
+    matrix = read_only(value, (3, 3), where)
     if not np.allclose(matrix, matrix.T, atol=1e-9 + 1e-6 * float(np.abs(matrix).max())):
         raise InvalidInput(f"{where}: expected a symmetric matrix, got {matrix.tolist()}")
     moments = np.linalg.eigvalsh(matrix)

@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
-from ..files.refusals import shown
+from ..files.validation import shown
 
 DEEPEST_XML = 30
 MOST_JOINTS, MOST_MOVING = 500, 150

@@ -17,7 +17,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import read_yaml
-from ..files.refusals import shown
+from ..files.validation import shown
 from .contact_robot import contact_robot, standing_toes
 from .polytope import Polytope
 from .robot_file import YAML, model_of_keys, named_robot, read_keys

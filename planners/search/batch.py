@@ -106,8 +106,8 @@ class _Batch:
         found = canonical(self._batch.select(left), steps, tolerance=self._accept.tolerance)
         self._took(begin, left)
         for k, (posture, off) in found.items():
-            told = self._told(int(left[k]), nodes=0.0)
-            self.answers[int(left[k])] = Outcome(status=Status.FEASIBLE, posture=posture, residual=off, **told)
+            message = self._told(int(left[k]), nodes=0.0)
+            self.answers[int(left[k])] = Outcome(status=Status.FEASIBLE, posture=posture, residual=off, **message)
 
     def refute(self) -> None:
         """Answer what the lift refutes."""
@@ -120,9 +120,9 @@ class _Batch:
         self._took(begin, left)
         for k, certificate, bound in zip(chosen, certificates, bounds, strict=True):
             if bound > gap:
-                told = self._told(k, nodes=1.0)
+                message = self._told(k, nodes=1.0)
                 self.answers[k] = Outcome(
-                    status=Status.INFEASIBLE, certificate=certificate, lower_bound=bound, **told
+                    status=Status.INFEASIBLE, certificate=certificate, lower_bound=bound, **message
                 )  # fmt: skip
 
     def search(self) -> None:

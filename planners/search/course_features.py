@@ -48,16 +48,16 @@ class CourseFeatures:
         if len(course.robot.limbs) != self.limbs:
             raise InvalidInput(f"course: expected {self.limbs} limbs, got {len(course.robot.limbs)}")
         seen, scale, com_m = self._blank(), course.length_scale_m, standing.com_m
-        for placement in course.placements:
-            ahead = placement.frame - frame - 1
+        for foothold in course.footholds:
+            ahead = foothold.frame - frame - 1
             if 0 <= ahead < self.horizon:
-                limb = course.robot.limb_names.index(placement.limb)
-                where = f"frame {placement.frame}, limb {placement.limb}"
-                if len(placement.candidates) > self.regions:
+                limb = course.robot.limb_names.index(foothold.limb)
+                where = f"frame {foothold.frame}, limb {foothold.limb}"
+                if len(foothold.candidates) > self.regions:
                     raise InvalidInput(
-                        f"{where}: expected at most {self.regions} candidates, got {len(placement.candidates)}"
+                        f"{where}: expected at most {self.regions} candidates, got {len(foothold.candidates)}"
                     )
-                for region, patch in enumerate(placement.candidates):
+                for region, patch in enumerate(foothold.candidates):
                     at = ahead, limb, region
                     seen["corners"][at] = (self._cornered(patch, where) - com_m) / scale
                     seen["normals"][at], seen["friction"][at] = patch.normal, patch.friction

@@ -109,7 +109,7 @@ class DecoupledPlanner:
 
     def _worst_stance(self, course: Course, chosen: Scaled, placed: Point) -> str:
         """Which stance its positions leave most moment, or no balance of forces at all."""
-        worst, told = -1.0, ""
+        worst, message = -1.0, ""
         for index, stance in enumerate(course.stances):
             part, footholds, contacts = alone(chosen, index)
             at = Point(
@@ -122,5 +122,5 @@ class DecoupledPlanner:
                 left = f"{residual * course.weight_n * course.length_scale_m:.3g} Nm are left over"
                 missing = left if np.isfinite(residual) else "they cannot carry the weight"
                 names = ", ".join(course.robot.limb_names[i] for i in stance.limbs)
-                told = f"frame {stance.frame} on {names}, {missing}"
-        return told
+                message = f"frame {stance.frame} on {names}, {missing}"
+        return message

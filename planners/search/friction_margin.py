@@ -27,11 +27,11 @@ def slippery(course: Course, share: float) -> Course:
     def dulled(patch: Patch) -> Patch:
         return patch.with_friction(share * patch.friction)
 
-    placements = tuple(
-        replace(placement, candidates=tuple(dulled(patch) for patch in placement.candidates))
-        for placement in course.placements
+    footholds = tuple(
+        replace(foothold, candidates=tuple(dulled(patch) for patch in foothold.candidates))
+        for foothold in course.footholds
     )
-    return replace(course, terrain=tuple(dulled(patch) for patch in course.terrain), placements=placements)
+    return replace(course, terrain=tuple(dulled(patch) for patch in course.terrain), footholds=footholds)
 
 
 def plan_with_reserve(planner: CoursePlanner, course: Course, shares: Sequence[float] = SHARES) -> PlanOutcome:

@@ -11,7 +11,7 @@ import numpy as np
 from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..problem.course import Course, Placement
+from ..problem.course import Course, Foothold
 from ..terrain.patch import Patch
 
 STANDING_M = 1e-4
@@ -47,7 +47,7 @@ class Standing:
 
 def _yaws(plan: Plan) -> tuple[float, ...]:
     """Of every foot at the end of a plan [rad]."""
-    puts = [(plan.course.placements[index].yaws_rad, int(plan.choice[index])) for index in plan.course.holds[-1]]
+    puts = [(plan.course.footholds[index].yaws_rad, int(plan.choice[index])) for index in plan.course.holds[-1]]
     return tuple(yaws[chosen] if yaws else 0.0 for yaws, chosen in puts)
 
 
@@ -65,24 +65,24 @@ def course_window(course: Course, first: int, last: int, standing: Standing | No
         raise InvalidInput(f"window: expected frames within 0 to {course.frames - 1}, got {first} to {last}")
     window, ends = slice(first, last + 1), last == course.frames - 1
     com_m, radius_m = np.array(course.com_nominal_m[window]), np.array(course.com_radius_m[window])
-    begun = [placement for placement in course.placements if placement.frame == 0]
+    begun = [foothold for foothold in course.footholds if foothold.frame == 0]
     steps = course.steps
     if standing is not None:
         com_m[0], radius_m[0] = standing.com_m, STANDING_M
         steps = replace(steps, progress_m=min(steps.progress_m, _room(course, first, com_m, radius_m)))
         each = enumerate(zip(course.robot.limb_names, standing.toes_m, standing.patches, strict=True))
         begun = [
-            Placement(limb=limb, frame=0, candidates=(patch,), toe_m=toe, yaws_rad=standing.yaws_rad[i : i + 1])
+            Foothold(limb=limb, frame=0, candidates=(patch,), toe_m=toe, yaws_rad=standing.yaws_rad[i : i + 1])
             for i, (limb, toe, patch) in each
         ]
     kept = [
-        replace(placement, frame=placement.frame - first)
-        for placement in course.placements
-        if first < placement.frame <= last
+        replace(foothold, frame=foothold.frame - first)
+        for foothold in course.footholds
+        if first < foothold.frame <= last
     ]
     return replace(
         course,
-        placements=(*begun, *kept),
+        footholds=(*begun, *kept),
         lifts=((), *course.lifts[first + 1 : last + 1]),
         next_lift=course.next_lift if ends else course.lifts[last + 1],
         com_nominal_m=com_m,
@@ -114,10 +114,10 @@ def joined(course: Course, plans: Sequence[Plan]) -> Plan:
     toes, choice = dict[tuple[int, str], Array](), dict[tuple[int, str], int]()
     forces, first = dict[tuple[int, tuple[int, ...]], Array](), 0
     for number, plan in enumerate(plans):
-        for index, placement in enumerate(plan.course.placements):
-            if placement.frame > 0 or number == 0:
-                toes[first + placement.frame, placement.limb] = plan.toes_m[index]
-                choice[first + placement.frame, placement.limb] = int(plan.choice[index])
+        for index, foothold in enumerate(plan.course.footholds):
+            if foothold.frame > 0 or number == 0:
+                toes[first + foothold.frame, foothold.limb] = plan.toes_m[index]
+                choice[first + foothold.frame, foothold.limb] = int(plan.choice[index])
         for index, stance in enumerate(plan.course.stances):
             if stance.frame > 0 or number == 0:
                 forces[first + stance.frame, stance.limbs] = plan.forces_n[index]
@@ -126,7 +126,7 @@ def joined(course: Course, plans: Sequence[Plan]) -> Plan:
             rotation.append(plan.rotation_rad[1:])
         first += plan.course.frames - 1
     whole = course_window(course, 0, first)
-    order = [(placement.frame, placement.limb) for placement in whole.placements]
+    order = [(foothold.frame, foothold.limb) for foothold in whole.footholds]
     return Plan(
         course=whole,
         com_m=np.vstack(com),

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 from ..answer.outcome import Certificate, Outcome, Posture, Status
 from ..answer.plan import Plan, PlanOutcome
 from ..errors import InvalidInput
-from ..files.refusals import shown
+from ..files.validation import shown
 from ..plugins import foreign
 from ..problem import PostureProblem
 from ..problem.course import Course
@@ -49,16 +49,16 @@ class VerifiedPlanner:
             if found is not None and not isinstance(found, Outcome | Posture | Certificate):
                 kinds = "an Outcome, a Posture, a Certificate or None"
                 raise InvalidInput(f"{where}: expected {kinds}, got {_a(found)}")
-            posture, certificate, told = found, found, dict[str, Any]()
+            posture, certificate, message = found, found, dict[str, Any]()
             if isinstance(found, Outcome):
                 posture, certificate = found.posture, found.certificate
-                told = {**_told(found, where), "solves": int(found.solves)}
-                told["details"] = {_text(key, where): float(value) for key, value in found.details.items()}
+                message = {**_told(found, where), "solves": int(found.solves)}
+                message["details"] = {_text(key, where): float(value) for key, value in found.details.items()}
             elif found is not None:
                 posture, certificate = (found, None) if isinstance(found, Posture) else (None, found)
             posture, certificate = _taken(Posture, posture, where), _taken(Certificate, certificate, where)
         return self._acceptance.outcome(
-            problem, method=self.name, begin=begin, posture=posture, certificate=certificate, **told
+            problem, method=self.name, begin=begin, posture=posture, certificate=certificate, **message
         )
 
 
@@ -80,14 +80,14 @@ class VerifiedCoursePlanner:
             if found is not None and not isinstance(found, PlanOutcome | Plan | Certificate):
                 kinds = "a PlanOutcome, a Plan, a Certificate or None"
                 raise InvalidInput(f"{where}: expected {kinds}, got {_a(found)}")
-            plan, certificate, told = found, found, dict[str, Any]()
+            plan, certificate, message = found, found, dict[str, Any]()
             if isinstance(found, PlanOutcome):
-                plan, certificate, told = found.plan, found.certificate, _told(found, where)
+                plan, certificate, message = found.plan, found.certificate, _told(found, where)
             elif found is not None:
                 plan, certificate = (found, None) if isinstance(found, Plan) else (None, found)
             plan, certificate = _taken(Plan, plan, where, course=course), _taken(Certificate, certificate, where)
         return self._acceptance.plan_outcome(
-            course, method=self.name, clock=clock, plan=plan, certificate=certificate, **told
+            course, method=self.name, clock=clock, plan=plan, certificate=certificate, **message
         )
 
 

@@ -12,7 +12,7 @@ from ..errors import InvalidInput
 from ..files.archive import array_of, unpacked
 from ..files.arrays import Array, checked
 from ..files.documents import decoded, read_bytes
-from ..files.refusals import shown
+from ..files.validation import shown
 from .heightfield import MOST_POINTS, WIDEST_M, HeightField
 from .mesh_file import read_corners
 

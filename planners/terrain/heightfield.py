@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, frozen
+from ..files.arrays import Array, checked, read_only
 from .bspline import CubicBasis
 
 FEWEST = 4
@@ -59,7 +59,7 @@ class HeightField:
             raise InvalidInput(f"{where}: expected {MOST_POINTS} grid points or fewer, got {heights.size}")
         if heights.ndim == 2 and heights.dtype.kind == "f" and not np.all(np.isfinite(heights)):
             raise InvalidInput(_hole(heights, f"{where}: heights_m"))
-        object.__setattr__(self, "heights_m", frozen(heights, shape, f"{where}: heights_m"))
+        object.__setattr__(self, "heights_m", read_only(heights, shape, f"{where}: heights_m"))
 
     @property
     def domain_m(self) -> tuple[tuple[float, float], tuple[float, float]]:
@@ -211,7 +211,7 @@ class HeightField:
 
 
 def _grid_lines(lines: Array, where: str) -> Array:
-    lines = frozen(lines, (None,), where)
+    lines = read_only(lines, (None,), where)
     if len(lines) < FEWEST:
         raise InvalidInput(f"{where}: expected {FEWEST} or more grid lines, got {len(lines)}")
     if not float(np.diff(lines).min()) > 0.0:

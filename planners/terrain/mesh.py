@@ -88,14 +88,14 @@ def _neighbours(path: str | Path, triangles: NDArray[np.int_], corners: Array) -
             across[min(start, end), max(start, end)].append((index, start < end))
     found = list[list[int]]([[] for _ in triangles])
     for (start, end), sides in across.items():
-        told = ""
+        message = ""
         if len(sides) > 2:
-            told = f"{len(sides)} triangles share an edge"
+            message = f"{len(sides)} triangles share an edge"
         elif len(sides) == 2 and sides[0][1] == sides[1][1]:
-            told = "two neighbouring triangles face opposite ways"
-        if told:
+            message = "two neighbouring triangles face opposite ways"
+        if message:
             place = ", ".join(f"{value:.4g}" for value in 0.5 * (corners[start] + corners[end]))
-            raise InvalidInput(f"{path}: expected a manifold mesh, but {told} at ({place}) m")
+            raise InvalidInput(f"{path}: expected a manifold mesh, but {message} at ({place}) m")
         if len(sides) == 2:
             found[sides[0][0]].append(sides[1][0])
             found[sides[1][0]].append(sides[0][0])

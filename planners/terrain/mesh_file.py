@@ -45,8 +45,8 @@ def read_corners(path: str | Path) -> tuple[Array, Triangles]:
     except InvalidInput as error:
         raise InvalidInput(f"{path}: expected a mesh: {error}") from None
     except Exception as error:  # trimesh's readers raise whatever struck them
-        told = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidInput(f"{path}: expected a mesh, which trimesh cannot read: {told:.120}") from None
+        message = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidInput(f"{path}: expected a mesh, which trimesh cannot read: {message:.120}") from None
     if len(triangles) == 0:
         raise InvalidInput(f"{path}: expected a mesh with triangles, got an empty one")
     if corners.ndim != 2 or corners.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, cross, frozen, gathered
+from ..files.arrays import Array, checked, collect_errors, cross, read_only
 
 FLATNESS = 2e-3
 """Vertices may leave the plane by this share of the patch's diameter: room for rounded files, not for a bent patch."""
@@ -46,8 +46,8 @@ class Patch:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        gathered(
-            lambda: put(self, "vertices_m", frozen(self.vertices_m, (None, 3), "vertices_m")),
+        collect_errors(
+            lambda: put(self, "vertices_m", read_only(self.vertices_m, (None, 3), "vertices_m")),
             lambda: put(self, "normal", _unit(self.normal, "normal")),
             lambda: put(self, "shear_reference", _unit(self.shear_reference, "shear_reference", any_length=True)),
             lambda: put(self, "friction", checked(self.friction, "friction", least=0.0)),
@@ -71,7 +71,7 @@ class Patch:
 
     def with_vertices(self, vertices_m: Array) -> Patch:
         """Another polygon in the same plane; nothing else is looked at again. Raises InvalidInput."""
-        vertices = frozen(vertices_m, (None, 3), "vertices_m")
+        vertices = read_only(vertices_m, (None, 3), "vertices_m")
         self._check_polygon(vertices)
         return self._with("vertices_m", vertices)
 
@@ -83,8 +83,8 @@ class Patch:
 
     def _check_polygon(self, vertices: Array) -> None:
         if not 3 <= len(vertices) <= MOST_VERTICES:
-            told = "3 or more vertices" if len(vertices) < 3 else f"{MOST_VERTICES} vertices or fewer"
-            raise InvalidInput(f"vertices_m: expected {told}, got {len(vertices)}")
+            message = "3 or more vertices" if len(vertices) < 3 else f"{MOST_VERTICES} vertices or fewer"
+            raise InvalidInput(f"vertices_m: expected {message}, got {len(vertices)}")
         defect = polygon_defect(vertices[None], self.frame[None])
         if defect:
             raise InvalidInput(defect[1])
@@ -96,11 +96,11 @@ class Patch:
 
 
 def _unit(value: Array, where: str, *, any_length: bool = False) -> Array:
-    vector = frozen(value, (3,), where)
+    vector = read_only(value, (3,), where)
     length = float(np.linalg.norm(vector))
     if length < 1e-9 or not (any_length or abs(length - 1.0) < 1e-3):
         raise InvalidInput(f"{where}: expected a {'non-zero' if any_length else 'unit'} vector, got length {length:g}")
-    return vector if abs(length - 1.0) < 1e-12 else frozen(vector / length, (3,), where)
+    return vector if abs(length - 1.0) < 1e-12 else read_only(vector / length, (3,), where)
 
 
 def contact_frames(normals: Array, shear_references: Array) -> Array:

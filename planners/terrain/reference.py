@@ -15,7 +15,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, frozen
+from ..files.arrays import Array, checked, read_only
 from ..plugins import Registry, takes
 from .grid_file import read_heights
 from .heightfield import HeightField
@@ -62,7 +62,7 @@ class TerrainTask:
 
     def __post_init__(self) -> None:
         for name in ("start_xy_m", "goal_xy_m"):
-            object.__setattr__(self, name, frozen(getattr(self, name), (2,), name))
+            object.__setattr__(self, name, read_only(getattr(self, name), (2,), name))
 
 
 def _around(radius_m: float, from_opposite: bool) -> tuple[TerrainTask, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, frozen
+from ..files.arrays import Array, read_only
 from .patch import Patch
 from .polygon import clipped, half_planes
 
@@ -26,7 +26,7 @@ def checked_sole(value: ArrayLike, where: str) -> Array:
 
     Raises InvalidInput unless they are three or more that are not in one line.
     """
-    points = frozen(value, (None, 2), where)
+    points = read_only(value, (None, 2), where)
     if not 3 <= len(points) <= MOST_POINTS:
         raise InvalidInput(f"{where}: expected 3 to {MOST_POINTS} points of a sole, got {len(points)}")
     if np.linalg.svd(points - points.mean(axis=0), compute_uv=False)[1] < 1e-3:

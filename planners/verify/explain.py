@@ -185,7 +185,7 @@ def _limits(course: Course, numbers: Numbers, leaf: Leaves, value: float) -> tup
     where = f"frame {stance.frame} on {', '.join(names[i] for i in stance.limbs)}"
     found = _lengths(course, numbers, leaf, m, value)
     if pushes[hardest] > 1e-6:
-        under = np.isin(numbers.slot, who.holds[stance.frame, list(stance.limbs)])
+        under = np.isin(numbers.candidate, who.holds[stance.frame, list(stance.limbs)])
         now = float(numbers.friction[0, under & (leaf.pieces[0] >= 0)].min())
         by = _grip(numbers, leaf, under)
         found.append(Relaxation(parameter=f"friction at {where}", leg="", now=now, needed=now + by, unit=""))
@@ -225,7 +225,7 @@ def _lengths(course: Course, numbers: Numbers, leaf: Leaves, m: Multipliers, val
 
 
 def _grip(numbers: Numbers, leaf: Leaves, under: NDArray[np.bool_]) -> float:
-    """Least friction on top, for all candidates in these slots, that lifts a leaf's proof; inf where none does."""
+    """Least friction on top, for all candidates in these candidates, that lifts a leaf's proof; inf where none does."""
 
     def proves(grip: float) -> bool:
         values, _ = least_lagrangians(replace(numbers, friction=numbers.friction + grip * under), leaf)

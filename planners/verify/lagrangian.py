@@ -1,9 +1,9 @@
 """What the leaf of a certificate proves: weak duality for posture problems and courses, matrix-vector work, no solver.
 
 All numbers here are non-dimensional: lengths over the length scale, forces over the force scale. At key frame k the
-body has its COM at c and rotation Θ; limb i with shoulder s and reach ρ stands on a toe q, which a placement put on one
-of its candidate patches (a *slot*; v_u the vertices of the piece of it that is left in this leaf, C its frame, E3, μ
-its friction); in a stance some limbs carry the weight w with forces f in the box B. A posture is one frame with one
+body has its COM at c and rotation Θ; limb i with shoulder s and reach ρ stands on a toe q, which a foothold put on one
+of its candidate patches (a *candidate*; v_u the vertices of the piece of it that is left in this leaf, C its frame, E3,
+μ its friction); in a stance some limbs carry the weight w with forces f in the box B. A posture is one frame with one
 stance. With multipliers ν_F, ν_M of the balances of every stance (E5, E6), r of every limb's reach at every frame,
 a, t, g of every step of the body and b of every step of a toe (E11), every plan that meets all constraints but the
 balances of moments, whose largest component is off by ε, has
@@ -16,9 +16,9 @@ Half-spaces of reach add terms of the form of r (``half_spaces``).
 
 (The moment about c is Σ q × C f − c × w e_z because Σ C f = w e_z; q and c are in the world frame; g ≥ 0.) Where the
 least value ℓ of the left side is positive, ε ≥ ℓ / Σ ‖ν_M‖₁. It separates: a ball for each c, a box for each Θ, and for
-each toe the least over its open slots and their vertices v of (Σ r + Σ b)·v + Σ_stances min {a·f : f in B and in the
-friction cone}, a = Cᵀ(ν_F + ν_M × v). A slot of a force box that misses the cone is closed, and a leaf in which a
-placement has no slot left is empty: its bound is infinite, whatever the multipliers.
+each toe the least over its open candidates and their vertices v of (Σ r + Σ b)·v + Σ_stances min {a·f : f in B and in
+the friction cone}, a = Cᵀ(ν_F + ν_M × v). A candidate of a force box that misses the cone is closed, and a leaf in
+which a foothold has no candidate left is empty: its bound is infinite, whatever the multipliers.
 
 *Slack.* An answer may break every constraint by ``SLACK``. Then a term moves by no more than: ‖r‖ SLACK and so on for
 reach, steps and progress, each limit being widened; (‖r‖ + ‖b‖ of a toe and ‖ν_M‖ ‖f‖) times its distance from the
@@ -54,14 +54,16 @@ MOST_ROWS = 2048
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Numbers:
-    """What the bounds need of Q problems with one schedule: M frames, N limbs, T slots, B limbs that carry in a stance.
+    """What the bounds need of Q problems with one schedule: M frames, N limbs, T candidates, B limbs that carry in a
+    stance.
 
-    slot: the placement of each slot, ascending. steps: Δ_c, Δ_Θ, Δ_p; progress: least progress of each step along
-    ``ahead``, the direction of the nominal path (zero where that does not move). Problems of one frame have no steps.
+    candidate: the foothold of each candidate, ascending. steps: Δ_c, Δ_Θ, Δ_p; progress: least progress of each step
+    along ``ahead``, the direction of the nominal path (zero where that does not move). Problems of one frame have no
+    steps.
     """
 
     schedule: Schedule
-    slot: Index  # (T,)
+    candidate: Index  # (T,)
     frames: Array  # (Q, T, 3, 3)
     friction: Array  # (Q, T)
     shoulders: Array  # (Q, N, 3)
@@ -80,18 +82,18 @@ class Numbers:
     offsets: Array | None = None  # (Q, T, points, 3), from the toe to where a sole's forces act
 
     @cached_property
-    def first_slot(self) -> Index:
-        """Of every placement, shape (P,)."""
-        return np.asarray(np.searchsorted(self.slot, np.arange(self.slot[-1] + 1)))
+    def first_candidate(self) -> Index:
+        """Of every foothold, shape (P,)."""
+        return np.asarray(np.searchsorted(self.candidate, np.arange(self.candidate[-1] + 1)))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Leaves:
     """L leaves of trees over these problems.
 
-    problem: whose leaf it is, ascending. lower, upper: force boxes. pieces: which piece of its patch each slot still
-    has, −1 for none. Piece j has the vertices ``first[j]`` up to ``first[j + 1]`` and a toe of its patch may be off all
-    pieces by ``sag[j]``. multipliers: the largest entry of each row ±1, or 0.
+    problem: whose leaf it is, ascending. lower, upper: force boxes. pieces: which piece of its patch each candidate
+    still has, −1 for none. Piece j has the vertices ``first[j]`` up to ``first[j + 1]`` and a toe of its patch may be
+    off all pieces by ``sag[j]``. multipliers: the largest entry of each row ±1, or 0.
     """
 
     problem: Index  # (L,)
@@ -127,8 +129,8 @@ def least_lagrangians(numbers: Numbers, leaves: Leaves) -> tuple[Array, NDArray[
 
     Returns shapes (2, L), rounded down, as the problem is and with every constraint widened by ``SLACK``, and (L,).
     """
-    sizes = np.append(np.diff(leaves.first), 0)[leaves.pieces]  # vertices of each slot; piece −1 has none
-    rows = (sizes * np.maximum(numbers.schedule.borne, 1)[numbers.slot]).sum(axis=1)
+    sizes = np.append(np.diff(leaves.first), 0)[leaves.pieces]  # vertices of each candidate; piece −1 has none
+    rows = (sizes * np.maximum(numbers.schedule.borne, 1)[numbers.candidate]).sum(axis=1)
     chunk = np.cumsum(rows) // MOST_ROWS
     ends = [0, *(np.flatnonzero(np.diff(chunk)) + 1).tolist(), len(rows)]
     with np.errstate(all="ignore"):
@@ -139,7 +141,7 @@ def least_lagrangians(numbers: Numbers, leaves: Leaves) -> tuple[Array, NDArray[
 
 
 def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArray[np.bool_]]:
-    """``least_lagrangians`` of leaves that are few enough; sizes: vertices of each slot, shape (L, T)."""
+    """``least_lagrangians`` of leaves that are few enough; sizes: vertices of each candidate, shape (L, T)."""
     who, q = numbers.schedule, leaves.problem
     m = Multipliers.of(who, leaves.multipliers)
     gripped = m.gripped(who, numbers.row_normals[q])
@@ -152,11 +154,11 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     pushed, torque, pulled, stretch = length(m.nu_F), length(m.nu_M), length(pull), length(m.reach)
     reached, twisted = stretch.sum(axis=1), np.abs(twist).sum(axis=(1, 2))
 
-    slots, far, empty = _slots(numbers, leaves, m, toes, sizes)
-    leverage = (torque[:, who.stance] * most) @ who.on_placement  # Σ ‖ν_M‖ ‖f‖ at each placement, (L, P)
+    candidates, far, empty = _candidates(numbers, leaves, m, toes, sizes)
+    leverage = (torque[:, who.stance] * most) @ who.on_foothold  # Σ ‖ν_M‖ ‖f‖ at each foothold, (L, P)
     slack = np.array([0.0, SLACK])[:, None]  # as the problem is, and widened
     off_patch = leaves.sag[leaves.pieces] * (leaves.pieces >= 0) + slack[..., None]
-    slots -= off_patch * (length(toes) + leverage)[:, numbers.slot]  # ‖q − Σ λ v‖ ≤ off_patch
+    candidates -= off_patch * (length(toes) + leverage)[:, numbers.candidate]  # ‖q − Σ λ v‖ ≤ off_patch
     value = (
         np.vecdot(pull, com).sum(axis=1) - np.vecdot(numbers.com_radius[q], pulled)   # ‖c − c_nominal‖ ≤ com_radius
         - tilt * twisted                                                              # |Θ_k| ≤ tilt
@@ -169,7 +171,7 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         + (pushed + torque * (1.0 + far_com[:, who.frame])).sum(axis=1)               # both balances are off by slack
     )  # fmt: skip
     arm = length(shoulders) * (1.0 + 2.0 * (tilt + SLACK))[:, None] + numbers.reach[q] + SLACK
-    carried = (torque[:, who.stance] * far[:, who.placement] + pushed[:, who.stance]) * most
+    carried = (torque[:, who.stance] * far[:, who.foothold] + pushed[:, who.stance]) * most
     terms = (
         weight * (pushed + torque * far_com[:, who.frame]).sum(axis=1)
         + carried.sum(axis=1)
@@ -193,51 +195,55 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         terms += np.vecdot(used, np.abs(bounds)) + 3.0 * used.sum(axis=1) * farthest
         terms += 3.0 * np.vecdot(bent, arm)
     value = value - GUARD * len(who.holds) * (1.0 + terms)
-    return np.minimum.reduceat(slots, numbers.first_slot, axis=2).sum(axis=2) + value - slack * loose, empty
+    return np.minimum.reduceat(candidates, numbers.first_candidate, axis=2).sum(axis=2) + value - slack * loose, empty
 
 
-def _slots(
+def _candidates(
     numbers: Numbers, leaves: Leaves, m: Multipliers, toes: Array, sizes: Index
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """The least over each slot's vertices of what its toe and the forces on it contribute, inf where it is closed.
 
     Returns that, as the problem is and widened, shape (2, L, T); how far each placement's toes are from the origin at
-    most, (L, P); which leaves have a placement without slots, (L,).
+    most, (L, P); which leaves have a foothold without candidates, (L,).
     """
     who, shape, flat = numbers.schedule, sizes.shape, sizes.ravel()
-    pair = np.repeat(np.arange(len(flat)), flat)  # leaf and slot of every vertex
+    pair = np.repeat(np.arange(len(flat)), flat)  # leaf and candidate of every vertex
     there = np.flatnonzero(flat)
     begins = np.cumsum(flat)[there] - flat[there]
     within = np.arange(len(pair)) - np.repeat(begins, flat[there])
     v = leaves.vertices[leaves.first[leaves.pieces.ravel()[pair]] + within]
-    leaf, slot = np.divmod(pair, shape[1])
-    place = numbers.slot[slot]
+    leaf, candidate = np.divmod(pair, shape[1])
+    place = numbers.candidate[candidate]
 
     borne = who.borne[place]  # a row for each force at each vertex
     row = np.repeat(np.arange(len(pair)), borne)
     nth = np.arange(len(row)) - np.repeat(np.cumsum(borne) - borne, borne)
-    bearing = who.by_placement[who.first_borne[place][row] + nth]
-    leaf_row, stance = leaf[row], who.stance[bearing]
-    problem, slot_row = leaves.problem[leaf_row], slot[row]
-    acts = v[row] if numbers.offsets is None else v[row] + numbers.offsets[problem, slot_row, who.point[bearing]]
+    stance_contact = who.by_foothold[who.first_borne[place][row] + nth]
+    leaf_row, stance = leaf[row], who.stance[stance_contact]
+    problem, candidate_row = leaves.problem[leaf_row], candidate[row]
+    acts = (
+        v[row]
+        if numbers.offsets is None
+        else v[row] + numbers.offsets[problem, candidate_row, who.point[stance_contact]]
+    )
     nu = m.nu_F[leaf_row, stance] + cross(m.nu_M[leaf_row, stance], acts)  # ν·(v × F) = (ν × v)·F
-    a = (nu[:, None, :] @ numbers.frames[problem, slot_row])[:, 0]
-    lower, upper = leaves.lower[leaf_row, bearing], leaves.upper[leaf_row, bearing]
-    friction = numbers.friction[problem, slot_row]
+    a = (nu[:, None, :] @ numbers.frames[problem, candidate_row])[:, 0]
+    lower, upper = leaves.lower[leaf_row, stance_contact], leaves.upper[leaf_row, stance_contact]
+    friction = numbers.friction[problem, candidate_row]
     works = least_works(a, lower, upper, friction)
     missed = np.bincount(row, weights=misses_cone(lower, upper, friction), minlength=len(pair)) > 0.0
 
     work = np.stack([np.bincount(row, weights=each, minlength=len(pair)) for each in works])
-    slots, gone, far = np.full((2, len(flat)), np.inf), np.ones(len(flat), dtype=bool), np.zeros(len(flat))
+    candidates, gone, far = np.full((2, len(flat)), np.inf), np.ones(len(flat), dtype=bool), np.zeros(len(flat))
     if len(there):
-        slots[:, there] = np.minimum.reduceat(work + np.vecdot(toes[leaf, place], v), begins, axis=1)
+        candidates[:, there] = np.minimum.reduceat(work + np.vecdot(toes[leaf, place], v), begins, axis=1)
         gone[there] = missed[begins]
         far[there] = np.maximum.reduceat(length(v), begins)
         far[there] += 0.0 if numbers.offsets is None else float(length(numbers.offsets).max())
-    slots[:, gone] = np.inf
-    empty = np.asarray(np.logical_and.reduceat(gone.reshape(shape), numbers.first_slot, axis=1).any(axis=1))
-    farthest = np.maximum.reduceat(far.reshape(shape), numbers.first_slot, axis=1)
-    return slots.reshape(2, *shape), farthest, empty
+    candidates[:, gone] = np.inf
+    empty = np.asarray(np.logical_and.reduceat(gone.reshape(shape), numbers.first_candidate, axis=1).any(axis=1))
+    farthest = np.maximum.reduceat(far.reshape(shape), numbers.first_candidate, axis=1)
+    return candidates.reshape(2, *shape), farthest, empty
 
 
 def body_pulls(numbers: Numbers, problem: Index, pulls: Array, m: Multipliers) -> tuple[Array, Array]:
@@ -265,6 +271,6 @@ def toe_pulls(who: Schedule, pulls: Array, m: Multipliers) -> Array:
     leaves = len(pulls)
     toes = np.add.reduceat(pulls.reshape(leaves, -1, 3)[:, who.standing], who.first_standing, axis=1)
     before, after = who.moves.T
-    toes[:, after] += m.toe_step  # a placement is moved to once at most, and from once
+    toes[:, after] += m.toe_step  # a foothold is moved to once at most, and from once
     toes[:, before] -= m.toe_step
     return np.asarray(toes)

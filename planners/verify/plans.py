@@ -63,7 +63,7 @@ class _Sweep:
         self._reach = np.array([limb.reach_m for limb in plan.course.robot.limbs])
         self._rows = reach_rows(plan.course.robot.limbs)
         self._patches = [
-            put.candidates[int(chosen)] for put, chosen in zip(plan.course.placements, plan.choice, strict=True)
+            put.candidates[int(chosen)] for put, chosen in zip(plan.course.footholds, plan.choice, strict=True)
         ]
         regions = [row[int(chosen)] for row, chosen in zip(plan.course.regions, plan.choice, strict=True)]
         self._off_patch = patch_distances([region.vertices_m for region in regions], plan.toes_m)
@@ -81,7 +81,7 @@ class _Sweep:
         assert plan.points_m is not None
         assert plan.point_forces_n is not None
         self._forces, self._offsets = plan.point_forces_n, np.zeros_like(plan.points_m)
-        for p, (put, patch) in enumerate(zip(self._course.placements, self._patches, strict=True)):
+        for p, (put, patch) in enumerate(zip(self._course.footholds, self._patches, strict=True)):
             yaw = put.yaws_rad[int(plan.choice[p])] if put.yaws_rad else 0.0
             its = sole_points(soles[put.limb], patch, yaw)
             self._offsets[p, : len(its)] = its
@@ -143,7 +143,7 @@ class _Sweep:
         """Points ``share`` of the way from each frame to the next, from the forces in one row to those in another."""
         course, plan, t = self._course, self._plan, share[:, None]
         following = np.minimum(frame + 1, course.frames - 1)
-        placement = self._who.holds[frame[owner], limb]
+        foothold = self._who.holds[frame[owner], limb]
         axes = np.array([(patch.normal, patch.shear_reference) for patch in self._patches])
         friction = np.array([patch.friction for patch in self._patches])
         before, after = rows
@@ -160,11 +160,11 @@ class _Sweep:
             owner=owner, com_m=way(plan.com_m), rotation_rad=way(plan.rotation_rad),
             com_nominal_m=way(course.com_nominal_m), com_radius_m=way(course.com_radius_m),
             tilt_limit_rad=course.tilt_limit_rad * each, weight_n=course.weight_n * each,
-            length_m=self._units["m"] * each, force_n=self._units["N"] * each, toes_m=plan.toes_m[placement],
-            forces_n=forces, frames=contact_frames(axes[:, 0], axes[:, 1])[placement], friction=friction[placement],
+            length_m=self._units["m"] * each, force_n=self._units["N"] * each, toes_m=plan.toes_m[foothold],
+            forces_n=forces, frames=contact_frames(axes[:, 0], axes[:, 1])[foothold], friction=friction[foothold],
             shoulders_m=self._shoulders[limb], reach_m=self._reach[limb], force_min_n=bounds[0], force_max_n=bounds[1],
-            off_patch_m=self._off_patch[placement], rows=self._rows_of(limb),
-            offsets_m=self._offsets[placement, point] if self._points else None,
+            off_patch_m=self._off_patch[foothold], rows=self._rows_of(limb),
+            offsets_m=self._offsets[foothold, point] if self._points else None,
         )  # fmt: skip
 
     def _rows_of(self, limb: Index) -> tuple[Array, Array] | None:
@@ -213,12 +213,12 @@ class _Sweep:
     def _idle(self) -> None:
         """Toes that stood stay there; who carries nowhere at a frame is in place and in reach, and does not push."""
         course, plan, who = self._course, self._plan, self._who
-        stood = [(p, put.toe_m) for p, put in enumerate(course.placements) if put.toe_m is not None]
+        stood = [(p, put.toe_m) for p, put in enumerate(course.footholds) if put.toe_m is not None]
         if stood:
             of = np.array([p for p, _ in stood])
-            limb = np.array([self._names.index(course.placements[p].limb) for p in of])
+            limb = np.array([self._names.index(course.footholds[p].limb) for p in of])
             off = length(plan.toes_m[of] - np.array([toe for _, toe in stood]))
-            self._note("start", off, np.array([course.placements[p].frame for p in of]), limb)
+            self._note("start", off, np.array([course.footholds[p].frame for p in of]), limb)
         bears = np.zeros(plan.forces_n.shape[:2], dtype=bool)
         bears[who.stance, who.limb] = True
         row, limb = np.nonzero(~bears)

@@ -173,10 +173,13 @@ class Report:
             **{name: or_null(getattr(self, name)) for name in numbers},
             **(
                 {
-                    "proved": self.proved, "checked": list(self.checked), "joints": dict(self.joints),
+                    "proved": self.proved,
+                    "checked": list(self.checked),
+                    "joints": dict(self.joints),
                     "torque": dict(self.torque),
                 }
-                if of_plan else {}
+                if of_plan
+                else {}
             ),
             "groups": [group.to_json() for group in self.groups],
         }
@@ -214,7 +217,7 @@ def _digest(content: dict[str, Any], tolerance: float, accepted: bool) -> str:
 def plan_shapes(course: Course) -> dict[str, tuple[int, ...]]:
     """The shape that each array of a plan over a course has, by name."""
     frames, limbs = course.frames, len(course.robot.limbs)
-    placed, stances = len(course.placements), len(course.stances)
+    placed, stances = len(course.footholds), len(course.stances)
     soles: dict[str, tuple[int, ...]] = {}
     if course.has_soles:
         points = max(1 if limb.sole_m is None else len(limb.sole_m) for limb in course.robot.limbs)

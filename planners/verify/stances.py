@@ -30,12 +30,12 @@ Index = NDArray[np.intp]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Schedule:
-    """Who stands where and who carries: M frames, N limbs, P placements, S stances, and B limbs that carry in one.
+    """Who stands where and who carries: M frames, N limbs, P footholds, S stances, and B limbs that carry in one.
 
-    A posture is one frame with one stance in which every limb carries, each on a placement of its own.
+    A posture is one frame with one stance in which every limb carries, each on a foothold of its own.
     """
 
-    holds: Index  # (M, N), the placement under each limb at each frame
+    holds: Index  # (M, N), the foothold under each limb at each frame
     frame: Index  # (S,), of each stance, ascending; every frame has one
     stance: Index  # (B,), ascending
     limb: Index  # (B,)
@@ -43,46 +43,46 @@ class Schedule:
     row_limb: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # (H,), of each half-space of reach
 
     @cached_property
-    def placement(self) -> Index:
+    def foothold(self) -> Index:
         """Of every limb that carries, shape (B,)."""
         return np.asarray(self.holds[self.frame[self.stance], self.limb])
 
     @cached_property
     def moves(self) -> Index:
-        """(placement before, placement after) of every toe that moves, in order of frame, then limb; shape (K, 2)."""
+        """(foothold before, foothold after) of every toe that moves, in order of frame, then limb; shape (K, 2)."""
         changed = self.holds[1:] != self.holds[:-1]
         return np.stack([self.holds[:-1][changed], self.holds[1:][changed]], axis=1)
 
     @cached_property
     def standing(self) -> Index:
-        """All (frame, limb), flat, in order of the placement there, shape (M·N,)."""
+        """All (frame, limb), flat, in order of the foothold there, shape (M·N,)."""
         return np.asarray(np.argsort(self.holds.ravel(), kind="stable"))
 
     @cached_property
     def first_standing(self) -> Index:
-        """Where in ``standing`` each placement begins, shape (P,)."""
+        """Where in ``standing`` each foothold begins, shape (P,)."""
         return np.asarray(np.searchsorted(np.sort(self.holds.ravel()), np.arange(self.holds.max() + 1)))
 
     @cached_property
-    def by_placement(self) -> Index:
-        """The limbs that carry in a stance, in order of their placement, shape (B,)."""
-        return np.asarray(np.argsort(self.placement, kind="stable"))
+    def by_foothold(self) -> Index:
+        """The limbs that carry in a stance, in order of their foothold, shape (B,)."""
+        return np.asarray(np.argsort(self.foothold, kind="stable"))
 
     @cached_property
     def borne(self) -> Index:
-        """In how many stances something rests on each placement, shape (P,)."""
-        return np.bincount(self.placement, minlength=int(self.holds.max()) + 1)
+        """In how many stances something rests on each foothold, shape (P,)."""
+        return np.bincount(self.foothold, minlength=int(self.holds.max()) + 1)
 
     @cached_property
     def first_borne(self) -> Index:
-        """Where in ``by_placement`` each placement begins, shape (P,)."""
+        """Where in ``by_foothold`` each foothold begins, shape (P,)."""
         return np.asarray(np.cumsum(self.borne) - self.borne)
 
     @cached_property
-    def on_placement(self) -> Array:
-        """Ones where a limb that carries is on a placement, shape (B, P)."""
+    def on_foothold(self) -> Array:
+        """Ones where a limb that carries is on a foothold, shape (B, P)."""
         table = np.zeros((len(self.stance), len(self.borne)))
-        table[np.arange(len(table)), self.placement] = 1.0
+        table[np.arange(len(table)), self.foothold] = 1.0
         return table
 
     @staticmethod
@@ -90,20 +90,20 @@ class Schedule:
     def of_posture(rows: tuple[int, ...], points: tuple[int, ...] = ()) -> Schedule:
         """That of a posture. rows: how many half-spaces of reach each contact has; points: of its foot, () for 1."""
         limbs = np.arange(len(rows))
-        bearing, point = expanded(limbs, points)
-        zeros = np.zeros(len(bearing), dtype=np.intp)
+        stance_contact, point = expanded(limbs, points)
+        zeros = np.zeros(len(stance_contact), dtype=np.intp)
         return Schedule(
-            holds=limbs[None], frame=zeros[:1], stance=zeros, limb=bearing, point=point,
+            holds=limbs[None], frame=zeros[:1], stance=zeros, limb=stance_contact, point=point,
             row_limb=np.repeat(limbs, rows),
         )  # fmt: skip
 
     @staticmethod
     def of_course(course: Course) -> Schedule:
-        """That of a course, who stands where from the placements alone."""
+        """That of a course, who stands where from the footholds alone."""
         names = course.robot.limb_names
         holds = np.full((course.frames, len(names)), -1, dtype=np.intp)
-        for p in sorted(range(len(course.placements)), key=lambda p: course.placements[p].frame):
-            holds[course.placements[p].frame :, names.index(course.placements[p].limb)] = p
+        for p in sorted(range(len(course.footholds)), key=lambda p: course.footholds[p].frame):
+            holds[course.footholds[p].frame :, names.index(course.footholds[p].limb)] = p
         limbs = [stance.limbs for stance in course.stances]
         limb, stance = np.array([i for row in limbs for i in row]), np.repeat(np.arange(len(limbs)), [*map(len, limbs)])
         row, point = expanded(limb, counts_of(course.robot.limbs))

@@ -19,7 +19,7 @@ from .soles import counts_of, sole_points
 from .stances import Index, Schedule
 
 Node = tuple[Index, Array, Array]
-"""The piece that each slot still has, and the force boxes."""
+"""The piece that each candidate still has, and the force boxes."""
 Replayed = tuple[list[Node], Array]
 """The leaves in preorder and their multipliers."""
 MOST_CORNERS = 1_000_000
@@ -31,7 +31,7 @@ DEEPEST = 200
 class Forest:
     """Problems of one schedule in non-dimensional numbers, and the pieces of their patches as trees cut them.
 
-    Piece T q + t, for problem q and slot t of T, is the whole patch; cuts add more.
+    Piece T q + t, for problem q and candidate t of T, is the whole patch; cuts add more.
     """
 
     def __init__(self, numbers: Numbers, patches: list[Array]) -> None:
@@ -45,11 +45,11 @@ class Forest:
 
     @staticmethod
     def of_course(course: Course) -> Forest:
-        """A course: a slot is a candidate patch of a placement, a toe that already stands a patch of one point."""
+        """A course: a candidate is a candidate patch of a foothold, a toe that already stands a patch of one point."""
         length, limbs = course.length_scale_m, course.robot.limbs
         who = Schedule.of_course(course)
-        patches = [patch for put in course.placements for patch in put.candidates]
-        stands = [put.toe_m for put in course.placements for _ in put.candidates]
+        patches = [patch for put in course.footholds for patch in put.candidates]
+        stands = [put.toe_m for put in course.footholds for _ in put.candidates]
         regions = [region for row in course.regions for region in row]
         points = [
             region.vertices_m if toe is None else toe[None] for region, toe in zip(regions, stands, strict=True)
@@ -59,7 +59,7 @@ class Forest:
         every, steps = (1, len(who.stance), 3), course.steps
         numbers = Numbers(
             schedule=who,
-            slot=np.repeat(np.arange(len(course.placements)), [len(put.candidates) for put in course.placements]),
+            candidate=np.repeat(np.arange(len(course.footholds)), [len(put.candidates) for put in course.footholds]),
             frames=contact_frames(axes[:, 0], axes[:, 1])[None],
             friction=np.array([[patch.friction for patch in patches]]),
             shoulders=np.array([[limb.shoulder_m for limb in limbs]]) / length,
@@ -97,7 +97,7 @@ class Forest:
         who = Schedule.of_posture(row_counts(problems[0].contacts), points)
         numbers = Numbers(
             schedule=who,
-            slot=who.holds[0],
+            candidate=who.holds[0],
             frames=contact_frames(vectors[:, :, 0], vectors[:, :, 1]),
             friction=scalars[..., 0],
             shoulders=vectors[:, :, 2] / lengths[:, None, None],
@@ -133,8 +133,8 @@ class Forest:
             )
         if not (np.isfinite(tree).all() and np.isfinite(rows).all()):
             raise InvalidInput("certificate: expected finite numbers")
-        slots = len(self.numbers.slot)
-        root = np.arange(problem * slots, (problem + 1) * slots)
+        candidates = len(self.numbers.candidate)
+        root = np.arange(problem * candidates, (problem + 1) * candidates)
         stack: list[Node] = [(root, self.numbers.force_min[problem], self.numbers.force_max[problem])]
         leaves: list[Node] = []
         for at, (kind, i, j, first, second) in enumerate(tree.tolist()):
@@ -149,9 +149,9 @@ class Forest:
             elif kind == 1:
                 if first or second:
                     raise InvalidInput(f"{where}: expected zeros after a choice")
-                stack += self._chosen(node, self._slot(i, j, where))
+                stack += self._chosen(node, self._candidate(i, j, where))
             elif kind == 2:
-                stack += self._cut(node, self._slot(i, j, where), first, second, where)
+                stack += self._cut(node, self._candidate(i, j, where), first, second, where)
             elif kind == 3:
                 if second:
                     raise InvalidInput(f"{where}: expected a zero after a force")
@@ -183,16 +183,16 @@ class Forest:
             sag=sags,
         )
 
-    def _chosen(self, node: Node, slot: int) -> list[Node]:
-        """The slot's placement on this slot, and not on it; the first child last."""
+    def _chosen(self, node: Node, candidate: int) -> list[Node]:
+        """The slot's foothold on this candidate, and not on it; the first child last."""
         pieces, lower, upper = node
-        on, off = np.where(self.numbers.slot == self.numbers.slot[slot], -1, pieces), pieces.copy()
-        on[slot], off[slot] = pieces[slot], -1
+        on, off = np.where(self.numbers.candidate == self.numbers.candidate[candidate], -1, pieces), pieces.copy()
+        on[candidate], off[candidate] = pieces[candidate], -1
         return [(off, lower, upper), (on, lower, upper)]
 
-    def _cut(self, node: Node, slot: int, first: float, second: float, where: str) -> list[Node]:
+    def _cut(self, node: Node, candidate: int, first: float, second: float, where: str) -> list[Node]:
         pieces, lower, upper = node
-        own = int(pieces[slot])
+        own = int(pieces[candidate])
         if own < 0:
             raise InvalidInput(f"{where}: expected a candidate that is open, got one that is not")
         polygon, roots = self._pieces[own], len(self._pieces) - len(self._roots)
@@ -209,7 +209,7 @@ class Forest:
             if self._corners > MOST_CORNERS:
                 raise InvalidInput(f"{where}: expected {MOST_CORNERS} corners of pieces or fewer, got more")
             child = pieces.copy()
-            child[slot] = len(self._pieces)
+            child[candidate] = len(self._pieces)
             self._roots.append(own if own < roots else self._roots[own - roots])
             self._pieces.append(part)
             self._depths.append(depth)
@@ -226,11 +226,11 @@ class Forest:
         below[i, k] = above[i, k] = value
         return [(pieces, above, upper), (pieces, lower, below)]
 
-    def _slot(self, placement: float, candidate: float, where: str) -> int:
-        """The slot of a placement's candidate. Raises InvalidInput."""
-        begins = self.numbers.first_slot
-        p = _index(placement, len(begins), f"{where}: placement")
-        counts = np.diff(np.append(begins, len(self.numbers.slot)))
+    def _candidate(self, foothold: float, candidate: float, where: str) -> int:
+        """The candidate of a placement's candidate. Raises InvalidInput."""
+        begins = self.numbers.first_candidate
+        p = _index(foothold, len(begins), f"{where}: foothold")
+        counts = np.diff(np.append(begins, len(self.numbers.candidate)))
         return int(begins[p]) + _index(candidate, int(counts[p]), f"{where}: candidate")
 
     def _sag(self, root: int) -> float:
@@ -240,12 +240,12 @@ class Forest:
 
 
 def _offsets(course: Course) -> Array:
-    """From the toe to the points of its foot, by slot, shape (1, T, K, 3) [m]."""
+    """From the toe to the points of its foot, by candidate, shape (1, T, K, 3) [m]."""
     soles = {limb.name: limb.sole_m for limb in course.robot.limbs}
     return _padded(
         [
             sole_points(soles[put.limb], patch, yaw)
-            for put in course.placements
+            for put in course.footholds
             for patch, yaw in zip(put.candidates, put.yaws_rad or [0.0] * len(put.candidates), strict=True)
         ]
     )[None]

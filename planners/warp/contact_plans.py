@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 
 from ..answer.plan import Plan
 from ..errors import InvalidInput
-from ..files.arrays import Array, frozen
+from ..files.arrays import Array, read_only
 from ..problem.posture import PostureProblem
 from ..relaxation.envelope import Envelope
 from ..terrain.patch import Patch
@@ -36,7 +36,7 @@ class WarpedPose:
     yaw_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "com_bar_m", frozen(self.com_bar_m, (3,), "com_bar_m"))
+        object.__setattr__(self, "com_bar_m", read_only(self.com_bar_m, (3,), "com_bar_m"))
 
     @property
     def com_m(self) -> Array:

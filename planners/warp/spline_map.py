@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.archive import read_archive
-from ..files.arrays import Array, checked, frozen
+from ..files.arrays import Array, checked, read_only
 from ..files.writing import write_bytes
 from ..terrain.bspline import CubicBasis
 from ..terrain.heightfield import HeightField
@@ -53,11 +53,11 @@ class SplineMap:
     terrain_digest: str = ""
 
     def __post_init__(self) -> None:
-        domain = frozen(self.domain_m, (2, 2), "domain_m")
+        domain = read_only(self.domain_m, (2, 2), "domain_m")
         object.__setattr__(self, "domain_m", tuple((float(low), float(high)) for low, high in domain))
         object.__setattr__(self, "height_m", checked(self.height_m, "height_m", above=0.0))
         object.__setattr__(self, "fade_m", checked(self.fade_m, "fade_m", above=0.0))
-        object.__setattr__(self, "control_m", frozen(self.control_m, (3, None, None, None), "control_m"))
+        object.__setattr__(self, "control_m", read_only(self.control_m, (3, None, None, None), "control_m"))
         if not all(high > low for low, high in self.domain_m):
             raise InvalidInput(f"domain_m: expected increasing spans, got {self.domain_m}")
         if min(self.control_m.shape[1:]) < 4:

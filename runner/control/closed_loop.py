@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.arrays import checked, gathered
+from stancekit.planners.files.arrays import checked, collect_errors
 from stancekit.planners.problem.course import Course
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.answer import CoursePlanner
@@ -74,7 +74,7 @@ class LoopSettings:
     learn_friction: bool = True
 
     def __post_init__(self) -> None:
-        gathered(
+        collect_errors(
             lambda: checked(self.horizon, "loop.horizon", least=0.0),
             lambda: checked(self.most, "loop.most", least=1.0),
             lambda: checked(self.goal_m, "loop.goal_m", above=0.0),
@@ -263,7 +263,7 @@ class ClosedLoop:
         if not np.isfinite(self.settings.replan_m):
             return False
         self._slid = bool(self._slips.slipping(target, state).any())
-        return self._slid or (min(target.sample.placement) >= 0 and away > self.settings.replan_m)
+        return self._slid or (min(target.sample.foothold) >= 0 and away > self.settings.replan_m)
 
     def _count(self, record: Record, begun: int) -> None:
         """How far it came."""

@@ -75,7 +75,7 @@ class SelectorPolicy:
 def chosen(selector: Predictor, learned: EnvelopeSet, course: Course) -> tuple[Envelope, ...]:
     """The different envelopes that a selector chooses for the stances of a course by these legs, first candidates."""
     names, found = course.robot.limb_names, dict[bytes, Envelope]()
-    first = np.zeros(len(course.placements), dtype=int)
+    first = np.zeros(len(course.footholds), dtype=int)
     for stance in course.stances:
         if {names[limb] for limb in stance.limbs} != set(learned.legs):
             continue

@@ -37,7 +37,7 @@ def deviation_m(target: Target, state: State, kinematics: Kinematics, can: World
         return 0.0
     sample = target.sample
     body = float(np.linalg.norm(measured_com_m(kinematics, state) - sample.com_m))
-    stands = np.array(sample.placement) >= 0
+    stands = np.array(sample.foothold) >= 0
     feet = np.linalg.norm(state.feet_m - target.rolled_m - sample.feet_m, axis=1)[stands]
     return max(body, float(feet.max(initial=0.0)))
 
@@ -70,10 +70,10 @@ def estimate_friction(plan: Plan, record: Record, period_s: float, last_s: float
     felt = []
     pairs = record.pairs[-int(min(last_s / period_s, len(record.pairs))) - 1 :]
     for (_, before), (target, state) in pairwise(pairs):
-        for limb, placement in enumerate(target.sample.placement):
-            if placement < 0:
+        for limb, foothold in enumerate(target.sample.foothold):
+            if foothold < 0:
                 continue
-            patch = plan.course.patch(placement, plan.choice)
+            patch = plan.course.patch(foothold, plan.choice)
             normal = float(state.forces_n[limb] @ patch.normal)
             moved = state.feet_m[limb] - before.feet_m[limb]
             along = float(np.linalg.norm(moved - (moved @ patch.normal) * patch.normal))

@@ -53,23 +53,23 @@ class SlipDetector:
     def __init__(self, rate_hz: float) -> None:
         self._window, self._stood = max(1, round(WINDOW_S * rate_hz)), round(STOOD_S * rate_hz)
         self._feet = deque[Array](maxlen=self._window + 1)
-        self._placement: tuple[int, ...] = ()
+        self._foothold: tuple[int, ...] = ()
         self._since = np.zeros(0, dtype=int)
 
     def slipping(self, target: Target, state: State) -> NDArray[np.bool_]:
         """shape (N,)."""
         sample = target.sample
-        if not self._placement:
-            self._since = np.full(len(sample.placement), self._stood)
+        if not self._foothold:
+            self._since = np.full(len(sample.foothold), self._stood)
         else:
-            same = np.array(sample.placement) == np.array(self._placement)
+            same = np.array(sample.foothold) == np.array(self._foothold)
             self._since = np.where(same, self._since + 1, 0)
-        self._placement = sample.placement
+        self._foothold = sample.foothold
         self._feet.append(state.feet_m - target.rolled_m)
         moved = self._feet[-1] - self._feet[0]
         along = moved - np.einsum("ij,ij->i", moved, sample.normals)[:, None] * sample.normals
         loaded = np.einsum("ij,ij->i", state.forces_n, sample.normals) > LOADED_N
-        stands = (np.array(sample.placement) >= 0) & (self._since >= self._stood)
+        stands = (np.array(sample.foothold) >= 0) & (self._since >= self._stood)
         return np.asarray(stands & loaded & (np.linalg.norm(along, axis=1) > SLID_M))
 
 
@@ -85,11 +85,11 @@ class StandingMotion:
 
     def __init__(
         self, now: MotionSample, *, com_m: Array, rotation_rad: Array, feet_m: Array, toes_m: Array, normals: Array,
-        forces_n: tuple[Array, Array], placement: tuple[int, ...],
+        forces_n: tuple[Array, Array], foothold: tuple[int, ...],
     ) -> None:  # fmt: skip
         self._now, self._com, self._rotation, self._feet = now, com_m, rotation_rad, feet_m
         self._down, self._normals, self._forces = toes_m + FOOT_RADIUS_M * normals, normals, forces_n
-        self._placement, self._air = placement, np.array(now.placement) < 0
+        self._foothold, self._air = foothold, np.array(now.foothold) < 0
         lengths_m = np.linalg.norm(self._down - feet_m, axis=1)[self._air]
         self._land_s = float(lengths_m.max(initial=0.0)) / LAND_M_S
 
@@ -112,7 +112,7 @@ class StandingMotion:
             com_m=self._com, rotation_rad=self._rotation, frame=self._now.frame,
             feet_m=self._feet + np.where(self._air[:, None], moved, 0.0),
             forces_n=self._forces[1] if down else self._forces[0],
-            placement=self._placement if down else self._now.placement, normals=self._normals,
+            foothold=self._foothold if down else self._now.foothold, normals=self._normals,
             friction=self._now.friction,
         )  # fmt: skip
 
@@ -147,13 +147,13 @@ class SlipRecovery:
     def _motion(self, plan: Plan, now: MotionSample, state: State, share: float) -> StandingMotion:
         """Standing where the robot is, with the forces for this share of the friction; those of now where none are."""
         course, index = plan.course, round(now.frame)
-        holds = tuple(int(placement) for placement in course.holds[index])
-        patches = [course.patch(placement, plan.choice) for placement in holds]
+        holds = tuple(int(foothold) for foothold in course.holds[index])
+        patches = [course.patch(foothold, plan.choice) for foothold in holds]
         patches = [replace(patch, friction=share * patch.friction) for patch in patches]
         normals, friction = (np.array([getattr(patch, name) for patch in patches]) for name in ("normal", "friction"))
         under = state.feet_m - FOOT_RADIUS_M * normals
         toes = np.array([nearest_on(patch, toe) for patch, toe in zip(patches, under, strict=True)])
-        com_m, stands = measured_com_m(self._kinematics, state), np.array(now.placement) >= 0
+        com_m, stands = measured_com_m(self._kinematics, state), np.array(now.foothold) >= 0
         turned = Rotation.from_matrix(state.rotation).as_rotvec()
         first = self._distribution.forces(course, toes - com_m, patches, stands)
         first = now.forces_n if first is None else first
@@ -161,7 +161,7 @@ class SlipRecovery:
         return StandingMotion(
             replace(now, frame=float(index), friction=friction), com_m=com_m, rotation_rad=turned,
             feet_m=state.feet_m, toes_m=toes, normals=normals, forces_n=(first, first if then is None else then),
-            placement=holds,
+            foothold=holds,
         )  # fmt: skip
 
     def _tracked(self, motion: StandingMotion, state: State) -> Tracked[StandingMotion]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.files.arrays import Array, checked, gathered
+from stancekit.planners.files.arrays import Array, checked, collect_errors
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
 from ..motion.motion import Motion, MotionSample
@@ -56,7 +56,7 @@ class ContactFeedback:
 
     def __post_init__(self) -> None:
         numbers = [name for name in self.__annotations__ if name != "waits"]
-        gathered(*(lambda n=n: checked(getattr(self, n), f"feedback.{n}", least=0.0) for n in numbers))
+        collect_errors(*(lambda n=n: checked(getattr(self, n), f"feedback.{n}", least=0.0) for n in numbers))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,7 +102,7 @@ class Tracker:
         limbs = len(kinematics.robot.limbs)
         self._step_s, self._most_step = body.step_s, STEP * model.stand_height_m
         self._velocity = np.zeros(6)
-        self._touched, self._landed = np.array(motion.at(0.0).placement) >= 0, motion.at(0.0).feet_m
+        self._touched, self._landed = np.array(motion.at(0.0).foothold) >= 0, motion.at(0.0).feet_m
         self._stepped, self._moved, self._drift = (np.zeros((limbs, 3)) for _ in range(3))
         self._wished = RedundancyResolution(motion, kinematics, near_of(kinematics))
         self._time_s = 0.0
@@ -129,7 +129,7 @@ class Tracker:
             return None
         now, then = self._motion.at(self._time_s), self._motion.at(self._time_s + self._period_s)
         felt, wanted = (np.einsum("ij,ij->i", forces, then.normals) for forces in (forces_n, then.forces_n))
-        stands, lands = np.array(then.placement) >= 0, np.array(now.placement) < 0
+        stands, lands = np.array(then.foothold) >= 0, np.array(now.foothold) < 0
         missing = stands & (lands | (wanted > 4.0 * self._feedback.touch_n))
         missing &= (felt < self._feedback.touch_n) & (self._depth < self._feedback.seek_m)
         landing = missing & lands & self._feedback.waits
@@ -145,7 +145,7 @@ class Tracker:
         """Where the body is measured, feet that have landed, early or late, stay where they are, and not where they
         should have landed; those that are late are lowered, and those in the air step to where the body falls. What is
         commanded moves there smoothly."""
-        found, before, stands = self._found, self._touched, np.array(then.placement) >= 0
+        found, before, stands = self._found, self._touched, np.array(then.foothold) >= 0
         self._touched, goal = stands, np.zeros_like(self._moved)
         if found is not None:
             comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
@@ -221,7 +221,7 @@ class Tracker:
         between = turned @ self._turned.transpose(0, 2, 1)
         turn = 0.5 * (between - between.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]]
         moved = self._kinematics.radii_m[:, None] * np.cross(turn, sample.normals)
-        stands = np.array(sample.placement)[:, None] >= 0
+        stands = np.array(sample.foothold)[:, None] >= 0
         self._rolled = np.where(stands, self._rolled + moved, 0.9 * self._rolled)
         self._turned = turned
 
@@ -234,7 +234,7 @@ class Tracker:
         near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
         self._wish = wish
         angles, error = self._kinematics.reach(feet, near, near)
-        stuck = (error > STUCK_M) & (np.array(sample.placement) < 0)
+        stuck = (error > STUCK_M) & (np.array(sample.foothold) < 0)
         if stuck.any():  # at a limit on its path: begin again where it should end
             other, missed = self._kinematics.reach(feet, wish, wish)
             stuck &= missed < error

@@ -41,10 +41,10 @@ class GaitMotion:
         self._friction = np.full(len(self._radii), trajectory.friction)
         self._turned = Slerp(trajectory.times_s, Rotation.from_matrix(trajectory.rotation))
         self._normals = trajectory.terrain.normal(trajectory.feet_m[..., :2])
-        self._placement = placements(trajectory.contact)
+        self._foothold = footholds(trajectory.contact)
         self.stances: Sequence[str] = tuple(
             f"{trajectory.robot.foot_names[foot]}, put down at {trajectory.times_s[row]:.2f} s,"
-            for row, foot in (np.argwhere(self._placement == k)[0] for k in range(int(self._placement.max()) + 1))
+            for row, foot in (np.argwhere(self._foothold == k)[0] for k in range(int(self._foothold.max()) + 1))
         )
 
     @property
@@ -94,13 +94,13 @@ class GaitMotion:
             frame=min(max(time_s, 0.0), self.seconds),
             feet_m=between(self.trajectory.feet_m) + self._radii * normals,
             forces_n=between(self.trajectory.forces_n),
-            placement=tuple(self._placement[k + (s >= 1.0)].tolist()),
+            foothold=tuple(self._foothold[k + (s >= 1.0)].tolist()),
             normals=normals,
             friction=self._friction,
         )
 
 
-def placements(contact: NDArray[np.bool_]) -> NDArray[np.int64]:
+def footholds(contact: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Which stance every foot is in, counted over all feet, −1 in the air; contact and result: shape (K, E)."""
     begins = contact & ~np.vstack([np.zeros((1, contact.shape[1]), dtype=np.bool_), contact[:-1]])
     count = np.cumsum(begins, axis=0)

@@ -23,7 +23,7 @@ class MotionSample:
     frame: float
     feet_m: Array
     forces_n: Array
-    placement: tuple[int, ...]
+    foothold: tuple[int, ...]
     normals: Array
     friction: Array
 

@@ -150,7 +150,7 @@ class _Limbs:
         """shape (J,) [Nm]; push: acceleration of the centre of mass, shape (3,) [m/s²], shared by feet that stand."""
         robot, servo = self._kinematics.robot, self._kinematics.servo
         own = self._kinematics.inertial_torques(angles, velocity, acceleration) + servo.rotor_kg_m2 * acceleration
-        stands = np.array(sample.placement) >= 0
+        stands = np.array(sample.foothold) >= 0
         shared = np.where(stands[:, None], robot.mass_kg * push / max(1, int(stands.sum())), 0.0)
         rotation = rotation_of(sample.rotation_rad)
         with_push = self._kinematics.torques(angles, rotation, shared)

@@ -15,7 +15,7 @@ import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, checked, gathered
+from stancekit.planners.files.arrays import Array, checked, collect_errors
 from stancekit.planners.robot.legged import foot_radii
 from stancekit.planners.terrain.prism import Solid
 
@@ -46,7 +46,7 @@ class Timing:
     clearance_m: float = 0.05
 
     def __post_init__(self) -> None:
-        gathered(*(lambda n=n: checked(getattr(self, n), f"timing.{n}", above=0.0) for n in self.__annotations__))
+        collect_errors(*(lambda n=n: checked(getattr(self, n), f"timing.{n}", above=0.0) for n in self.__annotations__))
 
     def at_pace(self, pace: float) -> Timing:
         """The same, faster by this factor."""
@@ -64,7 +64,7 @@ class _Phase:
     seconds: float
     frames: tuple[int, int]
     forces: tuple[Array, Array]
-    placement: tuple[int, ...]
+    foothold: tuple[int, ...]
     swings: dict[int, tuple[Swing, float, float]] = field(default_factory=dict)
 
 
@@ -83,11 +83,11 @@ class PlanMotion:
         self._names = course.robot.limb_names
         self._stance = {(stance.frame, stance.limbs): index for index, stance in enumerate(course.stances)}
         self.solids = tuple(Solid.behind(patch) for patch in course.terrain)
-        patches = [course.patch(p, plan.choice) for p in range(len(course.placements))]
+        patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
         self.normals, self._friction = (
             np.array([getattr(p, name) for p in patches]) for name in ("normal", "friction")
         )
-        self._radii = foot_radii(course.robot)[[self._names.index(each.limb) for each in course.placements]]
+        self._radii = foot_radii(course.robot)[[self._names.index(each.limb) for each in course.footholds]]
         self._feet = plan.toes_m + self._radii[:, None] * self.normals
 
     @property
@@ -107,8 +107,8 @@ class PlanMotion:
 
     @property
     def stances(self) -> Sequence[str]:
-        """Of every placement."""
-        return [f"{each.limb}, put down at frame {each.frame}," for each in self.plan.course.placements]
+        """Of every foothold."""
+        return [f"{each.limb}, put down at frame {each.frame}," for each in self.plan.course.footholds]
 
     def entry(self) -> dict[str, Any]:
         """The key frames, for a log."""
@@ -159,7 +159,7 @@ class PlanMotion:
             frame=a + s * (b - a),
             feet_m=feet,
             forces_n=phase.forces[0] + s * (phase.forces[1] - phase.forces[0]),
-            placement=phase.placement,
+            foothold=phase.foothold,
             normals=normals,
             friction=friction,
         )
@@ -178,8 +178,8 @@ class PlanMotion:
 
     def _still(self, frame: int, seconds: float, first: Array, last: Array) -> _Phase:
         """All limbs stand, only the load moves."""
-        placement = tuple(int(p) for p in self.plan.course.holds[frame])
-        return _Phase(seconds=seconds, frames=(frame, frame), forces=(first, last), placement=placement)
+        foothold = tuple(int(p) for p in self.plan.course.holds[frame])
+        return _Phase(seconds=seconds, frames=(frame, frame), forces=(first, last), foothold=foothold)
 
     def _step(self, k: int, before: Array, after: Array) -> list[_Phase]:
         """Lift, swing and place the limbs of frame k; the body moves during the swing."""
@@ -201,7 +201,7 @@ class PlanMotion:
         ]
         found = [
             _Phase(
-                seconds=time, frames=frames, forces=forces, placement=air,
+                seconds=time, frames=frames, forces=forces, foothold=air,
                 swings={limb: (swing, *part) for limb, swing in swings.items()},
             )
             for time, frames, forces, part in parts
@@ -209,7 +209,7 @@ class PlanMotion:
         if swings:
             landing = {limb: (swing, 2.0, 3.0) for limb, swing in swings.items()}
             place_s = timing.place_s * down / timing.clearance_m
-            found.append(_Phase(seconds=place_s, frames=(k, k), forces=(after, after), placement=air, swings=landing))
+            found.append(_Phase(seconds=place_s, frames=(k, k), forces=(after, after), foothold=air, swings=landing))
         return found
 
     def _swing(self, old: int, new: int) -> Swing:

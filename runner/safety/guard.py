@@ -16,7 +16,7 @@ import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
-from stancekit.planners.files.arrays import Array, checked, gathered
+from stancekit.planners.files.arrays import Array, checked, collect_errors
 from stancekit.planners.gait.trajectory import Trajectory
 
 from ..acceptance import proven
@@ -62,7 +62,7 @@ class Limits:
     silent_s: float = 0.25
 
     def __post_init__(self) -> None:
-        gathered(
+        collect_errors(
             lambda: checked(self.margin_rad, "limits.margin_rad", least=0.0),
             lambda: checked(self.velocity_share, "limits.velocity_share", above=0.0, most=1.0),
             *(

@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.validation import shown
 
 from ..worlds.ros.bridge import Message, RosLink
 

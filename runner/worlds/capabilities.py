@@ -7,7 +7,7 @@ from typing import Self
 
 import numpy as np
 
-from stancekit.planners.files.arrays import Array, checked, frozen
+from stancekit.planners.files.arrays import Array, checked, read_only
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.urdf import Servo, joint_names
 
@@ -54,4 +54,4 @@ class WorldCapabilities:
     def __post_init__(self) -> None:
         checked(self.rate_hz, "capabilities.rate_hz", above=0.0)
         for name in ("lower_rad", "upper_rad", "velocity_rad_s", "torque_nm"):
-            object.__setattr__(self, name, frozen(getattr(self, name), (len(self.joints),), f"capabilities.{name}"))
+            object.__setattr__(self, name, read_only(getattr(self, name), (len(self.joints),), f"capabilities.{name}"))

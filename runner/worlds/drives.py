@@ -8,7 +8,7 @@ from typing import Self
 import numpy as np
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, checked, frozen, gathered
+from stancekit.planners.files.arrays import Array, checked, collect_errors, read_only
 from stancekit.planners.problem.posture import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.robot_model import RobotModel
@@ -39,7 +39,7 @@ class Drives:
     def __post_init__(self) -> None:
         for name in self.__annotations__:
             if name != "joints":
-                object.__setattr__(self, name, frozen(getattr(self, name), (len(self.joints),), f"drives.{name}"))
+                object.__setattr__(self, name, read_only(getattr(self, name), (len(self.joints),), f"drives.{name}"))
 
     @classmethod
     def of(cls, robot: Robot, servo: Servo, model: RobotModel) -> Self:
@@ -92,7 +92,7 @@ class Imperfections:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        gathered(
+        collect_errors(
             *(lambda n=n: checked(getattr(self, n), f"imperfections.{n}", least=0.0)
               for n in ("offset_rad", "noise_rad", "delay_s")),
             *(lambda n=n: checked(getattr(self, n), f"imperfections.{n}", above=0.0)

@@ -12,7 +12,7 @@ from pydantic import ConfigDict, Field
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml
-from stancekit.planners.files.refusals import shown, validated
+from stancekit.planners.files.validation import shown, validated
 from stancekit.planners.files.writing import write_text
 
 

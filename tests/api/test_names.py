@@ -45,15 +45,15 @@ def test_only_what_a_name_needs_is_loaded():
 def test_type_checkers_are_told_the_same_names_from_the_same_homes():
     tree = ast.parse(Path(inspect.getfile(stancekit)).read_text("utf-8"))
     guarded = next(node for node in tree.body if isinstance(node, ast.If))
-    told = {
+    message = {
         alias.asname: node.module
         for node in guarded.body
         if isinstance(node, ast.ImportFrom) and node.level == 1
         for alias in node.names
         if alias.asname == alias.name
     }
-    assert told == stancekit._HOME
-    assert len(told) > 20
+    assert message == stancekit._HOME
+    assert len(message) > 20
 
 
 def test_the_verbs_are_there_and_a_wrong_name_is_an_attribute_error():

@@ -108,7 +108,7 @@ class Dreamer:
         def gripping(patch):
             return patch.with_friction(2.0 * patch.friction + 1.0)
 
-        placements = [replace(p, candidates=tuple(map(gripping, p.candidates))) for p in course.placements]
+        footholds = [replace(p, candidates=tuple(map(gripping, p.candidates))) for p in course.placements]
         easy = replace(course, terrain=tuple(map(gripping, course.terrain)), placements=tuple(placements))
         return stancekit.plan(easy, reserve=False).plan
 '''

@@ -44,13 +44,13 @@ def test_a_walk_has_one_verdict(name: str, stancekit, tmp_path: Path) -> None:
     written = check_trajectory(trajectory)
     write_trajectory(path, trajectory, written)
     ran = stancekit("verify", path, "--json")
-    (told,) = ran.records
+    (message,) = ran.records
     python = library.verify(library.load(path))
-    assert (ran.code == 0) == told["accepted"] == python.accepted == written.accepted
-    assert told["accepted"] == (name in ("honest", "open"))
-    assert told["message"] == python.message == written.message
-    assert told["digest"] == python.digest == written.digest == read_trajectory(path).verdict["digest"]
-    assert sorted(told["checked"] + told["not_checked"]) == sorted(GROUPS)
+    assert (ran.code == 0) == message["accepted"] == python.accepted == written.accepted
+    assert message["accepted"] == (name in ("honest", "open"))
+    assert message["message"] == python.message == written.message
+    assert message["digest"] == python.digest == written.digest == read_trajectory(path).verdict["digest"]
+    assert sorted(message["checked"] + message["not_checked"]) == sorted(GROUPS)
     assert stancekit("verify", path).out == f"{path}: {written.message}\n"
 
 
@@ -72,12 +72,12 @@ def test_a_plan_has_one_verdict(name: str, stancekit, tmp_path: Path) -> None:
     write_plan(path, made, written)
     ran = stancekit("verify", path, "--json")
     (record,) = ran.records
-    told, python = record["report"], library.verify(library.load(path))
-    assert (ran.code == 0) == told["accepted"] == python.accepted == written.accepted == (name == "honest")
-    assert record["verdict"] == ("accepted" if told["accepted"] else "refused")
-    assert told["digest"] == python.digest == written.digest
-    assert told["checked"] == list(python.checked) == list(written.checked)
-    assert [group["group"] for group in told["groups"]] == list(PLAN_GROUPS)
+    message, python = record["report"], library.verify(library.load(path))
+    assert (ran.code == 0) == message["accepted"] == python.accepted == written.accepted == (name == "honest")
+    assert record["verdict"] == ("accepted" if message["accepted"] else "refused")
+    assert message["digest"] == python.digest == written.digest
+    assert message["checked"] == list(python.checked) == list(written.checked)
+    assert [group["group"] for group in message["groups"]] == list(PLAN_GROUPS)
     if name == "honest":
         assert Accepted.from_file(path).digest == check_plan(made).digest  # of contacts; joints it asks of its world
     else:

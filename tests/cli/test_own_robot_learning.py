@@ -109,13 +109,13 @@ def test_a_data_set_of_another_robot_or_terrain_is_refused(
 ) -> None:
     mine, heavy = (named_robot(folder / name).identity for name in ("dog.urdf", "heavy.urdf"))
     robot, out = str(folder / "heavy.urdf"), ("--out", "x.json")
-    told = f"robot: expected a data set of {heavy}, got one of {mine}"
-    assert refusal("fit", rows, "--robot", robot, *out) == f"rows: {told}"
-    told = f"robot: expected a data set of {mine}, got one of hexapod"
-    assert refusal("evaluate", labelled, "--robot", folder / "dog.urdf") == f"{labelled}: {told}"
+    message = f"robot: expected a data set of {heavy}, got one of {mine}"
+    assert refusal("fit", rows, "--robot", robot, *out) == f"rows: {message}"
+    message = f"robot: expected a data set of {mine}, got one of hexapod"
+    assert refusal("evaluate", labelled, "--robot", folder / "dog.urdf") == f"{labelled}: {message}"
     (folder / "other.obj").write_text(TILES.replace("0.02", "0.03"))
-    told = refusal("fit", rows, "--terrain", folder / "other.obj", *out)
-    assert told.startswith("rows: terrain: expected a data set of other-")
+    message = refusal("fit", rows, "--terrain", folder / "other.obj", *out)
+    assert message.startswith("rows: terrain: expected a data set of other-")
 
 
 def test_envelopes_of_another_robot_are_refused_where_problems_are_solved(
@@ -132,11 +132,11 @@ def test_envelopes_of_another_robot_are_refused_where_problems_are_solved(
 
 
 def test_robots_and_terrains_that_will_not_do_are_one_line(folder: Path, refusal: Callable, files: list[str]) -> None:
-    told = "expected a robot of 5 legs or more, got quadruped with LF, RF, LH, RH"
-    assert refusal("label", "ground-5", "out", "--robot", folder / "dog.urdf") == f"ground-5: {told}"
+    message = "expected a robot of 5 legs or more, got quadruped with LF, RF, LH, RH"
+    assert refusal("label", "ground-5", "out", "--robot", folder / "dog.urdf") == f"ground-5: {message}"
     (folder / "wall.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 0 1\nv 0 0 1\nf 1 2 3\nf 1 3 4\n")
-    told = refusal("sample", "terrain-3", "--robot", folder / "dog.urdf", "--terrain", folder / "wall.obj")
-    assert told.startswith(f"{folder / 'wall.obj'}: expected a terrain with footholds, flat places ")
+    message = refusal("sample", "terrain-3", "--robot", folder / "dog.urdf", "--terrain", folder / "wall.obj")
+    assert message.startswith(f"{folder / 'wall.obj'}: expected a terrain with footholds, flat places ")
     assert refusal("sample", "terrain-3", "--robot", folder / "dog.urdf") == (
         "terrain-3: expected a terrain's file, got none"
     )

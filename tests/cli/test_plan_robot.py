@@ -116,8 +116,8 @@ def test_a_robot_that_is_too_weak_has_a_plan_that_nobody_calls_accepted(call):
     assert "joints: checked; torque: failed (frame " in out
     code, out, err = call(Verify, "plan.json")
     assert code == 1
-    told = "plan.json: rejected: contacts hold, the joints cannot do it; joints: checked; torque: failed ("
-    assert out.startswith(told)
+    message = "plan.json: rejected: contacts hold, the joints cannot do it; joints: checked; torque: failed ("
+    assert out.startswith(message)
     assert "another verdict" not in out
 
 
@@ -167,9 +167,9 @@ def test_without_pinocchio_the_extra_is_named(call, monkeypatch):
 def test_a_climb_is_planned_within_the_torque_that_is_asked_for_and_verified_within_it(call):
     code, out, err = call(PlanCourse, "walls", "--torque-nm", 10, "--out", "plan.json")
     assert (code, err) == (0, "")
-    told = re.search(r"^torque: ([\d.]+) → ([\d.]+) Nm in (\d) steps$", out, re.MULTILINE)
-    assert told is not None
-    before, after, steps = map(float, told.groups())
+    message = re.search(r"^torque: ([\d.]+) → ([\d.]+) Nm in (\d) steps$", out, re.MULTILINE)
+    assert message is not None
+    before, after, steps = map(float, message.groups())
     assert before > 15.0
     assert after <= 9.0
     assert 1 <= steps <= 6
@@ -192,7 +192,7 @@ def test_a_climb_that_asks_too_much_of_its_joints_is_undecided_in_both_commands(
 
 
 def test_torques_that_make_no_sense_are_refused(call):
-    told = "stancekit: error: --torque-nm: expected a number above 0, got -1\n"
-    assert call(PlanCourse, "walls", "--torque-nm", -1)[::2] == (2, told)
-    told = "stancekit: error: --torque-share: expected a number in [-1e+06, 1], got 2\n"
-    assert call(PlanCourse, "walls", "--torque-share", 2)[::2] == (2, told)
+    message = "stancekit: error: --torque-nm: expected a number above 0, got -1\n"
+    assert call(PlanCourse, "walls", "--torque-nm", -1)[::2] == (2, message)
+    message = "stancekit: error: --torque-share: expected a number in [-1e+06, 1], got 2\n"
+    assert call(PlanCourse, "walls", "--torque-share", 2)[::2] == (2, message)

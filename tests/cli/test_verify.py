@@ -40,9 +40,9 @@ def test_people_are_told_in_a_line_each(pairs, stancekit):
     assert (ran.code, len(lines)) == (0, 3)
     assert lines[0].startswith("problems.jsonl line 1: accepted: worst is ")
     assert lines[1].startswith("problems.jsonl line 2: accepted: refuted at all leaves (")
-    told = stancekit("verify", "problems.jsonl", "answers.jsonl", "--explain").out.splitlines()
-    assert told[0] == lines[0]
-    assert told[1].startswith(lines[1] + "; infeasible: ")
+    message = stancekit("verify", "problems.jsonl", "answers.jsonl", "--explain").out.splitlines()
+    assert message[0] == lines[0]
+    assert message[1].startswith(lines[1] + "; infeasible: ")
 
 
 def test_answers_and_problems_may_come_from_standard_input(pairs, stancekit, tmp_path):

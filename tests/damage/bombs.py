@@ -63,10 +63,10 @@ def wide_png(side: int = 50_000) -> bytes:
 
 def entities(levels: int = 10) -> bytes:
     """A URDF whose name is a billion letters by entities of entities."""
-    told = '<!ENTITY a0 "lol">' + "".join(
+    message = '<!ENTITY a0 "lol">' + "".join(
         f'<!ENTITY a{k} "{f"&a{k - 1};" * 10}">' for k in range(1, levels)
     )  # fmt: skip
-    return f'<?xml version="1.0"?><!DOCTYPE robot [{told}]><robot name="&a{levels - 1};"/>'.encode()
+    return f'<?xml version="1.0"?><!DOCTYPE robot [{message}]><robot name="&a{levels - 1};"/>'.encode()
 
 
 def deep_xml(levels: int = 100_000) -> bytes:

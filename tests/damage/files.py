@@ -29,7 +29,7 @@ from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.gait.trajectory_file import write_trajectory
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_json import course_to_json
-from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.single_body import hexapod_walker
@@ -87,7 +87,7 @@ def _plans(folder: Path) -> None:
     plan = TwoStageCoursePlanner().solve(read_course(folder / "course.yaml", 2)).plan
     assert plan is not None
     write_plan(folder / "plan.json", plan, check_plan(plan))
-    icy = lay_out(spec_from({**spec, "terrain": {**spec["terrain"], "friction": 0.0}}), folder)
+    icy = build_course(spec_from({**spec, "terrain": {**spec["terrain"], "friction": 0.0}}), folder)
     refuted = TwoStageCoursePlanner().solve(icy).certificate
     assert refuted is not None
     write_proof(folder / "proof.json", icy, refuted)

@@ -133,10 +133,10 @@ class RosBridge:
             self.received.append(message)
         getattr(self, "_" + message["op"])(client, message)
 
-    def _refuse(self, client: Client, told: Any, why: str) -> None:
+    def _refuse(self, client: Client, message: Any, why: str) -> None:
         with self._lock:
             self.errors.append(why)
-        self._say(client, {"op": "status", "level": "error", "msg": why} | ({} if told is None else {"id": told}))
+        self._say(client, {"op": "status", "level": "error", "msg": why} | ({} if message is None else {"id": message}))
 
     def _advertise(self, client: Client, message: dict[str, Any]) -> None:
         slashes = message["type"].count("/")
@@ -233,22 +233,22 @@ class RosBridge:
         with self._lock:
             self._cancel(message["id"])
 
-    def _begin(self, client: Client, told: str, goal: dict[str, Any]) -> str | None:
+    def _begin(self, client: Client, message: str, goal: dict[str, Any]) -> str | None:
         wrong = goal_wrong(goal, self._nanos)
         if wrong is not None:
-            self._refuse(client, told, wrong)
+            self._refuse(client, message, wrong)
         task = None
         if wrong is None and "rejects goals" not in self._faults:
             task = self.robot.begin(goal, self._nanos)
         self.log.append(("goal", time.monotonic()))
         if task is None:
             return "rejected"
-        self._running[told] = task
+        self._running[message] = task
         return None
 
-    def _cancel(self, told: str) -> None:
+    def _cancel(self, message: str) -> None:
         self.log.append(("cancel", time.monotonic()))
-        task = self._running.get(told) if told else self.robot.task
+        task = self._running.get(message) if message else self.robot.task
         if task is not None and task is self.robot.task:
             self.robot.stop()
             self.robot.end("cancelled", 0)
@@ -263,9 +263,9 @@ class RosBridge:
                 "error": {"positions": (desired - actual).tolist()},
             }
 
-    def _finished1(self, told: str, how: str, code: int) -> None:
+    def _finished1(self, message: str, how: str, code: int) -> None:
         """A result of actionlib, and the final status that stays in the list."""
-        status = {"goal_id": {"id": told, "stamp": {"secs": 0, "nsecs": 0}}, "status": ENDS1[how]}
+        status = {"goal_id": {"id": message, "stamp": {"secs": 0, "nsecs": 0}}, "status": ENDS1[how]}
         self._statuses = [*self._statuses[-4:], status]
         action = f"{self.controller}/follow_joint_trajectory"
         self._tell(f"{action}/result", {"status": status, "result": {"error_code": code, "error_string": ""}})
@@ -297,13 +297,13 @@ class RosBridge:
     def _live1(self) -> None:
         """Feedback and ends of actionlib's goals."""
         action = f"{self.controller}/follow_joint_trajectory"
-        for told, task in list(self._running.items()):
+        for message, task in list(self._running.items()):
             if task.ended is None:
-                goal = {"goal_id": {"id": told}, "status": 1}
+                goal = {"goal_id": {"id": message}, "status": 1}
                 self._tell(f"{action}/feedback", {"status": goal, "feedback": self._feedback()})
             else:
-                del self._running[told]
-                self._finished1(told, *task.ended)
+                del self._running[message]
+                self._finished1(message, *task.ended)
 
     def _speak(self) -> None:
         """Joint states, the controller's state, and actionlib's status."""
@@ -318,7 +318,7 @@ class RosBridge:
         self._tell("/joint_states", said)
         self._tell(f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}", self._feedback())
         if self.ros == 1:
-            going = [{"goal_id": {"id": told}, "status": 1} for told in self._running]
+            going = [{"goal_id": {"id": message}, "status": 1} for message in self._running]
             self._tell(f"{self.controller}/follow_joint_trajectory/status", {"status_list": [*going, *self._statuses]})
         if "e-stop" in self._faults:
             self._tell("/e_stop", {"data": True})

@@ -136,11 +136,11 @@ class Controller:
             self.stop()
             self.end("aborted", GOAL_VIOLATED)
 
-    def _tolerances(self, told: list[dict[str, Any]]) -> Array:
+    def _tolerances(self, message: list[dict[str, Any]]) -> Array:
         """Of the positions; 0 is unspecified."""
-        found = {each["name"]: each["position"] for each in told if each["position"] > 0.0}
+        found = {each["name"]: each["position"] for each in message if each["position"] > 0.0}
         return np.array([found.get(name, np.inf) for name in self.names])
 
 
-def _seconds(told: dict[str, int], nanos: str) -> float:
-    return float(told.get("sec" if nanos == "nanosec" else "secs", 0) + 1e-9 * told.get(nanos, 0))
+def _seconds(message: dict[str, int], nanos: str) -> float:
+    return float(message.get("sec" if nanos == "nanosec" else "secs", 0) + 1e-9 * message.get(nanos, 0))

@@ -116,10 +116,10 @@ def test_a_traverse_takes_another_robot_and_terrain_than_its_courses(folder: Pat
 
 
 def test_what_brings_its_own_robot_takes_no_other(files: dict[str, str]) -> None:
-    told = "robot, terrain: expected none beside mine, which has its own"
+    message = "robot, terrain: expected none beside mine, which has its own"
     with pytest.raises(InvalidInput) as error:
         EnvelopeSelectionEnv(SceneKind(name="mine", legs=("LF",)), **files)
-    assert str(error.value) == told
+    assert str(error.value) == message
     with pytest.raises(InvalidInput, match="scenes: expected some of mine, got none"):
         EnvelopeSelectionEnv(SceneKind(name="mine", legs=("LF",)))
     with pytest.raises(InvalidInput, match="robot, terrain: expected none where courses is a function"):

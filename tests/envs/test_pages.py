@@ -37,18 +37,18 @@ def test_a_page_has_all_sections_in_their_order(name, kind):
 @pytest.mark.parametrize(("name", "kind"), pages())
 def test_the_arguments_are_the_real_ones_with_their_defaults(name, kind):
     known = {**vars(selection), **vars(traverse), **vars(warped_gait)}
-    told = {argument: eval(default, known) for argument, default in table(inspect.getdoc(kind), "Arguments")}
+    message = {argument: eval(default, known) for argument, default in table(inspect.getdoc(kind), "Arguments")}
     real = {p.name: p.default for p in inspect.signature(kind).parameters.values()}
-    assert told == real
-    assert list(told) == list(real)
+    assert message == real
+    assert list(message) == list(real)
 
 
 @pytest.mark.parametrize(("name", "kind"), pages())
 def test_the_observation_is_the_real_one(name, kind):
     env = gymnasium.make(name).unwrapped
     sizes = OF_TRAVERSE if kind is traverse.TraverseEnv else SIZES
-    told = {key: eval(shape, dict(sizes)) for key, shape in table(inspect.getdoc(kind), "Observation Space")}
-    assert told == {key: box.shape for key, box in env.observation_space.spaces.items()}
+    message = {key: eval(shape, dict(sizes)) for key, shape in table(inspect.getdoc(kind), "Observation Space")}
+    assert message == {key: box.shape for key, box in env.observation_space.spaces.items()}
 
 
 def test_all_environments_were_looked_at():

@@ -176,11 +176,11 @@ def test_clocks_are_seen_only_when_asked_for():
 def test_a_window_without_a_plan_by_proof_ends_the_episode():
     course = read_course("walls", frames=5)
     icy = tuple(
-        placement if placement.frame < 2 else
-        replace(placement, candidates=tuple(replace(patch, friction=0.0) for patch in placement.candidates))
-        for placement in course.placements
+        foothold if foothold.frame < 2 else
+        replace(foothold, candidates=tuple(replace(patch, friction=0.0) for patch in foothold.candidates))
+        for foothold in course.footholds
     )  # fmt: skip
-    env = TraverseEnv(lambda rng: replace(course, placements=icy), regions=1, horizon=1, programs=PROGRAMS)
+    env = TraverseEnv(lambda rng: replace(course, footholds=icy), regions=1, horizon=1, programs=PROGRAMS)
     seen = played(env, 0, [LIFT] * 4)
     assert [step[-1]["feasible"] for step in seen[1:]] == [1, 0]
     assert seen[-1][-1]["infeasible"] == 1
@@ -191,10 +191,10 @@ def test_a_course_that_cannot_begin_is_drawn_again_until_that_is_given_up(monkey
     monkeypatch.setattr("stancekit.envs.traverse.MAX_DRAWS", 3)
     course = read_course("walls", frames=3)
     slippery = tuple(
-        replace(placement, candidates=tuple(replace(patch, friction=0.0) for patch in placement.candidates))
-        for placement in course.placements
+        replace(foothold, candidates=tuple(replace(patch, friction=0.0) for patch in foothold.candidates))
+        for foothold in course.footholds
     )
-    env = TraverseEnv(lambda rng: replace(course, placements=slippery), regions=1, programs=PROGRAMS)
+    env = TraverseEnv(lambda rng: replace(course, footholds=slippery), regions=1, programs=PROGRAMS)
     with pytest.raises(PlanningFailed, match="no course in 3 draws whose first key frame holds"):
         env.reset(seed=0)
 
@@ -225,11 +225,11 @@ def test_a_view_shows_the_coming_candidates_from_the_com():
     offered, friction = observation["offered"].reshape(2, 6, 4), observation["friction"].reshape(2, 6, 4)
     normals = observation["normals"].reshape(2, 6, 4, 3)
     shown = np.zeros_like(offered)
-    for placement in course.placements:
-        if 1 <= placement.frame <= 2:
-            limb = course.robot.limb_names.index(placement.limb)
-            for region, patch in enumerate(placement.candidates):
-                at = placement.frame - 1, limb, region
+    for foothold in course.footholds:
+        if 1 <= foothold.frame <= 2:
+            limb = course.robot.limb_names.index(foothold.limb)
+            for region, patch in enumerate(foothold.candidates):
+                at = foothold.frame - 1, limb, region
                 np.testing.assert_allclose(corners[at], patch.vertices_m, atol=1e-5)
                 np.testing.assert_allclose(normals[at], patch.normal, atol=1e-6)
                 assert friction[at] == pytest.approx(patch.friction)
@@ -260,7 +260,7 @@ def test_a_course_that_does_not_fit_the_view_is_refused_with_its_place():
 
 
 @pytest.mark.parametrize(
-    ("named", "told"),
+    ("named", "message"),
     [
         ({"horizon": 0}, "horizon: expected 1 or more, got 0"),
         ({"patience": 0}, "patience: expected 1 or more, got 0"),
@@ -276,8 +276,8 @@ def test_a_course_that_does_not_fit_the_view_is_refused_with_its_place():
         ({"frames": 0}, "frames: expected 1 to 200 key frames, got 0"),
     ],
 )
-def test_settings_that_make_no_sense_are_refused(named, told):
-    with pytest.raises(InvalidInput, match=f"^{told}"):
+def test_settings_that_make_no_sense_are_refused(named, message):
+    with pytest.raises(InvalidInput, match=f"^{message}"):
         TraverseEnv(**named)
 
 

@@ -118,7 +118,7 @@ def plan_fault(plan: Plan) -> str:
             if np.linalg.norm(toe - com - of.shoulder_m - np.cross(turn, of.shoulder_m)) > of.reach_m + room:
                 return "a limb is too short"
             held = course.holds[stance.frame][limb]
-            patch = course.placements[held].candidates[plan.choice[held]]
+            patch = course.footholds[held].candidates[plan.choice[held]]
             if reason := contact_fault(toe, force, patch, weight, length, bounds):
                 return reason
         if reason := stance_fault(com, turn, toes, forces[limbs], weight, length):
@@ -253,11 +253,11 @@ def _swapped_stances(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
 
 def _icy(plan: Plan, size: float, rng: np.random.Generator) -> Plan:
     """The patches of a foothold without friction: another task under the same answer."""
-    placements = tuple(
+    footholds = tuple(
         replace(one, candidates=tuple(patch.with_friction(patch.friction / (3.0 * size)) for patch in one.candidates))
-        for one in plan.course.placements
+        for one in plan.course.footholds
     )
-    return replace(plan, course=replace(plan.course, placements=placements))
+    return replace(plan, course=replace(plan.course, footholds=footholds))
 
 
 def _heavier(plan: Plan, size: float, rng: np.random.Generator) -> Plan:

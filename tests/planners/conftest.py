@@ -15,7 +15,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.course import Course, Placement, StepLimits
+from stancekit.planners.problem.course import Course, Foothold, StepLimits
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.reach import ReachRows
@@ -54,7 +54,7 @@ def _walk(frames: int = 5, gait: str = "tripod") -> Plan:
     }[gait]
     lifts = ((), *lifted[: frames - 1])
     com = np.array([[STEP_M * k, 0.0, HEIGHT_M] for k in range(frames)])
-    placements, toes = [], []
+    footholds, toes = [], []
     for k in range(frames):
         for limb in robot.limbs:
             if k == 0 or limb.name in lifts[k]:
@@ -62,10 +62,10 @@ def _walk(frames: int = 5, gait: str = "tripod") -> Plan:
                 patches = (_square(toe + 0.1 * np.eye(3)[2], 0.0), _square(toe, 0.6))
                 start = k == 0
                 stands = toe if start else None
-                placements.append(Placement(limb=limb.name, frame=k, candidates=patches[start:], toe_m=stands))
+                footholds.append(Foothold(limb=limb.name, frame=k, candidates=patches[start:], toe_m=stands))
                 toes.append(toe)
     course = Course(
-        name=f"walk-{gait}", robot=robot, terrain=(_square(np.zeros(3), 0.6, 2.0),), placements=tuple(placements),
+        name=f"walk-{gait}", robot=robot, terrain=(_square(np.zeros(3), 0.6, 2.0),), footholds=tuple(footholds),
         lifts=lifts, next_lift=lifted[frames - 1], com_nominal_m=com, com_radius_m=np.full(frames, 0.02),
         goal_m=com[-1] + [0.1, 0.0, 0.0], steps=StepLimits(com_m=0.05, toe_m=0.2, progress_m=0.02),
     )  # fmt: skip
@@ -75,7 +75,7 @@ def _walk(frames: int = 5, gait: str = "tripod") -> Plan:
         under = np.array(toes)[course.holds[stance.frame, limbs]]
         balance = np.vstack([np.ones(len(limbs)), under[:, :2].T])
         forces[row, limbs, 2] = course.weight_n * np.linalg.pinv(balance) @ [1.0, *com[stance.frame, :2]]
-    choice = [len(placement.candidates) - 1 for placement in placements]
+    choice = [len(foothold.candidates) - 1 for foothold in footholds]
     return Plan(
         course=course, com_m=com, rotation_rad=np.zeros((frames, 3)), toes_m=toes, choice=choice, forces_n=forces,
         provenance={"method": "closed form"},
@@ -100,15 +100,15 @@ def _climb(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Co
     robot = Robot(name="four", mass_kg=10.0, limbs=hexapod().select(FOUR))
     com = np.array([[0.0, 0.0, CLIMB_M * k] for k in range(frames)])
     lifts = ((), *((FOUR[k % 4],) for k in range(frames - 1)))
-    placements = tuple(
-        Placement(limb=limb.name, frame=k, candidates=tuple(_tilted(rng, com[k], limb, ice) for _ in range(regions)))
+    footholds = tuple(
+        Foothold(limb=limb.name, frame=k, candidates=tuple(_tilted(rng, com[k], limb, ice) for _ in range(regions)))
         for k in range(frames)
         for limb in robot.limbs
         if k == 0 or limb.name in lifts[k]
     )
     return Course(
-        name=f"climb-{seed}", robot=robot, terrain=tuple(p for put in placements for p in put.candidates),
-        placements=placements, lifts=lifts, next_lift=(FOUR[(frames - 1) % 4],) if frames == 1 else (),
+        name=f"climb-{seed}", robot=robot, terrain=tuple(p for put in footholds for p in put.candidates),
+        footholds=footholds, lifts=lifts, next_lift=(FOUR[(frames - 1) % 4],) if frames == 1 else (),
         com_nominal_m=com, com_radius_m=np.full(frames, 0.05), goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3),
         steps=StepLimits(com_m=0.09, toe_m=0.3, progress_m=0.01),
     )  # fmt: skip
@@ -116,13 +116,13 @@ def _climb(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Co
 
 def _rough(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Course:
     course, rng = _climb(seed, frames, regions, ice), np.random.default_rng([seed, frames, regions])
-    placements = []
-    for index, put in enumerate(course.placements):
+    footholds = []
+    for index, put in enumerate(course.footholds):
         some = put.candidates[: 1 if index == 0 else int(rng.integers(1, regions + 1))]
         patches = tuple(_polygon(rng, patch) for patch in some)
         toe = patches[0].vertices_m.mean(axis=0) if index == 0 else None
-        placements.append(replace(put, candidates=patches, toe_m=toe))
-    return replace(course, name=f"rough-{seed}", placements=tuple(placements))
+        footholds.append(replace(put, candidates=patches, toe_m=toe))
+    return replace(course, name=f"rough-{seed}", footholds=tuple(footholds))
 
 
 def _polygon(rng: np.random.Generator, patch: Patch) -> Patch:
@@ -161,7 +161,7 @@ def rough() -> Callable[..., Course]:
 def written_course() -> Callable[[Course], tuple[cp.Problem, list[list[cp.Variable]]]]:
     """``written_course(course)``: the lift from the course's own numbers, one sentence of the paper after another.
 
-    The problem, objective in m², and the shares λ by placement and candidate. No line is shared with the planners.
+    The problem, objective in m², and the shares λ by foothold and candidate. No line is shared with the planners.
     """
     return _written_course
 
@@ -171,7 +171,7 @@ def _written_course(course: Course) -> tuple[cp.Problem, list[list[cp.Variable]]
     com, turn = cp.Variable((frames, 3)), cp.Variable((frames, 3))
     borders = [
         [patch.vertices_m if put.toe_m is None else put.toe_m[None] for patch in put.candidates]
-        for put in course.placements
+        for put in course.footholds
     ]
     shares = [[cp.Variable(len(border), nonneg=True) for border in row] for row in borders]
     toes = [
@@ -183,7 +183,7 @@ def _written_course(course: Course) -> tuple[cp.Problem, list[list[cp.Variable]]
     for k in range(frames):
         rows += [cp.norm(com[k] - course.com_nominal_m[k]) <= course.com_radius_m[k]]
         rows += [cp.abs(turn[k]) <= course.tilt_limit_rad]
-        for put_index, put in enumerate(course.placements):
+        for put_index, put in enumerate(course.footholds):
             if put.frame <= k:
                 standing[k, put.limb] = put_index
         for limb in robot.limbs:
@@ -198,7 +198,7 @@ def _written_course(course: Course) -> tuple[cp.Problem, list[list[cp.Variable]]
         force, moment = np.array([0.0, 0.0, -1.0]), _times(np.array([0.0, 0.0, -1.0])) @ com[stance.frame] * -1.0
         for i in stance.limbs:
             p = standing[stance.frame, robot.limb_names[i]]
-            for patch, border, share in zip(course.placements[p].candidates, borders[p], shares[p], strict=True):
+            for patch, border, share in zip(course.footholds[p].candidates, borders[p], shares[p], strict=True):
                 for u, vertex in enumerate(border):
                     f = cp.Variable(3)  # λ_u f in the contact frame
                     rows += [cp.norm(f[1:]) <= patch.friction * f[0]]
@@ -262,7 +262,7 @@ def _bounded(
         return replace(subject, contacts=tuple(replace(contact, reach_rows=its) for contact, its in each))
     limbs = []
     for limb, first in zip(subject.robot.limbs, subject.holds[0], strict=True):
-        toe = subject.placements[first].candidates[0].centre_m
+        toe = subject.footholds[first].candidates[0].centre_m
         limbs.append(replace(limb, reach_rows=rows(limb.name, toe, subject.com_nominal_m[0])))
     return replace(subject, robot=replace(subject.robot, limbs=tuple(limbs)))
 
@@ -287,8 +287,8 @@ def _soled(subject: PostureProblem | Course, seed: int) -> PostureProblem | Cour
         )
         return replace(subject, contacts=tuple(contacts))
     limbs = tuple(replace(limb, sole_m=sole(i)) for i, limb in enumerate(subject.robot.limbs))
-    puts = (replace(put, yaws_rad=tuple(rng.uniform(-3.0, 3.0, len(put.candidates)))) for put in subject.placements)
-    return replace(subject, robot=replace(subject.robot, limbs=limbs), placements=tuple(puts))
+    puts = (replace(put, yaws_rad=tuple(rng.uniform(-3.0, 3.0, len(put.candidates)))) for put in subject.footholds)
+    return replace(subject, robot=replace(subject.robot, limbs=limbs), footholds=tuple(puts))
 
 
 @pytest.fixture(scope="session")
@@ -302,7 +302,7 @@ def _ragged(seed: int, frames: int = 2, candidates: int = 3, ice: float = 0.3) -
     robot = Robot(name="four", mass_kg=10.0, limbs=hexapod().select(FOUR))
     com = np.array([[0.0, 0.0, CLIMB_M * k] for k in range(frames)])
     lifts = ((), *((FOUR[k % 4],) for k in range(frames - 1)))
-    placements = []
+    footholds = []
     for k in range(frames):
         for limb in robot.limbs:
             if k == 0 or limb.name in lifts[k]:
@@ -310,10 +310,10 @@ def _ragged(seed: int, frames: int = 2, candidates: int = 3, ice: float = 0.3) -
                 count = 1 if stands else int(rng.integers(1, candidates + 1))
                 patches = tuple(_patch(rng, com[k], limb, 0.0 if stands else ice) for _ in range(count))
                 toe = patches[0].vertices_m.mean(axis=0) if stands else None
-                placements.append(Placement(limb=limb.name, frame=k, candidates=patches, toe_m=toe))
+                footholds.append(Foothold(limb=limb.name, frame=k, candidates=patches, toe_m=toe))
     return Course(
-        name=f"ragged-{seed}", robot=robot, terrain=tuple(p for put in placements for p in put.candidates),
-        placements=tuple(placements), lifts=lifts, next_lift=(FOUR[(frames - 1) % 4],) if frames == 1 else (),
+        name=f"ragged-{seed}", robot=robot, terrain=tuple(p for put in footholds for p in put.candidates),
+        footholds=tuple(footholds), lifts=lifts, next_lift=(FOUR[(frames - 1) % 4],) if frames == 1 else (),
         com_nominal_m=com, com_radius_m=np.full(frames, 0.05), goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3),
         steps=StepLimits(com_m=0.09, toe_m=0.3, progress_m=0.01),
     )  # fmt: skip

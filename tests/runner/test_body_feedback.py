@@ -45,7 +45,7 @@ def sample(friction: float = 0.7) -> MotionSample:
     up = np.tile([0.0, 0.0, 1.0], (4, 1))
     return MotionSample(
         com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=FEET, forces_n=0.25 * WEIGHT * up,
-        placement=(0, 1, 2, 3), normals=up, friction=np.full(4, friction),
+        foothold=(0, 1, 2, 3), normals=up, friction=np.full(4, friction),
     )  # fmt: skip
 
 

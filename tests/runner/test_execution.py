@@ -120,7 +120,7 @@ def test_the_report_is_json_and_the_trace_an_archive(climbed: Execution, tmp_pat
 
 def test_what_a_foot_rolls_is_no_slip_but_what_it_slides_is(climbed: Execution) -> None:
     trace = climbed.trace
-    standing = int(trace.placement[0, 0])
+    standing = int(trace.foothold[0, 0])
     slid = trace.feet_m.copy()
     slid[len(slid) // 2 :, 0] += [0.0, 0.0, 0.01]
     assert replace(trace, feet_m=slid).slips(9)[standing] == pytest.approx(0.01, abs=0.003)

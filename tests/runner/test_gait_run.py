@@ -18,7 +18,7 @@ from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M, Servo
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.acceptance import AcceptedGait, walker
-from stancekit.runner.motion.gait_motion import SETTLE_S, GaitMotion, placements
+from stancekit.runner.motion.gait_motion import SETTLE_S, GaitMotion, footholds
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds import make_world
@@ -115,11 +115,11 @@ def test_the_motion_is_the_trajectory_between_two_rests(gait: Attempted) -> None
     np.testing.assert_allclose(sample.forces_n, trajectory.forces_n[k], atol=1e-6)
     away = np.linalg.norm(sample.feet_m - trajectory.feet_m[k], axis=1)
     np.testing.assert_allclose(away, FOOT_RADIUS_M, atol=1e-9)
-    np.testing.assert_array_equal(np.array(sample.placement) >= 0, trajectory.contact[k])
+    np.testing.assert_array_equal(np.array(sample.foothold) >= 0, trajectory.contact[k])
     for time_s, row in ((0.0, 0), (motion.seconds + 1.0, -1)):
         np.testing.assert_allclose(motion.at(time_s).com_m, trajectory.torso_m[row], atol=1e-9)
 
 
 def test_stances_are_counted_over_all_feet() -> None:
     contact = np.array([[True, False], [True, True], [False, True], [True, True]])
-    np.testing.assert_array_equal(placements(contact), [[0, -1], [0, 2], [-1, 2], [1, 2]])
+    np.testing.assert_array_equal(footholds(contact), [[0, -1], [0, 2], [-1, 2], [1, 2]])

@@ -47,7 +47,7 @@ def test_what_was_on_its_way_at_the_stop_is_counted_from_the_stop_and_nothing_fo
 
 
 def test_who_stops_and_settles_from_another_thread_knows_that_nothing_leaves_any_more() -> None:
-    latch, asked, told = StopLatch(), threading.Event(), list[str]()
+    latch, asked, message = StopLatch(), threading.Event(), list[str]()
 
     def send() -> None:
         with latch.sending():
@@ -55,17 +55,17 @@ def test_who_stops_and_settles_from_another_thread_knows_that_nothing_leaves_any
             while not latch.tripped:
                 time.sleep(0.001)
             time.sleep(0.02)  # between asking and sending
-            told.append("sent")
+            message.append("sent")
 
     sender = threading.Thread(target=send)
     sender.start()
     asked.wait()
     latch.trip("button")
-    assert told == []
+    assert message == []
     latch.settle()
-    told.append("settled")
+    message.append("settled")
     sender.join()
-    assert told == ["sent", "settled"]
+    assert message == ["sent", "settled"]
 
 
 def test_many_threads_that_send_are_stopped_at_once_wherever_they_are() -> None:

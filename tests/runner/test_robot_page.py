@@ -45,5 +45,7 @@ def test_the_pages_course_is_planned_and_its_python_writes_the_files_that_its_wo
 
 def test_the_table_of_the_set_up_file_has_all_of_its_keys() -> None:
     table = PAGE[PAGE.index("| key |") : PAGE.index("What to know about rosbridges")]
-    told = {key for row in table.splitlines()[2:] for key in re.findall(r"`(\w+)`", row.split("|")[1] if row else "")}
-    assert told == {item.name for item in fields(RosSetup)} - {"format", "timeout_s"}
+    message = {
+        key for row in table.splitlines()[2:] for key in re.findall(r"`(\w+)`", row.split("|")[1] if row else "")
+    }
+    assert message == {item.name for item in fields(RosSetup)} - {"format", "timeout_s"}

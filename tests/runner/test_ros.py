@@ -58,15 +58,15 @@ def test_directions_and_offsets_are_applied_to_what_is_sent_and_what_is_measured
         name: RosJoint(name=f"joint_{i}", direction=-1 if i % 2 else 1, offset_rad=0.01 * i)
         for i, name in enumerate(JOINTS)
     }
-    told = np.array([each.direction * a + each.offset_rad for each, a in zip(joints.values(), START, strict=True)])
+    message = np.array([each.direction * a + each.offset_rad for each, a in zip(joints.values(), START, strict=True)])
     names = [each.name for each in joints.values()]
-    with RosBridge(names[::-1], told[::-1].tolist()) as bridge:
+    with RosBridge(names[::-1], message[::-1].tolist()) as bridge:
         with RosWorld(ROBOT, RosSetup(port=bridge.port, joints=joints)) as world:
             np.testing.assert_allclose(reset(world).angles_rad, START, atol=1e-9)
             world.torque(True)
             for _ in range(20):
                 world.step(START + 0.1)
-            turned = np.array(bridge.state()["position_rad"])[::-1] - told
+            turned = np.array(bridge.state()["position_rad"])[::-1] - message
         np.testing.assert_allclose(turned, [0.1 * each.direction for each in joints.values()], atol=5e-3)
 
 

@@ -19,9 +19,9 @@ UP = np.tile([0.0, 0.0, 1.0], (6, 1))
 FEET = np.random.default_rng(0).uniform(-0.3, 0.3, (6, 3))
 
 
-def sample(placement: tuple[int, ...] = tuple(range(6))) -> MotionSample:
+def sample(foothold: tuple[int, ...] = tuple(range(6))) -> MotionSample:
     return MotionSample(
-        com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=FEET, forces_n=20.0 * UP, placement=placement,
+        com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=FEET, forces_n=20.0 * UP, foothold=foothold,
         normals=UP, friction=np.ones(6),
     )  # fmt: skip
 
@@ -42,14 +42,14 @@ def state(feet_m: Array, load_n: float = 20.0) -> State:
 
 
 def seen(
-    way: Array, *, load_n: float = 20.0, placement: tuple[int, ...] = tuple(range(6)), rolls: bool = False
+    way: Array, *, load_n: float = 20.0, foothold: tuple[int, ...] = tuple(range(6)), rolls: bool = False
 ) -> Array:
     """Feet 1 moves along a way in 0.1 s; who was seen to slide at any time."""
     watch, found = SlipDetector(RATE_HZ), np.zeros(6, dtype=bool)
     for k in range(20):
         moved = np.zeros((6, 3))
         moved[1] = way * k / 19
-        found |= watch.slipping(target(sample(placement), moved if rolls else None), state(FEET + moved, load_n))
+        found |= watch.slipping(target(sample(foothold), moved if rolls else None), state(FEET + moved, load_n))
     return found
 
 
@@ -76,8 +76,8 @@ def test_a_foot_that_was_just_put_down_may_find_its_place() -> None:
     for k in range(60):
         moved = np.zeros((6, 3))
         moved[1, 0] = 0.06e-3 * k
-        placement = (0, -1 if k < 5 else 1, 2, 3, 4, 5)
-        slid.append(bool(watch.slipping(target(sample(placement)), state(FEET + 5.0 * moved)).any()))
+        foothold = (0, -1 if k < 5 else 1, 2, 3, 4, 5)
+        slid.append(bool(watch.slipping(target(sample(foothold)), state(FEET + 5.0 * moved)).any()))
     first = slid.index(True)
     assert 5 + 0.1 * RATE_HZ <= first <= 5 + 0.1 * RATE_HZ + 1
 
@@ -89,7 +89,7 @@ def test_feet_in_the_air_come_down_and_the_others_and_the_body_stay() -> None:
     pushes = 20.0 * UP, 10.0 * UP
     motion = StandingMotion(
         replace(now, frame=2.0), com_m=np.ones(3), rotation_rad=np.full(3, 0.1), feet_m=FEET, toes_m=toes, normals=UP,
-        forces_n=pushes, placement=tuple(range(6, 12)),
+        forces_n=pushes, foothold=tuple(range(6, 12)),
     )  # fmt: skip
     assert motion.seconds == pytest.approx(0.06 / LAND_M_S + STAND_S)
     half, end = motion.at(0.5 * 0.06 / LAND_M_S), motion.at(motion.seconds)
@@ -99,6 +99,6 @@ def test_feet_in_the_air_come_down_and_the_others_and_the_body_stay() -> None:
         np.testing.assert_array_equal(each.com_m, np.ones(3))
         np.testing.assert_array_equal(each.feet_m[::2], FEET[::2])
         assert each.frame == 2.0
-    assert (half.placement, end.placement) == (now.placement, tuple(range(6, 12)))
+    assert (half.foothold, end.foothold) == (now.foothold, tuple(range(6, 12)))
     np.testing.assert_array_equal(half.forces_n, pushes[0])
     np.testing.assert_array_equal(end.forces_n, pushes[1])

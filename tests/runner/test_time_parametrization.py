@@ -87,7 +87,7 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
     pin = pinocchio()
     model = pin.buildModelFromXML(hexapod_urdf(plan.course.robot))  # the body stays where it is
     data = model.createData()
-    air = replace(sample, placement=(-1,) * 6)
+    air = replace(sample, foothold=(-1,) * 6)
     rng = np.random.default_rng(0)
     angles, velocity, acceleration = (rng.uniform(-1.0, 1.0, 24) for _ in range(3))
     step = 1e-5

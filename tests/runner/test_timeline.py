@@ -36,7 +36,7 @@ def test_every_instant_is_in_balance_with_the_feet_that_stand(motion: PlanMotion
     course = motion.plan.course
     for time in times(motion):
         now = motion.at(float(time))
-        air = np.array(now.placement) < 0
+        air = np.array(now.foothold) < 0
         assert not now.forces_n[air].any()
         arms = now.feet_m - FOOT_RADIUS_M * now.normals - now.com_m
         np.testing.assert_allclose(now.forces_n.sum(axis=0), [0.0, 0.0, course.weight_n], atol=1e-3)
@@ -47,9 +47,9 @@ def test_forces_stay_within_their_cones(motion: PlanMotion) -> None:
     course, choice = motion.plan.course, motion.plan.choice
     for time in times(motion):
         now = motion.at(float(time))
-        for placement, force in zip(now.placement, now.forces_n, strict=True):
-            if placement >= 0:
-                patch = course.patch(placement, choice)
+        for foothold, force in zip(now.foothold, now.forces_n, strict=True):
+            if foothold >= 0:
+                patch = course.patch(foothold, choice)
                 normal = float(force @ patch.normal)
                 assert np.linalg.norm(force - normal * patch.normal) <= patch.friction * normal + 1e-4
 
@@ -57,10 +57,10 @@ def test_forces_stay_within_their_cones(motion: PlanMotion) -> None:
 def test_feet_that_stand_are_a_radius_off_their_toes(motion: PlanMotion) -> None:
     for time in times(motion):
         now = motion.at(float(time))
-        for limb, placement in enumerate(now.placement):
-            if placement >= 0:
-                toe = motion.plan.toes_m[placement]
-                np.testing.assert_allclose(now.feet_m[limb], toe + FOOT_RADIUS_M * motion.normals[placement], atol=1e-9)
+        for limb, foothold in enumerate(now.foothold):
+            if foothold >= 0:
+                toe = motion.plan.toes_m[foothold]
+                np.testing.assert_allclose(now.feet_m[limb], toe + FOOT_RADIUS_M * motion.normals[foothold], atol=1e-9)
 
 
 def test_it_goes_through_every_key_frame_and_ends_at_the_last(motion: PlanMotion) -> None:
@@ -88,8 +88,8 @@ def test_feet_in_the_air_stay_off_the_terrain(motion: PlanMotion) -> None:
     looked_at = 0
     for time in times(motion):
         now = motion.at(float(time))
-        for limb, placement in enumerate(now.placement):
-            if placement < 0:
+        for limb, foothold in enumerate(now.foothold):
+            if foothold < 0:
                 looked_at += 1
                 gap = min(float(solid.distance(now.feet_m[limb][None])[0]) for solid in solids)
                 assert gap > FOOT_RADIUS_M - 1e-6
@@ -119,10 +119,10 @@ def test_a_faster_pace_takes_as_much_less_time(plan: Plan) -> None:
 
 def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan: Plan) -> None:
     course = plan.course
-    names, first = course.robot.limb_names, [p for p in course.placements if p.frame == 0]
+    names, first = course.robot.limb_names, [p for p in course.footholds if p.frame == 0]
     again = [replace(p, frame=1) for p in first]
     every = replace(
-        course, placements=(*first, *again), lifts=((), names), next_lift=(), com_nominal_m=course.com_nominal_m[:2],
+        course, footholds=(*first, *again), lifts=((), names), next_lift=(), com_nominal_m=course.com_nominal_m[:2],
         com_radius_m=course.com_radius_m[:2], modes=None,
     )  # fmt: skip
     leap = Plan(

@@ -124,7 +124,7 @@ def test_key_frames_of_the_motion_are_those_of_the_plan(plan):
 
 def test_a_toe_in_the_air_is_off_both_its_patches(plan):
     motion, course = PlanMotion(plan), plan.course
-    swung = [p for p, put in enumerate(course.placements) if put.frame]
+    swung = [p for p, put in enumerate(course.footholds) if put.frame]
     assert swung
     for p in swung:
         top = motion.swing(p, 0.5)

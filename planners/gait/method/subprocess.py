@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import PlanningFailed
-from ...files.arrays import Array, frozen
+from ...files.arrays import Array, read_only
 from ..gait_program import GaitProgram, GaitSolution
 from ..transcription.ipopt import Callback
 
@@ -117,4 +117,4 @@ def _solution(program: GaitProgram, content: bytes) -> GaitSolution:
     with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
         header = json.loads(str(arrays["header"]))
         history = tuple((float(violation), float(cost)) for violation, cost in arrays["history"].reshape(-1, 2))
-        return GaitSolution(program=program, x=frozen(arrays["x"], (program.size,), "x"), history=history, **header)
+        return GaitSolution(program=program, x=read_only(arrays["x"], (program.size,), "x"), history=history, **header)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidInput
-from ...files.arrays import Array, frozen
+from ...files.arrays import Array, read_only
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +57,7 @@ class FootPhases:
     duration_s: float
 
     def __post_init__(self) -> None:
-        switches = frozen(self.switches_s, (None,), "switches_s")
+        switches = read_only(self.switches_s, (None,), "switches_s")
         object.__setattr__(self, "switches_s", switches)
         edges = np.concatenate([[0.0], switches, [self.duration_s]])
         if len(switches) % 2 or not np.all(np.diff(edges) > 0.0):

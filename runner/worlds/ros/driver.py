@@ -17,7 +17,7 @@ from typing import Self
 import numpy as np
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
-from stancekit.planners.files.arrays import Array, frozen
+from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.urdf import Servo, joint_names
 
@@ -129,8 +129,8 @@ class RosWorld(HardwareWorld):
         """
         if not self.armed:
             raise InvalidInput("world: expected torque(True) before run_trajectory")
-        times = frozen(times_s, (None,), "times_s")
-        angles = frozen(angles_rad, (len(times), len(self.joints)), "angles_rad")
+        times = read_only(times_s, (None,), "times_s")
+        angles = read_only(angles_rad, (len(times), len(self.joints)), "angles_rad")
         self._check_trajectory(times, angles)
         self._check()
         self._due_s = time.monotonic()

@@ -11,7 +11,7 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import LARGEST, Array
-from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.validation import shown
 
 from .setup import Mapping
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.validation import shown
 
 from ...safety.latch import StopLatch
 from .bridge import RosLink

@@ -33,14 +33,14 @@ def test_perturbed_courses_keep_path_gait_and_robot(name):
     usual, drawn = read_course(name), perturbed(name, np.random.default_rng(3))
     np.testing.assert_array_equal(drawn.com_nominal_m, usual.com_nominal_m)
     assert (drawn.lifts, drawn.next_lift, drawn.steps) == (usual.lifts, usual.next_lift, usual.steps)
-    assert len(drawn.placements) == len(usual.placements)
+    assert len(drawn.footholds) == len(usual.footholds)
 
 
 @pytest.mark.parametrize("name", builtin_courses())
 def test_every_stance_of_perturbed_courses_holds(name):
     planner, rng = make_planner("exact", time_limit_s=10.0), np.random.default_rng(7)
     for course in [perturbed(name, rng) for _ in range(2)]:
-        choice = [next(i for i, patch in enumerate(p.candidates) if patch.friction > 0.0) for p in course.placements]
+        choice = [next(i for i, patch in enumerate(p.candidates) if patch.friction > 0.0) for p in course.footholds]
         for stance in course.stances:
             assert planner.solve(course.posture_problem(stance, choice)).status is Status.FEASIBLE
 
@@ -79,9 +79,9 @@ def test_icy_walls_have_ice_at_random_and_the_nearest_panels_as_candidates(frame
     error = np.sqrt(0.25 / len(panels))
     assert abs(np.mean(panels == 0.0) - 0.5) < 4.0 * error
     assert {course.frames for course in courses} == {frames}
-    assert {len(p.candidates) for course in courses for p in course.placements} <= set(range(1, regions + 1))
-    assert max(len(p.candidates) for course in courses for p in course.placements) == regions
-    assert any(p.candidates[0].friction == 0.0 for course in courses for p in course.placements)
+    assert {len(p.candidates) for course in courses for p in course.footholds} <= set(range(1, regions + 1))
+    assert max(len(p.candidates) for course in courses for p in course.footholds) == regions
+    assert any(p.candidates[0].friction == 0.0 for course in courses for p in course.footholds)
 
 
 def test_more_regions_give_more_courses_a_grip_everywhere():

@@ -216,15 +216,15 @@ def refused(name: str, **files: str | Path) -> str:
 
 
 def test_more_legs_than_the_robot_has_are_refused(dog: str) -> None:
-    told = "expected a robot of 5 legs or more, got quadruped with LF, RF, LH, RH"
-    assert refused("ground-5", robot=dog) == f"ground-5: {told}"
+    message = "expected a robot of 5 legs or more, got quadruped with LF, RF, LH, RH"
+    assert refused("ground-5", robot=dog) == f"ground-5: {message}"
     assert refused("wall-7").startswith("wall-7: expected a robot of 7 legs or more, got hexapod with LF")
 
 
 def test_terrains_without_footholds_are_refused(dog: str, folder: Path) -> None:
     steep = folder / "steep.obj"
-    told = refused("terrain-3", robot=dog, terrain=steep)
-    assert told.startswith(f"{steep}: expected a terrain with footholds, flat places")
+    message = refused("terrain-3", robot=dog, terrain=steep)
+    assert message.startswith(f"{steep}: expected a terrain with footholds, flat places")
     source = distribution("terrain-4", robot=dog, terrain=folder / "stone.obj")
     assert isinstance(source, CutDistribution)
     narrow = replace(source, stance=replace(source.stance, room_m=0.2 * source.stance.room_m))

@@ -20,7 +20,7 @@ from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.training.fitting import METHODS
 from stancekit.planners.answer.answer_file import read_envelopes
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.refusals import validated
+from stancekit.planners.files.validation import validated
 
 PLAN: dict[str, Any] = {
     "problems": ["wall-3"],
@@ -59,9 +59,7 @@ def test_rows_are_those_of_an_evaluation_of_the_kept_files_on_the_kept_test_set(
     scenes = scenes_of(Dataset.open(folder / "wall-3" / "test"))
     for score in result.scores[:3]:
         learned = load_selector(folder / "wall-3" / f"{score.selector}.json")
-        again = evaluate(
-            score.selector, learned.selector, scenes, problem_class="wall-3", projections=("fix-p", "scp")
-        )
+        again = evaluate(score.selector, learned.selector, scenes, problem_class="wall-3", projections=("fix-p", "scp"))
         assert (again.p1_feasible, again.p1_infeasible, again.projected) == (
             score.p1_feasible, score.p1_infeasible, score.projected,
         )  # fmt: skip

@@ -63,17 +63,17 @@ def test_any_number_of_processes_gives_the_same_shares(
 ) -> None:
     monkeypatch.setattr(module, "CHUNK", 7)
     selector = FixedSelector("quantile", envelopes)
-    told: list[tuple[int, int]] = []
+    message: list[tuple[int, int]] = []
     one, two = (
         evaluate(
             "quantile", selector, scenes, problem_class="wall-3", projections=("fix-p", "scp"), run=processes(workers),
-            progress=lambda done, total: told.append((done, total)),
+            progress=lambda done, total: message.append((done, total)),
         )
         for workers in (1, 2)
     )  # fmt: skip
     assert (one.p1_feasible, one.p1_infeasible, one.projected) == (two.p1_feasible, two.p1_infeasible, two.projected)
     assert one.gap == two.gap
-    assert told == [(7, 24), (14, 24), (21, 24), (24, 24)] * 2
+    assert message == [(7, 24), (14, 24), (21, 24), (24, 24)] * 2
 
 
 def test_stable_baselines3_comes_to_the_same_mean_reward(scenes: list[Scene], envelopes: EnvelopeSet) -> None:

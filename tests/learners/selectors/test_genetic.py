@@ -173,7 +173,7 @@ def test_a_run_improves_on_its_first_generation(
 
 
 def test_of_the_finalists_the_fittest_that_keeps_to_delta_wins() -> None:
-    class Told:
+    class OnProgress:
         counts = Counts()
 
         def is_feasible(self, which: np.ndarray, boxes: list[Envelope]) -> np.ndarray:
@@ -181,7 +181,7 @@ def test_of_the_finalists_the_fittest_that_keeps_to_delta_wins() -> None:
             return np.array([rows[round(float(box.high[0, 0]), 1)] for box in boxes], dtype=bool)
 
     boxes = np.stack([[np.zeros((3, 6)), np.full((3, 6), size)] for size in (0.1, 0.2)])
-    trials = Trials(10, 10, Told(), 4)
+    trials = Trials(10, 10, OnProgress(), 4)
     chosen = {
         delta: float(finish(boxes, trials, GeneticSettings(delta=delta, penalty=2.0), []).envelope.high[0, 0])
         for delta in (0.05, 0.1, 0.2)
@@ -299,10 +299,10 @@ def test_what_cannot_be_searched_is_refused(feasible: list[Scaled], infeasible: 
 
 
 def test_fitting_a_data_set_says_how_it_was_done(dataset: Dataset, whole: GeneticResult) -> None:
-    told: list[tuple[int, int]] = []
-    found = fit_genetic(dataset, SMALL, lambda done, of: told.append((done, of)))
+    message: list[tuple[int, int]] = []
+    found = fit_genetic(dataset, SMALL, lambda done, of: message.append((done, of)))
     np.testing.assert_array_equal(found.envelopes[0].to_vector(), whole.envelope.to_vector())
-    assert told == [(k, 5) for k in range(1, 6)]
+    assert message == [(k, 5) for k in range(1, 6)]
     assert found.problem_class == "wall-3"
     assert found.provenance["method"] == "ga"
     assert found.provenance["settings"]["terrains"] == 20

@@ -85,13 +85,13 @@ def test_one_box_descends_as_a_set_of_one_and_the_same_every_time(
     dataset: Dataset, problems: tuple[list[Scaled], list[Scaled]], programs: Programs
 ) -> None:
     start, settings = quantile_box(dataset.points), Descent(steps=4, batch=10)
-    told: list[int] = []
+    message: list[int] = []
     alone = descend(
-        start, *problems, programs, np.random.default_rng(5), settings, lambda step, loss: told.append(step)
+        start, *problems, programs, np.random.default_rng(5), settings, lambda step, loss: message.append(step)
     )
     (together,) = descend_together((start,), *problems, Programs(), np.random.default_rng(5), settings)
     np.testing.assert_array_equal(alone.to_vector(), together.to_vector())
-    assert told == [0, 1, 2, 3]
+    assert message == [0, 1, 2, 3]
 
 
 def test_descent_makes_fewer_mistakes_than_where_it_started(
@@ -106,14 +106,14 @@ def test_descent_makes_fewer_mistakes_than_where_it_started(
 
 
 def test_a_fit_repeats_to_the_last_bit_and_says_how_it_was_made(dataset: Dataset) -> None:
-    told: list[tuple[int, int]] = []
+    message: list[tuple[int, int]] = []
     fits = [
-        fit_gradient(dataset, boxes=2, steps=3, batch=8, seed=4, progress=lambda *counts: told.append(counts))
+        fit_gradient(dataset, boxes=2, steps=3, batch=8, seed=4, progress=lambda *counts: message.append(counts))
         for _ in range(2)
     ]
     assert fits[0].to_json() == fits[1].to_json()
     assert fits[0].provenance["settings"]["boxes"] == len(fits[0].envelopes) == 2
-    assert told == [(1, 3), (2, 3), (3, 3)] * 2
+    assert message == [(1, 3), (2, 3), (3, 3)] * 2
     other = fit_gradient(dataset, boxes=2, steps=3, batch=8, seed=5)
     assert other.to_json()["envelopes"] != fits[0].to_json()["envelopes"]
 

@@ -181,12 +181,12 @@ def test_training_repeats_to_the_last_bit_and_goes_on_where_it_stopped(
         pass
 
     def stop_after(epochs: int):  # type: ignore[no-untyped-def]
-        def told(done: int, total: int) -> None:
+        def on_progress(done: int, total: int) -> None:
             assert total == 4
             if done == epochs:
                 raise Stop
 
-        return told
+        return on_progress
 
     for epochs in (1, 3):
         with pytest.raises(Stop):

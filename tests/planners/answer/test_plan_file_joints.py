@@ -216,8 +216,8 @@ def test_a_torque_limit_that_no_joint_has_is_told_and_counts_for_nothing(path: P
     check = check_file(path)
     assert check.report.torque["verdict"] == "not checked"
     assert check.report.checked == ("contacts", "joints")
-    told = f"a torque limit of {float(effort):g} Nm" if float(effort) else "no torque limit"
-    assert check.message.endswith(f"torque: not checked (joints LF_HAA, LF_HFE, LF_KFE: {told})")
+    message = f"a torque limit of {float(effort):g} Nm" if float(effort) else "no torque limit"
+    assert check.message.endswith(f"torque: not checked (joints LF_HAA, LF_HFE, LF_KFE: {message})")
 
 
 def _nan(header: dict[str, Any], arrays: dict[str, Any]) -> None:

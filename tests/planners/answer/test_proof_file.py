@@ -57,7 +57,7 @@ def test_a_proof_of_another_course_is_refused(proved, written):
 def test_odd_files_are_refused_in_one_line(proved, written):
     tree, rows = proved[1].tree.tolist(), proved[1].multipliers.tolist()
     nothing = course_to_json(replace(proved[0], name="")) | {"frames": 0}
-    for parts, told in (
+    for parts, message in (
         ({"format": "stancekit/plan/1"}, "expected format 'stancekit/proof/1'"),
         ({"more": 1}, "expected the keys format, subject, tree, multipliers; missing or unknown: more"),
         ({"tree": [["0", 1, 0, 0, 0]]}, "tree: expected a table of numbers"),
@@ -71,7 +71,7 @@ def test_odd_files_are_refused_in_one_line(proved, written):
         changed(written, **parts)
         with pytest.raises(InvalidInput) as error:
             read_proof(written)
-        assert str(error.value).startswith(f"{written}: {told}")
+        assert str(error.value).startswith(f"{written}: {message}")
         assert "\n" not in str(error.value)
         written.write_text(before)
 

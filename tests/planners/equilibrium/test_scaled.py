@@ -23,11 +23,11 @@ def same(one, other):
 
 def without(course, opened):
     """The course with these candidates alone."""
-    placements = tuple(
+    footholds = tuple(
         replace(put, candidates=tuple(patch for patch, on in zip(put.candidates, row, strict=False) if on > 0.0))
-        for put, row in zip(course.placements, opened, strict=True)
+        for put, row in zip(course.footholds, opened, strict=True)
     )
-    return replace(course, placements=placements)
+    return replace(course, footholds=footholds)
 
 
 @given(SEEDS)
@@ -59,14 +59,14 @@ def test_values_of_candidates_stand_where_their_numbers_say_in_parts_too(rough):
     course = rough(0, regions=3)
     scaled = Scaled.of(course)
     friction = scaled.by_candidate(scaled.friction, -1.0)
-    for p, put in enumerate(course.placements):
+    for p, put in enumerate(course.footholds):
         for r in range(scaled.options):
             assert friction[p, r] == (put.candidates[r].friction if r < len(put.candidates) else -1.0)
-    last = np.array([len(put.candidates) - 1 for put in course.placements])
+    last = np.array([len(put.candidates) - 1 for put in course.footholds])
     assert last.max() == 2
     part = scaled.chosen(last)
     table = part.by_candidate(part.friction, -1.0)
-    for p, put in enumerate(course.placements):
+    for p, put in enumerate(course.footholds):
         assert table[p, last[p]] == put.candidates[last[p]].friction
         assert (np.delete(table[p], last[p]) == -1.0).all()
 
@@ -111,7 +111,7 @@ def test_a_toe_that_stands_is_a_patch_of_one_point(rough):
     course = rough(1)
     scaled = Scaled.of(course)
     assert scaled.layout.corners[0] == (1,)
-    np.testing.assert_array_equal(scaled.pieces[0], course.placements[0].toe_m[None] / course.length_scale_m)
+    np.testing.assert_array_equal(scaled.pieces[0], course.footholds[0].toe_m[None] / course.length_scale_m)
 
 
 def test_the_layout_says_who_stands_on_what_and_who_carries(rough):

@@ -7,7 +7,7 @@ import yaml
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import DEEPEST, MOST_YAML_VALUES, parse_json, parse_yaml, read_bytes
-from stancekit.planners.files.refusals import shown
+from stancekit.planners.files.validation import shown
 from tests.damage import bombs
 
 

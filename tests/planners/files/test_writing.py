@@ -31,7 +31,7 @@ def leftovers(folder: Path) -> list[str]:
     return [name for name in os.listdir(folder) if TEMPORARY.fullmatch(name)]
 
 
-def told(work) -> int:
+def on_progress(work) -> int:
     """What the command does with bad input."""
     try:
         work()
@@ -51,7 +51,7 @@ def planned(walk, tmp_path):
         write_plan(file, plan, check_plan(plan))
 
     write(3)
-    return file, lambda: told(lambda: write(4))
+    return file, lambda: on_progress(lambda: write(4))
 
 
 def test_a_plan_is_one_file_with_few_calls(planned):
@@ -107,7 +107,9 @@ def test_what_a_living_writer_writes_stays(tmp_path):
     file = tmp_path / "a.json"
     with replaced(file) as temporary:
         temporary.write_text("mine")
-        done = ended(lambda: told(lambda: write_text(file, "theirs")), tmp_path)  # another process, at the same time
+        done = ended(
+            lambda: on_progress(lambda: write_text(file, "theirs")), tmp_path
+        )  # another process, at the same time
         assert (done.code, file.read_text()) == (0, "theirs")
         assert os.listdir(tmp_path).count(temporary.name) == 1
     assert file.read_text() == "mine"
@@ -154,7 +156,7 @@ def test_a_leftover_that_is_a_link_a_pipe_or_locked_harms_nothing(tmp_path):
 @pytest.mark.parametrize("name", ["a b.json", "ä\n.json", "-a.json", "[a]*.json", "..json", "\udcff.json"])
 def test_odd_names_are_written_and_cleared_up(tmp_path, name):
     file = tmp_path / name
-    write = lambda: told(lambda: write_text(file, "new"))  # noqa: E731
+    write = lambda: on_progress(lambda: write_text(file, "new"))  # noqa: E731
     assert ended(write, tmp_path, 4, "killed").code == -signal.SIGKILL
     assert len(leftovers(tmp_path)) == 1
     assert ended(write, tmp_path).code == 0
@@ -177,7 +179,7 @@ def test_a_folder_takes_the_place_of_an_empty_one_or_nothing_changes(tmp_path):
                 (temporary / "a").mkdir()
                 write_bytes(temporary / "a" / "b", b"content")
 
-        return told(fill)
+        return on_progress(fill)
 
     clean = ended(write, tmp_path)
     assert (clean.code, (tmp_path / "set" / "a" / "b").read_bytes()) == (0, b"content")

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import builtin_courses, read_course, read_spec, spec_from
-from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.search.methods import make_planner
 
@@ -35,7 +35,7 @@ def floor(**changes):
 
 
 def laid_out(**changes):
-    return lay_out(floor(**changes))
+    return build_course(floor(**changes))
 
 
 def polygons(*corners, **rest):
@@ -70,8 +70,8 @@ def write(tmp_path):
 
 
 def gripping(course):
-    """Of every placement the first candidate with friction."""
-    return [next(i for i, patch in enumerate(p.candidates) if patch.friction > 0.0) for p in course.placements]
+    """Of every foothold the first candidate with friction."""
+    return [next(i for i, patch in enumerate(p.candidates) if patch.friction > 0.0) for p in course.footholds]
 
 
 # ---------------------------------------------------------------------------------------------------------- built-ins
@@ -91,7 +91,7 @@ def test_every_stance_of_a_built_in_course_holds_even_on_small_patches_with_a_th
             "body": spec.body.model_copy(update={"com_radius_m": 0.02}),
         }
     )
-    course = lay_out(narrow)
+    course = build_course(narrow)
     choice = gripping(course)
     assert len(course.stances) >= course.frames
     for stance in course.stances:
@@ -103,28 +103,28 @@ def test_every_stance_of_a_built_in_course_holds_even_on_small_patches_with_a_th
 def test_candidates_lie_in_the_window_on_the_surface_and_within_reach(name):
     course, spec = read_course(name), read_spec(name)
     limbs = {limb.name: limb for limb in course.robot.limbs}
-    for placement in course.placements:
-        assert 1 <= len(placement.candidates) <= spec.candidates.count
-        index = course.robot.limb_names.index(placement.limb)
-        here = course.holds[:, index] == course.placements.index(placement)
-        shoulder = course.com_nominal_m[here].mean(axis=0) + limbs[placement.limb].shoulder_m
-        for patch in placement.candidates:
+    for foothold in course.footholds:
+        assert 1 <= len(foothold.candidates) <= spec.candidates.count
+        index = course.robot.limb_names.index(foothold.limb)
+        here = course.holds[:, index] == course.footholds.index(foothold)
+        shoulder = course.com_nominal_m[here].mean(axis=0) + limbs[foothold.limb].shoulder_m
+        for patch in foothold.candidates:
             assert np.abs(patch.vertices_m - patch.centre_m).max() <= 0.5 * np.sqrt(2.0) * spec.candidates.window_m
             under = [t for t in course.terrain if np.allclose(t.normal, patch.normal) and t.friction == patch.friction]
             heights = [np.abs((patch.vertices_m - t.centre_m) @ t.normal).max() for t in under]
             assert min(heights) < 1e-9
             corners = patch.vertices_m - shoulder
-            assert np.linalg.norm(corners, axis=1).min() < limbs[placement.limb].reach_m + spec.candidates.window_m
+            assert np.linalg.norm(corners, axis=1).min() < limbs[foothold.limb].reach_m + spec.candidates.window_m
             assert patch.normal @ (shoulder - patch.centre_m) > 0.0  # the robot is in front of it
 
 
 def test_half_of_the_toes_of_the_icy_walls_would_go_to_ice_without_looking():
     course = read_course("icy-walls")
-    nearest = [placement.candidates[0].friction for placement in course.placements]
+    nearest = [foothold.candidates[0].friction for foothold in course.footholds]
     assert 0.35 <= np.mean(np.array(nearest) == 0.0) <= 0.65
     panels = np.array([patch.friction for patch in course.terrain])
     assert np.mean(panels == 0.0) == pytest.approx(0.5, abs=0.1)
-    assert max(len(placement.candidates) for placement in course.placements) == 4
+    assert max(len(foothold.candidates) for foothold in course.footholds) == 4
 
 
 def test_the_ground_to_wall_course_changes_its_mode_once():
@@ -132,7 +132,7 @@ def test_the_ground_to_wall_course_changes_its_mode_once():
     assert list(np.diff(course.modes)).count(1) == 1
     assert (course.modes[0], course.modes[-1]) == (0, 1)
     switch = course.modes.index(1)
-    walls = {(p.frame >= switch, abs(p.candidates[0].normal[2]) < 0.5) for p in course.placements}
+    walls = {(p.frame >= switch, abs(p.candidates[0].normal[2]) < 0.5) for p in course.footholds}
     assert walls == {(False, False), (True, True)}
 
 
@@ -182,25 +182,25 @@ def test_the_path_goes_through_its_via_points_and_the_stance_changes_there():
     course = laid_out(frames=5, via_m=[{"at_m": [0.1, 0.0, 0.2], "stance": high}], goal_m=[0.1, 0.1, 0.2])
     np.testing.assert_allclose(course.com_nominal_m[:, :2], [[0, 0], [0.05, 0], [0.1, 0], [0.1, 0.05], [0.1, 0.1]])
     for frame, outward in ((1, 0.15), (3, 0.10)):
-        placement = next(p for p in course.placements if p.frame == frame and p.limb == "LM")
+        foothold = next(p for p in course.footholds if p.frame == frame and p.limb == "LM")
         middle = course.com_nominal_m[frame : frame + 2].mean(axis=0)
-        np.testing.assert_allclose(placement.candidates[0].centre_m, [middle[0], middle[1] + 0.18 + outward, 0.0])
+        np.testing.assert_allclose(foothold.candidates[0].centre_m, [middle[0], middle[1] + 0.18 + outward, 0.0])
 
 
 def test_single_limbs_may_have_their_own_offset():
     course = laid_out(stance={"limbs": {"RM": [0.05, -0.1, -0.2]}})
-    placement = next(p for p in course.placements if p.frame == 0 and p.limb == "RM")
-    np.testing.assert_allclose(placement.candidates[0].centre_m, [0.05 + 0.025, -0.28, 0.0], atol=1e-12)
+    foothold = next(p for p in course.footholds if p.frame == 0 and p.limb == "RM")
+    np.testing.assert_allclose(foothold.candidates[0].centre_m, [0.05 + 0.025, -0.28, 0.0], atol=1e-12)
 
 
 def test_a_toe_out_of_comfortable_reach_is_drawn_towards_its_shoulder():
     course = laid_out(stance={"outward_m": 0.35}, candidates={"window_m": 0.02})
-    for placement in course.placements:
-        limb = hexapod().select([placement.limb])[0]
-        index = course.robot.limb_names.index(placement.limb)
-        here = course.holds[:, index] == course.placements.index(placement)
+    for foothold in course.footholds:
+        limb = hexapod().select([foothold.limb])[0]
+        index = course.robot.limb_names.index(foothold.limb)
+        here = course.holds[:, index] == course.footholds.index(foothold)
         shoulder = course.com_nominal_m[here].mean(axis=0) + limb.shoulder_m
-        arm = placement.candidates[0].centre_m - shoulder
+        arm = foothold.candidates[0].centre_m - shoulder
         assert np.linalg.norm(arm) == pytest.approx(0.85 * 0.35, abs=1e-9)
         assert np.cross(arm, limb.shoulder_m)[2] == pytest.approx(0.0, abs=1e-9)  # outward still
 
@@ -223,24 +223,24 @@ def test_polygons_become_terrain_and_only_footing_carries_toes():
         spec["polygons"][1] |= {"footing": footing, "friction": 0.9}
         course = laid_out(terrain=spec, stance={"down_m": 0.10})
         assert [patch.friction for patch in course.terrain] == [0.4, 0.9]
-        placement = next(p for p in course.placements if p.limb == "LM")
-        assert placement.candidates[0].centre_m[1] == pytest.approx(stands_on, abs=1e-9)
+        foothold = next(p for p in course.footholds if p.limb == "LM")
+        assert foothold.candidates[0].centre_m[1] == pytest.approx(stands_on, abs=1e-9)
 
 
 def test_a_surface_that_other_terrain_hides_is_not_offered():
     floors = [square(0.0, 0.0, z, 3.0) for z in (-0.05, 0.0)]
     course = laid_out(terrain=polygons(*floors), candidates={"count": 4})
-    assert {len(p.candidates) for p in course.placements} == {1}
-    assert {float(v) for p in course.placements for v in p.candidates[0].vertices_m[:, 2]} == {0.0}
+    assert {len(p.candidates) for p in course.footholds} == {1}
+    assert {float(v) for p in course.footholds for v in p.candidates[0].vertices_m[:, 2]} == {0.0}
     hidden = polygons(*floors)
     hidden["polygons"][1]["footing"] = False
     assert refusal(laid_out, terrain=hidden).endswith("is 0.25 m away (terrain patch 0, which other terrain hides)")
 
 
 def test_a_surface_seen_from_behind_carries_no_toe():
-    told = refusal(laid_out, terrain=polygons(square(0.0, 0.0, 0.0, 2.0)[::-1]))
-    assert told.startswith("frame 0, limb LF: expected a surface within its reach of 0.35 m of its shoulder at (")
-    assert told.endswith("the nearest is 0.2 m away (terrain patch 0, which faces away)")
+    message = refusal(laid_out, terrain=polygons(square(0.0, 0.0, 0.0, 2.0)[::-1]))
+    assert message.startswith("frame 0, limb LF: expected a surface within its reach of 0.35 m of its shoulder at (")
+    assert message.endswith("the nearest is 0.2 m away (terrain patch 0, which faces away)")
 
 
 # ----------------------------------------------------------------------------------------------------------- refusals
@@ -248,16 +248,16 @@ def test_a_surface_seen_from_behind_carries_no_toe():
 
 def test_every_wrong_key_is_named_with_the_file(write):
     path = write(FLOOR | {"frames": 0, "gate": "tripod", "candidates": {"count": 0}, "start_m": [0.0]})
-    told = refusal(read_course, path)
-    assert told.startswith(f"{path}: ")
+    message = refusal(read_course, path)
+    assert message.startswith(f"{path}: ")
     for part in ("frames: expected greater than or equal to 1, got 0", "gate: unknown key", "candidates.count:",
                  "start_m[1]: expected this key, got nothing",
                  "start_m[2]: expected this key, got nothing"):  # fmt: skip
-        assert part in told
+        assert part in message
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         ({"gait": "trot"}, "gait: expected 'all', 'tripod' or 'wave', got 'trot'"),
         ({"gait": [["RF"], "x"]}, "gait[1]: expected a valid list, got 'x'"),
@@ -274,12 +274,12 @@ def test_every_wrong_key_is_named_with_the_file(write):
          "steps.progress_m: expected at most steps.com_m = 0.1, the largest step, got 0.2"),
     ],
 )  # fmt: skip
-def test_keys_are_named_as_they_stand_in_the_file(changes, told):
-    assert refusal(floor, **changes) == told
+def test_keys_are_named_as_they_stand_in_the_file(changes, message):
+    assert refusal(floor, **changes) == message
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         ({"terrain": {"kind": "sea"}}, "terrain: Input tag 'sea' found using 'kind' does not match"),
         ({"gait": [["RF", "XX"]]}, "gait[0]: expected limbs among LF, LM, LR, RF, RM, RR, each once, got ['RF', 'XX']"),
@@ -310,27 +310,29 @@ def test_keys_are_named_as_they_stand_in_the_file(changes, told):
         ({"terrain": {"kind": "stairs", "run_m": 1e-5}}, "terrain: expected at most 5000 patches along the path"),
     ],
 )  # fmt: skip
-def test_a_course_that_cannot_be_is_refused_with_what_is_wrong(changes, told):
-    assert told in refusal(laid_out, **changes)
+def test_a_course_that_cannot_be_is_refused_with_what_is_wrong(changes, message):
+    assert message in refusal(laid_out, **changes)
 
 
 def test_a_limb_whose_own_surface_is_missing_is_named_with_its_frame():
     held = [square(x, y, 0.0, 0.2) for x in (-0.2, 0.0, 0.2) for y in (-0.25, 0.25)]
-    told = refusal(laid_out, terrain=polygons(*held), frames=6, stride_m=0.1, goal_m=[0.6, 0.0, 0.2])
-    assert told.startswith("frame ")
-    assert "limb LF: expected a surface within its reach of 0.35 m" in told
+    message = refusal(laid_out, terrain=polygons(*held), frames=6, stride_m=0.1, goal_m=[0.6, 0.0, 0.2])
+    assert message.startswith("frame ")
+    assert "limb LF: expected a surface within its reach of 0.35 m" in message
 
 
 def test_two_limbs_on_one_patch_too_small_for_two_toes_are_named():
     spot = square(0.0, 0.0, 0.0, 0.012)
-    told = refusal(laid_out, terrain=polygons(spot), candidates={"margin_m": 0.0}, gait="all", frames=1,
+    message = refusal(laid_out, terrain=polygons(spot), candidates={"margin_m": 0.0}, gait="all", frames=1,
                    goal_m=[0.0, 0.0, 0.2])  # fmt: skip
-    assert told == ("frame 0, limbs LF and LM: expected room for two toes, got nothing but terrain patch 0, 17 mm wide")
+    assert message == (
+        "frame 0, limbs LF and LM: expected room for two toes, got nothing but terrain patch 0, 17 mm wide"
+    )
 
 
 def test_an_unknown_name_gets_the_names_there_are():
-    told = refusal(read_course, "wals")
-    assert told == f"course: expected one of {', '.join(FIVE)} or a YAML file, got 'wals'"
+    message = refusal(read_course, "wals")
+    assert message == f"course: expected one of {', '.join(FIVE)} or a YAML file, got 'wals'"
 
 
 @pytest.mark.parametrize("frames", [0, -1, 201, 2.5, True])
@@ -372,12 +374,12 @@ def test_whatever_is_put_into_a_file_gives_a_course_or_a_refusal_in_one_line(nam
             inside = inside[key] if isinstance(inside, dict | list) and key in [k for k, *_ in places(inside)] else {}
         with contextlib.suppress(IndexError, TypeError):  # a place that the first change has taken away
             inside[place[-1]] = draw.draw(JUNK)
-    told = ""
+    message = ""
     try:
-        lay_out(spec_from(described))
+        build_course(spec_from(described))
     except InvalidInput as error:
-        told = str(error)
-    assert "\n" not in told
+        message = str(error)
+    assert "\n" not in message
 
 
 def test_reading_the_built_in_courses_warns_of_nothing():

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course import Course, Placement, StepLimits, Weights
+from stancekit.planners.problem.course import Course, Foothold, StepLimits, Weights
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.robot import Limb, Robot
@@ -45,16 +45,16 @@ def courses(draw):
     sets = [tuple(name for name in names if draw(st.booleans())) for _ in range(frames)]
     lifts = ((), *sets[1:])
     placed = [(k, name) for k in range(frames) for name in names if k == 0 or name in lifts[k]]
-    placements = [
-        Placement(limb=name, frame=k, candidates=(draw(patches()),), toe_m=np.array(draw(POINTS)))
+    footholds = [
+        Foothold(limb=name, frame=k, candidates=(draw(patches()),), toe_m=np.array(draw(POINTS)))
         if draw(st.booleans())
-        else Placement(limb=name, frame=k, candidates=tuple(draw(st.lists(patches(), min_size=1, max_size=3))))
+        else Foothold(limb=name, frame=k, candidates=tuple(draw(st.lists(patches(), min_size=1, max_size=3))))
         for k, name in placed
     ]
     most = draw(POSITIVE)
     return Course(
         name=draw(st.text(max_size=5)), robot=Robot(name=draw(NAMES), mass_kg=draw(POSITIVE), limbs=limbs),
-        terrain=tuple(draw(st.lists(patches(), max_size=3))), placements=tuple(placements), lifts=lifts,
+        terrain=tuple(draw(st.lists(patches(), max_size=3))), footholds=tuple(footholds), lifts=lifts,
         next_lift=sets[0], com_nominal_m=np.array([draw(POINTS) for _ in range(frames)]),
         com_radius_m=np.array([draw(POSITIVE) for _ in range(frames)]), goal_m=np.array(draw(POINTS)),
         steps=StepLimits(com_m=most, toe_m=draw(POSITIVE), rotation_rad=0.1, progress_m=0.3 * most),
@@ -119,9 +119,7 @@ def test_a_course_file_is_read_by_its_name(written, tmp_path):
 def test_a_course_file_has_a_fixed_number_of_frames(written, tmp_path):
     path = tmp_path / "course.json"
     path.write_text(written)
-    with pytest.raises(
-        InvalidInput, match="expected no other number of frames for a course whose placements are fixed"
-    ):
+    with pytest.raises(InvalidInput, match="expected no other number of frames for a course whose footholds are fixed"):
         read_course(path, frames=3)
 
 
@@ -130,22 +128,22 @@ def test_all_that_is_wrong_is_said_at_once_with_its_place(data):
     data["terrain"][1]["friction"] = -0.5
     data["placements"][2]["candidates"][0]["normal"] = [0.0, 0.0, 2.0]
     data["steps"]["progress_m"] = 1.0
-    told = refusal(data)
-    assert "limb LM: reach_m: expected a number above 0, got -1" in told
-    assert "terrain[1].friction: expected a number in [0, 1e+06], got -0.5" in told
-    assert "placements[2].candidates[0].normal: expected a unit vector, got length 2" in told
-    assert "steps.progress_m: expected at most steps.com_m = 0.12, the largest step, got 1" in told
+    message = refusal(data)
+    assert "limb LM: reach_m: expected a number above 0, got -1" in message
+    assert "terrain[1].friction: expected a number in [0, 1e+06], got -0.5" in message
+    assert "placements[2].candidates[0].normal: expected a unit vector, got length 2" in message
+    assert "steps.progress_m: expected at most steps.com_m = 0.12, the largest step, got 1" in message
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
+    ("change", "message"),
     [
         (lambda d: d.pop("goal_m"), "goal_m: expected this key, got nothing"),
         (lambda d: d.update(colour="red"), "colour: unknown key"),
         (lambda d: d.update(format="stancekit/course/2"), "format: expected 'stancekit/course/1'"),
         (lambda d: d["com_nominal_m"].pop(), "com_nominal_m: expected shape (2, 3), got (1, 3)"),
-        (lambda d: d["placements"].pop(), "placements: frame 1, limb RR: expected a placement, since it moves there"),
-        (lambda d: d["placements"][0].update(limb="XX"), "placements: frame 0, limb LF: expected a placement"),
+        (lambda d: d["placements"].pop(), "placements: frame 1, limb RR: expected a foothold, since it moves there"),
+        (lambda d: d["placements"][0].update(limb="XX"), "placements: frame 0, limb LF: expected a foothold"),
         (lambda d: d["placements"][0].update(candidates=[]), "expected one or more candidate patches, got none within"),
         (
             lambda d: d["placements"][0].update(frame="0"),
@@ -156,10 +154,10 @@ def test_all_that_is_wrong_is_said_at_once_with_its_place(data):
         (lambda d: d.update(lifts=[]), "frames: expected 1 to 200 key frames, got 0"),
     ],
 )
-def test_a_file_that_was_changed_is_refused_with_the_place(data, change, told):
+def test_a_file_that_was_changed_is_refused_with_the_place(data, change, message):
     changed = copy.deepcopy(data)
     change(changed)
-    assert told in refusal(changed)
+    assert message in refusal(changed)
 
 
 def test_something_else_than_an_object_is_refused():

@@ -30,7 +30,7 @@ def points(climb, programs):
 
 
 def plan(course, scaled, point):
-    return plan_of(course, scaled, np.zeros(len(course.placements), dtype=int), point, provenance={})
+    return plan_of(course, scaled, np.zeros(len(course.footholds), dtype=int), point, provenance={})
 
 
 def test_descent_ends_on_a_better_plan_and_never_on_a_worse_one(points, programs):

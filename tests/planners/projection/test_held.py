@@ -97,16 +97,16 @@ def test_fix_toes_finds_what_a_second_writing_finds_with_these_toes(climb, writt
         problem, _ = written_course(standing(course, point.toes * course.length_scale_m))
         problem.solve(cp.CLARABEL)
         assert problem.status == cp.OPTIMAL
-        plan = plan_of(course, scaled, np.zeros(len(course.placements), dtype=int), point, provenance={})
+        plan = plan_of(course, scaled, np.zeros(len(course.footholds), dtype=int), point, provenance={})
         assert problem.value == pytest.approx(objective_of(plan), rel=1e-5, abs=1e-8)
         assert problem.value == pytest.approx(point.objective * course.length_scale_m**2 + toe_cost(plan), rel=1e-5)
 
 
 def standing(course, toes):
     """The course with every toe where it is."""
-    placements = tuple(replace(put, toe_m=toe) for put, toe in zip(course.placements, toes, strict=True))
+    footholds = tuple(replace(put, toe_m=toe) for put, toe in zip(course.footholds, toes, strict=True))
     again = object.__new__(type(course))  # toes that stand are for the first frame alone, which nobody checks here
-    again.__dict__.update(course.__dict__ | {"placements": placements})
+    again.__dict__.update(course.__dict__ | {"placements": footholds})
     return again
 
 

@@ -182,7 +182,7 @@ def climbs(climb, programs):
 
 
 def plan(course, scaled, point):
-    return plan_of(course, scaled, np.zeros(len(course.placements), dtype=int), point, provenance={})
+    return plan_of(course, scaled, np.zeros(len(course.footholds), dtype=int), point, provenance={})
 
 
 def test_scp_ends_on_a_plan_that_the_verifier_accepts_whose_objective_is_no_less_than_the_lifts(climbs, programs):
@@ -209,7 +209,7 @@ def test_on_odd_polygons_with_a_toe_that_stands_and_the_rest_on_ice_it_does_so_t
         point = project(programs, "scp", scaled.chosen(choice), start)
         if point.residual <= SURFACE:
             made = plan_of(course, scaled, choice, point, provenance={})
-            np.testing.assert_allclose(made.toes_m[0], course.placements[0].toe_m, atol=1e-15)
+            np.testing.assert_allclose(made.toes_m[0], course.footholds[0].toe_m, atol=1e-15)
             assert check_plan(made).accepted
             found += 1
     assert found >= 2

@@ -191,7 +191,7 @@ def test_it_is_the_same_twice(climb: Plan) -> None:
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "message"),
     [
         ({"torque_nm": 0.0}, "torque_nm: expected a number above 0, got 0"),
         ({"share": 0.0}, "torque_share: expected a number above 0, got 0"),
@@ -199,7 +199,7 @@ def test_it_is_the_same_twice(climb: Plan) -> None:
         ({"steps": -1}, "steps: expected 0 or more, got -1"),
     ],
 )
-def test_limits_that_make_no_sense_are_refused(given: dict[str, float], told: str) -> None:
+def test_limits_that_make_no_sense_are_refused(given: dict[str, float], message: str) -> None:
     with pytest.raises(InvalidInput) as caught:
         TorqueLimits(**given)  # type: ignore[arg-type]
-    assert str(caught.value) == told
+    assert str(caught.value) == message

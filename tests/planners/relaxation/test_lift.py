@@ -327,7 +327,7 @@ def agreed(programs, course, written_course):
 
 def test_so_it_is_on_other_polygons_some_of_ice_with_one_toe_that_stands(programs, rough, written_course):
     courses = [rough(seed, regions=2, ice=0.2) for seed in (0, 1, 2, 4)]
-    assert all(course.placements[0].toe_m is not None for course in courses)
+    assert all(course.footholds[0].toe_m is not None for course in courses)
     answers = {agreed(programs, course, written_course) for course in courses}
     assert answers == {ConicStatus.SOLVED, ConicStatus.INFEASIBLE}
 
@@ -352,7 +352,7 @@ def test_shares_of_a_toe_sum_to_one_and_toes_are_on_their_patches(programs, clim
     answer = lifted(programs, course)
     np.testing.assert_allclose(answer.scaled.by_candidate(answer.shares, 0.0).sum(axis=1), 1.0, atol=1e-6)
     choice, point = answer.rounded()
-    for p, put in enumerate(course.placements):
+    for p, put in enumerate(course.footholds):
         patch = put.candidates[choice[p]]
         off = point.toes[p] * course.length_scale_m - patch.centre_m
         assert abs(off @ patch.normal) < 1e-6

@@ -14,7 +14,7 @@ from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course, read_spec
-from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.relaxation.boxes import boxes_of
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
@@ -59,7 +59,7 @@ def small():
 
 @pytest.mark.parametrize("seed", [None, 1])
 def test_z_switches_where_the_terrain_does(seed, planner):
-    course = lay_out(SHORT, Path()) if seed is None else perturbed(SHORT, np.random.default_rng(seed))
+    course = build_course(SHORT, Path()) if seed is None else perturbed(SHORT, np.random.default_rng(seed))
     outcome = planner.solve(course)
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert tuple(outcome.plan.modes) == course.modes
@@ -127,7 +127,7 @@ def test_a_stance_alone_relaxes_the_course(small):
 
 
 def test_closing_boxes_leaves_what_a_stance_can_use(planner, modes):
-    course = lay_out(SHORT, Path())
+    course = build_course(SHORT, Path())
     scaled = Scaled.of(course)
     allowed = planner.allowed(scaled, boxes_of(course, modes.boxes, "world"), Clock.start())
     wanted = [course.modes[frame] for frame, _ in scaled.layout.stances]
@@ -138,7 +138,7 @@ def test_closing_boxes_leaves_what_a_stance_can_use(planner, modes):
 
 
 def _normal(course, stance, limb):
-    return course.placements[course.holds[stance.frame, limb]].candidates[0].normal
+    return course.footholds[course.holds[stance.frame, limb]].candidates[0].normal
 
 
 def test_world_points_are_the_forces_of_the_postures(programs, drawn):

@@ -100,11 +100,11 @@ def test_envelopes_keep_the_name_of_their_robot_in_their_file(learned: EnvelopeS
 def test_envelopes_of_another_robot_are_refused(learned: EnvelopeSet, drawn) -> None:
     problem = walled(drawn("ground-3", 0))
     learned.check_fits(problem)
-    for other, told in (("cat-2", "cat-2"), ("", "the default hexapod")):
+    for other, message in (("cat-2", "cat-2"), ("", "the default hexapod")):
         with pytest.raises(InvalidInput) as error:
             learned.check_fits(replace(problem, robot=other))
         wants = "robot: expected dog-1 for an envelope learned for ground-3-of-dog-1"
-        assert str(error.value) == f"{wants}, got {told}"
+        assert str(error.value) == f"{wants}, got {message}"
     course = Course.of_posture(replace(problem, robot="cat-2"))
     with pytest.raises(InvalidInput, match="robot: expected dog-1"):
         boxes_of(course, learned)

@@ -107,11 +107,11 @@ def test_a_plan_over_a_step_is_reached_by_the_urdf_itself(folder: Path, plan: Pl
 def test_toes_stand_where_the_model_stands_unless_the_course_says_otherwise(folder: Path) -> None:
     model = named_robot(folder / "dog.urdf")
     course = read_course(folder / "step.yaml")
-    first = [placement for placement in course.placements if placement.frame == 0]
+    first = [foothold for foothold in course.footholds if foothold.frame == 0]
     toes = standing_toes(model)
-    for placement in first:
-        middle = placement.candidates[0].vertices_m.mean(axis=0)
-        expected = toes[model.leg_names.index(placement.limb)][:2]
+    for foothold in first:
+        middle = foothold.candidates[0].vertices_m.mean(axis=0)
+        expected = toes[model.leg_names.index(foothold.limb)][:2]
         np.testing.assert_allclose(middle[:2], expected, atol=0.05)
 
 

@@ -163,8 +163,8 @@ def test_weak_servos_are_found_with_frame_and_limb(plan: Plan) -> None:
 
 def test_a_toe_out_of_reach_is_found_with_frame_and_limb(plan: Plan) -> None:
     toes = plan.toes_m.copy()
-    placement = int(plan.course.holds[2][4])
-    toes[placement] += [0.0, 0.0, 0.6]
+    foothold = int(plan.course.holds[2][4])
+    toes[foothold] += [0.0, 0.0, 0.6]
     report = joint_report(replace(plan, toes_m=toes))
     assert not report.accepted
     assert report.worst_error[1] == ROBOT.limb_names[4]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.course import Course, Placement
+from stancekit.planners.problem.course import Course, Foothold
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.terrain import Patch
 
@@ -33,12 +33,12 @@ def _as_course(problem: PostureProblem, candidates: int = 1, seed: int = 0, spre
     def moved(patch: Patch, r: int) -> Patch:
         return replace(patch, vertices_m=patch.vertices_m + rng.uniform(-spread_m, spread_m, 3)) if r else patch
 
-    placements = tuple(
-        Placement(limb=c.leg, frame=0, candidates=tuple(moved(c.patch, r) for r in range(candidates))) for c in contacts
+    footholds = tuple(
+        Foothold(limb=c.leg, frame=0, candidates=tuple(moved(c.patch, r) for r in range(candidates))) for c in contacts
     )
     return Course(
         name="posture", robot=Robot(name="posture", mass_kg=problem.mass_kg, limbs=limbs),
-        terrain=tuple(c.patch for c in contacts), placements=placements, lifts=((),),
+        terrain=tuple(c.patch for c in contacts), footholds=footholds, lifts=((),),
         com_nominal_m=problem.com_nominal_m[None], com_radius_m=np.array([problem.com_radius_m]),
         goal_m=problem.com_nominal_m, tilt_limit_rad=problem.tilt_limit_rad, gravity_m_s2=problem.gravity_m_s2,
         length_scale_m=problem.length_scale_m, force_min=contacts[0].force_min, force_max=contacts[0].force_max,

@@ -29,7 +29,7 @@ def test_the_search_says_what_trying_every_choice_says(climb, planner):
         course = climb(seed, **TORN)
         singly = [
             best.solve(course.with_choice(choice))
-            for choice in itertools.product(range(2), repeat=len(course.placements))
+            for choice in itertools.product(range(2), repeat=len(course.footholds))
         ]
         objectives = [outcome.objective for outcome in singly if outcome.status is Status.FEASIBLE]
         first, whole = planner.solve(course), best.solve(course)
@@ -50,7 +50,7 @@ def test_with_other_polygons_and_not_equally_many_candidates_it_says_so_too(roug
     seen = set()
     for seed in (0, 1, 5, 6):
         course = rough(seed, regions=2, ice=0.3)
-        counts = [len(put.candidates) for put in course.placements]
+        counts = [len(put.candidates) for put in course.footholds]
         assert min(counts) < max(counts)
         singly = [planner.solve(course.with_choice(choice)) for choice in itertools.product(*map(range, counts))]
         outcome = planner.solve(course)
@@ -75,7 +75,7 @@ def test_a_dive_never_takes_a_candidate_that_there_is_not_however_many_cuts_spea
     """A foothold with one candidate has nothing to weigh; what is missing has no entry in any cut."""
     course = rough(0, regions=3)
     scaled = Scaled.of(course)
-    counts = np.array([len(put.candidates) for put in course.placements])
+    counts = np.array([len(put.candidates) for put in course.footholds])
     assert counts.min() == 1
     assert counts.max() == 3
     search = ChoiceSearch(programs, scaled, lambda *_: None, Limits(max_nodes=1, time_limit_s=1.0), Clock.start())

@@ -89,16 +89,16 @@ def test_what_pieces_of_a_bent_patch_leave_out_costs_no_proof(programs, rough):
     """The verifier takes it off every bound: where the least moment is as small, the patch is not to be cut."""
     course = rough(775284, regions=2)
     share = 0.85
-    placements = tuple(
+    footholds = tuple(
         replace(put, candidates=tuple(patch.with_friction(share * patch.friction) for patch in put.candidates))
-        for put in course.placements
+        for put in course.footholds
     )
-    course = replace(course, placements=placements)
+    course = replace(course, footholds=footholds)
     outcome = TwoStageCoursePlanner(programs=programs).solve(course)
     assert outcome.status is Status.INFEASIBLE
     assert set(outcome.certificate.tree[:, 0]) == {0.0, 1.0, 3.0}
     assert check_certificate(course, outcome.certificate).lower_bound < 2e-5
-    bent = [sag(patch.vertices_m / course.length_scale_m) for put in placements for patch in put.candidates]
+    bent = [sag(patch.vertices_m / course.length_scale_m) for put in footholds for patch in put.candidates]
     assert max(bent) > 5e-5
 
 

@@ -55,21 +55,21 @@ def test_on_walls_half_of_ice_it_fails_and_says_why_where_the_two_stage_planner_
 def walls_of_ice(seed):
     """The built-in walls with two candidates a toe, one of which grips: the nearer or the farther, by chance."""
     rng, course = np.random.default_rng(seed), read_course("icy-walls", frames=2)
-    placements = []
-    for put in course.placements:
+    footholds = []
+    for put in course.footholds:
         grips = int(rng.integers(2))
         pair = [replace(patch, friction=float(r == grips)) for r, patch in enumerate(put.candidates[:2])]
-        placements.append(replace(put, candidates=tuple(pair)))
-    return replace(course, placements=tuple(placements))
+        footholds.append(replace(put, candidates=tuple(pair)))
+    return replace(course, footholds=tuple(footholds))
 
 
 def test_the_positions_know_nothing_of_friction(climb):
     course = climb(1, regions=2)
     icy = replace(
         course,
-        placements=tuple(
+        footholds=tuple(
             replace(put, candidates=tuple(replace(patch, friction=0.0) for patch in put.candidates))
-            for put in course.placements
+            for put in course.footholds
         ),
     )
     scaled = Scaled.of(course)

@@ -67,9 +67,9 @@ def points_of(plan):
     course, rows = plan.course, []
     for index, stance in enumerate(course.stances):
         for limb in stance.limbs:
-            placement = course.holds[stance.frame, limb]
-            p = (plan.toes_m[placement] - plan.com_m[stance.frame]) / course.length_scale_m
-            f = course.patch(placement, plan.choice).frame.T @ plan.forces_n[index, limb] / course.weight_n
+            foothold = course.holds[stance.frame, limb]
+            p = (plan.toes_m[foothold] - plan.com_m[stance.frame]) / course.length_scale_m
+            f = course.patch(foothold, plan.choice).frame.T @ plan.forces_n[index, limb] / course.weight_n
             rows.append([*p, *f])
     return np.array(rows)
 
@@ -205,7 +205,7 @@ def test_a_course_that_is_infeasible_whatever_the_box_gets_the_lifts_proof(learn
 
 def test_stances_that_the_set_was_not_learned_for_are_named(learned):
     course = read_course("walls", frames=3)
-    six = replace(course, lifts=((),) * 3, next_lift=(), placements=course.placements[:6])
+    six = replace(course, lifts=((),) * 3, next_lift=(), footholds=course.footholds[:6])
     with pytest.raises(
         InvalidInput, match=r"frame 0: expected a stance on RF, RR, LM or LF, LR, RM, .*got one on LF, "
     ):
@@ -214,20 +214,20 @@ def test_stances_that_the_set_was_not_learned_for_are_named(learned):
         boxes_of(read_course("tube", frames=3), learned["wall-3"])
     turned = tuple(
         replace(one, candidates=tuple(replace(p, shear_reference=np.array([1.0, 0, 0])) for p in one.candidates))
-        for one in course.placements
+        for one in course.footholds
     )
     with pytest.raises(InvalidInput, match=r"frame 0, stance on .*, limb \w\w: expected the shear axis z up on walls"):
-        boxes_of(replace(course, placements=turned), learned["wall-3"])
+        boxes_of(replace(course, footholds=turned), learned["wall-3"])
 
 
 def test_candidates_of_different_slopes_need_boxes_in_world_axes(learned):
     course = read_course("walls", frames=2)
-    leaning = course.placements[0].candidates[0]
+    leaning = course.footholds[0].candidates[0]
     normal = np.array([0.0, np.cos(0.1), np.sin(0.1)]) * np.sign(leaning.normal[1])
     height = (leaning.vertices_m - leaning.centre_m) @ normal
     other = replace(leaning, normal=normal, vertices_m=leaning.vertices_m - height[:, None] * normal)
-    changed = replace(course.placements[0], candidates=(leaning, other))
-    several = replace(course, placements=(changed, *course.placements[1:]))
+    changed = replace(course.footholds[0], candidates=(leaning, other))
+    several = replace(course, footholds=(changed, *course.footholds[1:]))
     with pytest.raises(
         InvalidInput, match=r"frame 0, limb LF: expected candidate patches that share one contact frame"
     ):

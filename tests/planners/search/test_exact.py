@@ -482,7 +482,7 @@ def scip(course, *, time_limit_s):
            for k in frames]  # fmt: skip
     turn = [free([-tilt] * 3, [tilt] * 3) for _ in frames]
     toes = []
-    for put in course.placements:
+    for put in course.footholds:
         corners = put.candidates[0].vertices_m
         share, toe = free([0] * len(corners), [1] * len(corners)), free(corners.min(axis=0), corners.max(axis=0))
         model.addCons(sum(share) == 1)
@@ -499,7 +499,7 @@ def scip(course, *, time_limit_s):
         net, moment = [0.0, 0.0, -1.0], [-com[stance.frame][1], 1.0 * com[stance.frame][0], 0.0]
         for i in stance.limbs:
             p = course.holds[stance.frame, i]
-            patch = course.placements[p].candidates[0]
+            patch = course.footholds[p].candidates[0]
             f = free([0.0, -patch.friction, -patch.friction], [1.0, patch.friction, patch.friction])
             model.addCons(f[1] * f[1] + f[2] * f[2] <= patch.friction**2 * f[0] * f[0])
             world = [sum(float(patch.frame[j, a]) * f[a] for a in range(3)) for j in range(3)]

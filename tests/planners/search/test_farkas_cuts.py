@@ -22,7 +22,7 @@ def test_a_cut_refutes_exactly_the_parts_for_which_the_verifier_accepts_it(climb
         course = climb(seed, **TORN)
         scaled, rng = Scaled.of(course), np.random.default_rng(seed)
         for _ in range(4):
-            choice = rng.integers(2, size=len(course.placements))
+            choice = rng.integers(2, size=len(course.footholds))
             lifted = solve_lift(programs, scaled.chosen(choice), least_moment=False)
             if lifted.status is not ConicStatus.INFEASIBLE:
                 continue
@@ -66,7 +66,7 @@ def test_what_refutes_one_stance_alone_refutes_the_course(climb, programs):
     for seed in range(4):
         course = climb(seed, **TORN)
         scaled = Scaled.of(course)
-        for choice in np.random.default_rng(seed).integers(2, size=(3, len(course.placements))):
+        for choice in np.random.default_rng(seed).integers(2, size=(3, len(course.footholds))):
             cuts = FarkasCuts(scaled)
             for stance in range(len(course.stances)):
                 lifted = solve_lift(programs, alone(scaled.chosen(choice), stance)[0], least_moment=True)

@@ -20,7 +20,7 @@ class Picky:
         self.plan, self.friction, self.asked = plan, friction, list[float]()
 
     def solve(self, course: Course) -> PlanOutcome:
-        friction = course.placements[0].candidates[0].friction
+        friction = course.footholds[0].candidates[0].friction
         self.asked.append(friction)
         if friction < self.friction:
             return PlanOutcome(status=Status.INFEASIBLE, method=self.name, message="too slippery")
@@ -29,7 +29,7 @@ class Picky:
 
 def test_the_most_cautious_plan_is_taken_and_is_one_of_the_course_itself(walk: Callable[..., Plan]) -> None:
     plan = walk()
-    planner = Picky(plan, 0.85 * plan.course.placements[0].candidates[0].friction)
+    planner = Picky(plan, 0.85 * plan.course.footholds[0].candidates[0].friction)
     outcome = plan_with_reserve(planner, plan.course)
     assert outcome.plan is not None
     assert outcome.plan.course is plan.course
@@ -42,13 +42,13 @@ def test_a_course_without_a_plan_gets_the_answer_for_all_of_its_friction(walk: C
     planner = Picky(plan, 1e6)
     outcome = plan_with_reserve(planner, plan.course)
     assert outcome.status is Status.INFEASIBLE
-    assert planner.asked[-1] == plan.course.placements[0].candidates[0].friction
+    assert planner.asked[-1] == plan.course.footholds[0].candidates[0].friction
 
 
 def test_slippery_courses_differ_in_friction_alone(walk: Callable[..., Plan]) -> None:
     course = walk().course
     dulled = slippery(course, 0.5)
-    for before, after in zip(course.placements, dulled.placements, strict=True):
+    for before, after in zip(course.footholds, dulled.footholds, strict=True):
         assert after.candidates[0].friction == 0.5 * before.candidates[0].friction
         np.testing.assert_array_equal(after.candidates[0].vertices_m, before.candidates[0].vertices_m)
     assert [patch.friction for patch in dulled.terrain] == [0.5 * patch.friction for patch in course.terrain]

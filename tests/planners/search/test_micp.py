@@ -95,9 +95,9 @@ def net_moment(course, point):
     for stance in course.stances:
         total = np.zeros(3)
         for limb in stance.limbs:
-            placement = course.holds[stance.frame, limb]
-            world = course.placements[placement].candidates[0].frame @ point.forces[row]
-            total += np.cross(point.toes[placement] - point.com[stance.frame], world)
+            foothold = course.holds[stance.frame, limb]
+            world = course.footholds[foothold].candidates[0].frame @ point.forces[row]
+            total += np.cross(point.toes[foothold] - point.com[stance.frame], world)
             row += 1
         worst = max(worst, np.abs(total).max())
     return worst
@@ -257,7 +257,7 @@ def test_patches_are_chosen_by_binaries():
     assert outcome.status is Status.FEASIBLE, outcome.message
     assert outcome.details["binaries"] == 36 + 4 * 6
     carrying = [course.holds[0, limb] for limb in course.stances[0].limbs]
-    assert any(len({patch.friction for patch in course.placements[p].candidates}) == 2 for p in carrying)
+    assert any(len({patch.friction for patch in course.footholds[p].candidates}) == 2 for p in carrying)
     assert all(course.patch(p, outcome.plan.choice).friction > 0.0 for p in carrying)  # three limbs, all needed
 
 

@@ -23,7 +23,7 @@ SCENES = ((("wall-3", 234), 3, 2e-2), (("wall-3", 225), 2, 2e-3), (("ground-3", 
 
 def learned(programs, course, *choices):
     nogoods = Nogoods(programs, Scaled.of(course), Clock.start())
-    for choice in choices or (np.zeros(len(course.placements), dtype=int),):
+    for choice in choices or (np.zeros(len(course.footholds), dtype=int),):
         nogoods.learn(np.asarray(choice), float("inf"))
     return nogoods
 
@@ -45,11 +45,11 @@ def hard(programs, drawn, as_course, rough):
 def restricted(course, opened):
     """The course with these candidates alone, and their new numbers."""
     number = np.cumsum(opened > 0.0, axis=1) - 1
-    placements = tuple(
+    footholds = tuple(
         replace(put, candidates=tuple(patch for patch, is_open in zip(put.candidates, row, strict=False) if is_open))
-        for put, row in zip(course.placements, opened > 0.0, strict=True)
+        for put, row in zip(course.footholds, opened > 0.0, strict=True)
     )
-    return replace(course, placements=placements), number
+    return replace(course, footholds=footholds), number
 
 
 def proof(nogoods, number, opened, new):
@@ -140,7 +140,7 @@ def test_blame_is_a_foothold_with_candidates_that_the_nogood_does_not_cover(hard
 
 def test_a_course_whose_stances_hold_teaches_nothing_and_nothing_is_looked_at_twice(climb):
     course = climb(1)
-    programs, choice = Programs(), np.zeros(len(course.placements), dtype=int)
+    programs, choice = Programs(), np.zeros(len(course.footholds), dtype=int)
     clock = Clock.start()
     nogoods = Nogoods(programs, Scaled.of(course), clock)
     assert not nogoods.learn(choice, float("inf"))

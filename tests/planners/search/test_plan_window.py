@@ -93,10 +93,10 @@ def test_a_window_keeps_schedule_placements_and_modes(course, plan):
     assert window.modes == course.modes[1:4]
     np.testing.assert_array_equal(window.com_nominal_m[1:], course.com_nominal_m[2:4])
     np.testing.assert_array_equal(window.goal_m, course.com_nominal_m[3])
-    ours = [(p.frame, p.limb, id(p.candidates)) for p in window.placements if p.frame]
-    assert ours == [(p.frame - 1, p.limb, id(p.candidates)) for p in course.placements if 1 < p.frame <= 3]
-    for placement, toe in zip(window.placements, plan.toes_at(1), strict=False):
-        np.testing.assert_array_equal(placement.toe_m, toe)
+    ours = [(p.frame, p.limb, id(p.candidates)) for p in window.footholds if p.frame]
+    assert ours == [(p.frame - 1, p.limb, id(p.candidates)) for p in course.footholds if 1 < p.frame <= 3]
+    for foothold, toe in zip(window.footholds, plan.toes_at(1), strict=False):
+        np.testing.assert_array_equal(foothold.toe_m, toe)
 
 
 def test_a_body_ahead_of_its_path_need_not_step_back_to_make_progress(course, plan):

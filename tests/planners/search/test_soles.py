@@ -15,7 +15,7 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import Contact, PostureProblem
-from stancekit.planners.problem.course import Course, Placement
+from stancekit.planners.problem.course import Course, Foothold
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.projection.project import PROJECTIONS, SURFACE, project
@@ -206,7 +206,7 @@ def test_every_stance_of_a_plan_on_some_soles_is_a_posture(walk):
     shares[:, 0] = [0.5 if limb.sole_m is not None else 1.0 for limb in limbs]
     shares[:, 2] = 1.0 - shares[:, 0]
     points = np.repeat(plan.toes_m[:, None], 4, axis=1)
-    for p, put in enumerate(course.placements):
+    for p, put in enumerate(course.footholds):
         its = course.offsets_m[p][0]
         points[p, : len(its)] += its
         assert len(its) == len(soles.get(put.limb, [0]))
@@ -307,7 +307,7 @@ def beam_course(com_y: float, yaws=(0.0, 0.5 * np.pi)) -> Course:
     limb = Limb(name="RF", shoulder_m=problem.contacts[0].shoulder_m, reach_m=BALL_M, sole_m=SOLE)
     return Course(
         name="lean", robot=Robot(name="monopod", mass_kg=50.0, limbs=(limb,)), terrain=(ground(),),
-        placements=(Placement(limb="RF", frame=0, candidates=(ground(),) * len(yaws), yaws_rad=yaws),), lifts=((),),
+        footholds=(Foothold(limb="RF", frame=0, candidates=(ground(),) * len(yaws), yaws_rad=yaws),), lifts=((),),
         com_nominal_m=problem.com_nominal_m[None], com_radius_m=np.zeros(1), goal_m=problem.com_nominal_m,
         tilt_limit_rad=0.0,
     )  # fmt: skip
@@ -347,8 +347,8 @@ def test_a_biped_with_soles_and_polytopes_climbs_and_its_plan_is_verified(climbe
     assert report.accepted
     assert report.between <= 1e-6
     assert plan.toes_m[:, 2].max() > 0.15  # two steps up
-    yaws = [put.yaws_rad[chosen] for put, chosen in zip(course.placements, plan.choice, strict=True)]
-    for k, put in enumerate(course.placements):  # all corners on one step, by hand
+    yaws = [put.yaws_rad[chosen] for put, chosen in zip(course.footholds, plan.choice, strict=True)]
+    for k, put in enumerate(course.footholds):  # all corners on one step, by hand
         c, s = np.cos(yaws[k]), np.sin(yaws[k])
         corners = plan.toes_m[k, :2] + np.array([[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]) @ [
             [c, s],
@@ -379,7 +379,7 @@ def test_forged_plans_with_soles_are_refused(climbed):
     bent[3, 1, 2] += 1e-3
     moved[3] += [1e-3, 0.0, 0.0]
     other = plan.choice.copy()
-    put = plan.course.placements[3]
+    put = plan.course.footholds[3]
     same = [r for r, patch in enumerate(put.candidates) if patch is put.candidates[other[3]] and r != other[3]]
     other[3] = same[0]
     forces = plan.point_forces_n.copy()
@@ -407,7 +407,7 @@ def test_a_window_is_planned_anew_from_where_the_soles_stand(climbed):
     np.testing.assert_allclose(rest.plan.points_m[:2], begin.plan.points_m[begin.plan.course.holds[-1]], atol=1e-9)
     with pytest.raises(InvalidInput, match="expected the yaws of the soles that stand, got none"):
         replan(replace(standing, yaws_rad=()), course, frame=4)
-    assert len(plan.course.placements) == 6
+    assert len(plan.course.footholds) == 6
 
 
 def test_plans_with_soles_are_not_executed(climbed):

@@ -127,10 +127,10 @@ def test_forces_stay_in_boxes_that_cut_the_cones(low):
     assert normal > low * narrow.like.force_scale_n
 
 
-@pytest.mark.parametrize("frozen", ["tilt_limit_rad", "com_radius_m"])
-def test_a_body_that_may_not_move_has_no_middle_and_is_left_to_the_search(frozen, programs):
+@pytest.mark.parametrize("read_only", ["tilt_limit_rad", "com_radius_m"])
+def test_a_body_that_may_not_move_has_no_middle_and_is_left_to_the_search(read_only, programs):
     batch = batch_of("ground-3", 20)
-    stiff = replace(batch, like=replace(batch.like, **{frozen: 0.0}))
+    stiff = replace(batch, like=replace(batch.like, **{read_only: 0.0}))
     assert canonical(stiff) == {}
     answers = solve_all(ExactPlanner(programs=programs, time_limit_s=np.inf), stiff)
     assert sum(answer.status is Status.FEASIBLE for answer in answers) > 10

@@ -113,7 +113,7 @@ def test_a_course_on_a_mesh_beside_its_file(saved, tmp_path):
     }))  # fmt: skip
     course = read_course(path)
     assert len(course.terrain) == 6
-    assert {round(float(v), 6) for p in course.placements for v in p.candidates[0].vertices_m[:, 2]} == {0.0}
+    assert {round(float(v), 6) for p in course.footholds for v in p.candidates[0].vertices_m[:, 2]} == {0.0}
 
 
 # ----------------------------------------------------------------------------------------------------------- refusals
@@ -129,8 +129,8 @@ def test_a_mesh_in_millimetres_is_recognised_by_its_size(kind, saved):
 
 
 def test_a_mesh_smaller_than_a_foot_is_refused(saved):
-    told = refusal(saved(trimesh.creation.box((0.001, 0.002, 0.001))))
-    assert "expected a terrain of at least 0.01 m from end to end, got 0.002 m; see unit_m" in told
+    message = refusal(saved(trimesh.creation.box((0.001, 0.002, 0.001))))
+    assert "expected a terrain of at least 0.01 m from end to end, got 0.002 m; see unit_m" in message
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -148,12 +148,12 @@ def test_a_triangle_that_faces_the_other_way_is_refused(kind, saved):
     box = trimesh.creation.box((1.0, 1.0, 1.0))
     faces = box.faces.copy()
     faces[3] = faces[3][::-1]
-    told = refusal(saved(trimesh.Trimesh(box.vertices, faces, process=False), kind))
-    assert "expected a manifold mesh, but two neighbouring triangles face opposite ways at (" in told
+    message = refusal(saved(trimesh.Trimesh(box.vertices, faces, process=False), kind))
+    assert "expected a manifold mesh, but two neighbouring triangles face opposite ways at (" in message
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "told"),
+    ("name", "content", "message"),
     [
         ("mesh.stl", b"solid nothing\nendsolid nothing\n", "expected a mesh with triangles, got an empty one"),
         ("mesh.obj", b"# nothing\n", "expected a mesh"),
@@ -164,10 +164,10 @@ def test_a_triangle_that_faces_the_other_way_is_refused(kind, saved):
         ("mesh.obj", b"v 0 0 0\nv 1 0 0\nv nan 1 0\nf 1 2 3\n", "expected a mesh"),
     ],
 )
-def test_a_file_without_a_mesh_is_refused_in_one_line(name, content, told, tmp_path):
+def test_a_file_without_a_mesh_is_refused_in_one_line(name, content, message, tmp_path):
     path = tmp_path / name
     path.write_bytes(content)
-    assert told in refusal(path)
+    assert message in refusal(path)
 
 
 def test_a_missing_file_is_refused(tmp_path):

@@ -27,11 +27,11 @@ def slippery():
     base = read_course("walls", frames=2)
 
     def made(friction, regions=1):
-        placements = tuple(
+        footholds = tuple(
             replace(put, candidates=tuple(replace(put.candidates[0], friction=friction) for _ in range(regions)))
-            for put in base.placements
+            for put in base.footholds
         )
-        course = replace(base, placements=placements)
+        course = replace(base, footholds=footholds)
         return course, TwoStageCoursePlanner(programs=PROGRAMS).solve(course)
 
     return made
@@ -109,15 +109,15 @@ def test_random_infeasible_courses_are_proved_and_their_proofs_do_not_fit_feasib
     base = read_course("walls", frames=2)
     proofs, feasible = [], []
     for _ in range(16):
-        placements = tuple(
+        footholds = tuple(
             replace(put, candidates=(replace(put.candidates[0], friction=float(rng.uniform(0.25, 0.75))),))
-            for put in base.placements
+            for put in base.footholds
         )
         robot = replace(
             base.robot,
             limbs=tuple(replace(limb, reach_m=limb.reach_m * rng.uniform(0.8, 1.2)) for limb in base.robot.limbs),
         )
-        course = replace(base, placements=placements, robot=robot)
+        course = replace(base, footholds=footholds, robot=robot)
         outcome = TwoStageCoursePlanner(programs=PROGRAMS).solve(course)
         if outcome.status is Status.FEASIBLE:
             feasible.append(course)
@@ -159,12 +159,12 @@ def test_a_leaf_must_refute_all_candidates_that_are_open_there(slippery):
     row = outcome.certificate.multipliers[0]
     better = tuple(
         replace(put, candidates=(put.candidates[0], replace(put.candidates[1], friction=1.0)))
-        for put in course.placements
+        for put in course.footholds
     )
-    mixed = replace(course, placements=better)
+    mixed = replace(course, footholds=better)
     assert not check_certificate(mixed, leaf(row)).accepted
     chain, rows = [(1, p, 0, 0, 0) for p in range(len(better))], [row] * len(better)
-    # Only where every placement takes its first candidate does the row prove anything; the other leaves do not.
+    # Only where every foothold takes its first candidate does the row prove anything; the other leaves do not.
     tree = [*chain, *[LEAF] * (len(chain) + 1)]
     proof = check_certificate(mixed, Certificate(tree=np.array(tree), multipliers=np.array([*rows, row])))
     assert not proof.accepted
@@ -176,5 +176,5 @@ def test_moves_are_those_of_the_schedule(walk):
     moves = Schedule.of_course(course).moves
     assert len(moves) == 3
     for (before, after), lifted in zip(moves, course.lifts[1:], strict=True):
-        assert course.placements[before].limb == course.placements[after].limb == lifted[0]
-        assert course.placements[after].frame > course.placements[before].frame
+        assert course.footholds[before].limb == course.footholds[after].limb == lifted[0]
+        assert course.footholds[after].frame > course.footholds[before].frame

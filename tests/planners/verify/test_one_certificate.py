@@ -13,7 +13,7 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.outcome import Certificate
 from stancekit.planners.answer.proof_file import check_proof_file, read_proof, write_proof
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course import Course, Placement
+from stancekit.planners.problem.course import Course, Foothold
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_certificate, check_certificates, explain
@@ -45,7 +45,7 @@ def as_course(problem):
     return Course(
         name="posture", robot=Robot(name="robot", mass_kg=problem.mass_kg, limbs=limbs),
         terrain=tuple(c.patch for c in problem.contacts), lifts=((),), com_nominal_m=[problem.com_nominal_m],
-        placements=tuple(Placement(limb=c.leg, frame=0, candidates=(c.patch,)) for c in problem.contacts),
+        footholds=tuple(Foothold(limb=c.leg, frame=0, candidates=(c.patch,)) for c in problem.contacts),
         com_radius_m=[problem.com_radius_m], goal_m=np.zeros(3), tilt_limit_rad=problem.tilt_limit_rad,
         gravity_m_s2=problem.gravity_m_s2, length_scale_m=problem.length_scale_m,
         force_min=problem.contacts[0].force_min, force_max=problem.contacts[0].force_max,
@@ -56,7 +56,7 @@ def random_tree(rng, course, depth=4):
     """A tree of random choices, cuts and splits over a course, and its number of leaves."""
     pieces = {
         (p, r): patch.vertices_m if put.toe_m is None else None
-        for p, put in enumerate(course.placements)
+        for p, put in enumerate(course.footholds)
         for r, patch in enumerate(put.candidates)
     }
     carrying = sum(len(stance.limbs) for stance in course.stances)

@@ -25,8 +25,8 @@ def changed(plan, name, at, by):
     return replace(plan, **{name: array})
 
 
-def placement_of(plan, frame, limb):
-    return next(p for p, put in enumerate(plan.course.placements) if (put.frame, put.limb) == (frame, limb))
+def foothold_of(plan, frame, limb):
+    return next(p for p, put in enumerate(plan.course.footholds) if (put.frame, put.limb) == (frame, limb))
 
 
 def row_of(plan, frame, limb, *, carries):
@@ -73,7 +73,7 @@ FAULTS = {
 def test_a_fault_of_the_body_is_measured_in_its_own_group(group, walk):
     plan = walk()
     name, at, by, off = FAULTS[group]
-    bad = changed(plan, name, placement_of(plan, 2, "RM") if at == "put" else at, by)
+    bad = changed(plan, name, foothold_of(plan, 2, "RM") if at == "put" else at, by)
     report = check_plan(bad)
     assert not report.accepted
     found = next(g for g in report.groups if g.group == group)
@@ -84,7 +84,7 @@ def test_a_fault_of_the_body_is_measured_in_its_own_group(group, walk):
 @pytest.mark.parametrize(("limb", "frame"), [("RF", 1), ("LR", 2), ("RM", 4)])
 def test_a_toe_off_its_patch_is_named_with_frame_and_limb(limb, frame, walk):
     plan = walk()
-    bad = changed(plan, "toes_m", (placement_of(plan, frame, limb), 2), -0.004)
+    bad = changed(plan, "toes_m", (foothold_of(plan, frame, limb), 2), -0.004)
     found = next(g for g in check_plan(bad).groups if g.group == "patch")
     assert (found.frame, found.limb) == (frame, limb)
     assert found.value == pytest.approx(0.004)
@@ -95,7 +95,7 @@ def test_a_long_step_of_a_toe_is_named_with_frame_and_limb(walk):
     limits = replace(plan.course.steps, toe_m=0.06)
     plan = replace(plan, course=replace(plan.course, steps=limits))
     assert check_plan(plan).accepted  # two steps of the body, one after the other: 0.06 m
-    bad = changed(plan, "toes_m", (placement_of(plan, 3, "LM"), 0), 0.03)
+    bad = changed(plan, "toes_m", (foothold_of(plan, 3, "LM"), 0), 0.03)
     found = next(g for g in check_plan(bad).groups if g.group == "toe_step")
     assert (found.frame, found.limb) == (3, "LM")
     assert found.value == pytest.approx(0.03)
@@ -103,7 +103,7 @@ def test_a_long_step_of_a_toe_is_named_with_frame_and_limb(walk):
 
 def test_a_toe_that_stood_elsewhere_is_refused(walk):
     plan = walk()
-    report = check_plan(changed(plan, "toes_m", (placement_of(plan, 0, "LF"), 1), 0.002))
+    report = check_plan(changed(plan, "toes_m", (foothold_of(plan, 0, "LF"), 1), 0.002))
     found = next(g for g in report.groups if g.group == "start")
     assert (found.frame, found.limb) == (0, "LF")
     assert found.value == pytest.approx(0.002)
@@ -116,13 +116,13 @@ def test_a_limb_out_of_reach_is_named_also_where_it_does_not_carry(walk):
     plan = replace(plan, forces_n=plan.forces_n[: len(plan.course.stances)])
     assert check_plan(plan).accepted
     limb = plan.course.lifts[last][0]
-    patch = plan.course.placements[placement_of(plan, last, limb)]
+    patch = plan.course.footholds[foothold_of(plan, last, limb)]
     wide = replace(patch.candidates[1], vertices_m=3.0 * (patch.candidates[1].vertices_m - patch.candidates[1].centre_m)
                    + patch.candidates[1].centre_m)  # fmt: skip
-    put = tuple(replace(p, candidates=(wide, wide)) if p is patch else p for p in plan.course.placements)
+    put = tuple(replace(p, candidates=(wide, wide)) if p is patch else p for p in plan.course.footholds)
     steps = replace(plan.course.steps, toe_m=1.0)
-    plan = replace(plan, course=replace(plan.course, placements=put, steps=steps))
-    report = check_plan(changed(plan, "toes_m", (placement_of(plan, last, limb), 0), 0.29))
+    plan = replace(plan, course=replace(plan.course, footholds=put, steps=steps))
+    report = check_plan(changed(plan, "toes_m", (foothold_of(plan, last, limb), 0), 0.29))
     found = worst_of(report)
     assert (found.group, found.frame, found.limb) == ("reach", last, limb)
 
@@ -156,7 +156,7 @@ def test_a_body_that_leaves_its_tripod_loses_its_moment_balance(walk):
 def test_a_candidate_that_there_is_not_is_refused(chosen, walk):
     plan = walk()
     choice = np.array(plan.choice)
-    choice[placement_of(plan, 1, "RF")] = chosen
+    choice[foothold_of(plan, 1, "RF")] = chosen
     report = check_plan(replace(plan, choice=choice))
     assert report.message == f"rejected: choice: frame 1, limb RF: expected a candidate from 0 to 1, got {chosen}"
     assert (worst_of(report).frame, worst_of(report).limb) == (1, "RF")
@@ -165,7 +165,7 @@ def test_a_candidate_that_there_is_not_is_refused(chosen, walk):
 def test_the_other_candidate_is_not_where_the_toe_is(walk):
     plan = walk()
     choice = np.array(plan.choice)
-    choice[placement_of(plan, 1, "RF")] = 0
+    choice[foothold_of(plan, 1, "RF")] = 0
     report = check_plan(replace(plan, choice=choice))
     assert next(g for g in report.groups if g.group == "patch").value == pytest.approx(0.1)
 

@@ -13,7 +13,7 @@ from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.method.guess import along_key_frames
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.problem.course_file import spec_from
-from stancekit.planners.problem.course_layout import lay_out
+from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.robot.single_body import anymal, hexapod_walker
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -45,7 +45,7 @@ def plan():
         "name": "flat", "frames": 5, "gait": "tripod", "start_m": [0.0, 0.0, 0.2], "goal_m": [0.4, 0.0, 0.2],
         "stance": {"outward_m": 0.13, "down_m": 0.2}, "terrain": {"kind": "flat", "friction": 0.6},
     })  # fmt: skip
-    found = TwoStageCoursePlanner().solve(lay_out(spec)).plan
+    found = TwoStageCoursePlanner().solve(build_course(spec)).plan
     assert found is not None
     return found
 

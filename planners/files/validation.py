@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, create
 
 from ..errors import InvalidInput
 
-MOST_REFUSALS = 20
+MOST_ERRORS = 20
 """So many are told of a file; that there are more is said."""
 
 Value = TypeVar("Value")
@@ -60,8 +60,8 @@ def validated(kind: type[Value], data: Any, where: str = "", *, key: str = "") -
     try:
         value: Value = _reader(cast(Any, kind)).validate_python(data)
     except ValidationError as error:
-        told = "; ".join(key + line for line in refusals(error))
-        raise InvalidInput(f"{where}: {told}" if where else told) from None
+        message = "; ".join(key + line for line in validation_errors(error))
+        raise InvalidInput(f"{where}: {message}" if where else message) from None
     return value
 
 
@@ -73,7 +73,7 @@ def check_fields(value: Any, key: str = "") -> None:
     try:
         _model(cast(Any, type(value))).model_validate(vars(value))
     except ValidationError as error:
-        raise InvalidInput("; ".join(key + line for line in refusals(error))) from None
+        raise InvalidInput("; ".join(key + line for line in validation_errors(error))) from None
 
 
 @lru_cache(maxsize=64)
@@ -88,12 +88,12 @@ def _reader(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def refusals(error: ValidationError) -> Iterator[str]:
-    """One "key: what was expected, got what" for everything wrong in a file, up to ``MOST_REFUSALS``.
+def validation_errors(error: ValidationError) -> Iterator[str]:
+    """One "key: what was expected, got what" for everything wrong in a file, up to ``MOST_ERRORS``.
 
     Where a dataclass refused its values (InvalidInput), what it said, with its place before it.
     """
-    for item in error.errors(include_url=False)[:MOST_REFUSALS]:
+    for item in error.errors(include_url=False)[:MOST_ERRORS]:
         key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).lstrip(".")
         cause = item.get("ctx", {}).get("error")
         if isinstance(cause, InvalidInput):
@@ -104,5 +104,5 @@ def refusals(error: ValidationError) -> Iterator[str]:
             yield f"{key}: unknown key"
         else:
             yield f"{key}: {item['msg'].replace('Input should be', 'expected')}, got {shown(item['input'])}"
-    if error.error_count() > MOST_REFUSALS:
-        yield f"and {error.error_count() - MOST_REFUSALS} more"
+    if error.error_count() > MOST_ERRORS:
+        yield f"and {error.error_count() - MOST_ERRORS} more"
