@@ -42,7 +42,7 @@ class Trace:
     com_m, planned_com_m: shape (T, 3). frame: progress in key frames, shape (T,). origin_m, rotation: of the body's
     frame, shape (T, 3), (T, 3, 3). feet_m: centres, shape (T, N, 3); rolled_m: of that, what they should have rolled
     since they were put down. forces_n, planned_forces_n: shape (T, N, 3).
-    angles_rad, torques_nm, planned_torques_nm: shape (T, J). placement: what every limb should stand on, −1 in the
+    angles_rad, torques_nm, planned_torques_nm: shape (T, J). foothold: what every limb should stand on, −1 in the
     air, shape (T, N). bump_n: terrain on anything but feet, shape (T,).
     """
 
@@ -86,7 +86,7 @@ class Trace:
         )
 
     def slips(self, footholds: int) -> Array:
-        """How far every placement's foot slid from where it touched, while it should stand, shape (P,) [m].
+        """How far every foothold's foot slid from where it touched, while it should stand, shape (P,) [m].
 
         That is its centre's path less what it should have rolled; of one that never touches, from where it should have.
         """
@@ -98,7 +98,7 @@ class Trace:
         return found
 
     def late(self, footholds: int) -> Array:
-        """How long after it should stand each placement's foot touched, shape (P,) [s]."""
+        """How long after it should stand each foothold's foot touched, shape (P,) [s]."""
         since = [self.time_s[rows[first]] - self.time_s[rows[0]] if len(rows) else 0.0
                  for rows, _, first in self._stood(footholds)]  # fmt: skip
         return np.array(since)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -19,6 +20,16 @@ from stancekit.planners.terrain import Patch
 
 settings.register_profile("the same examples in every run", derandomize=True, deadline=None)
 settings.load_profile("the same examples in every run")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _measured_legs_are_kept(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Workspaces are measured once, by whichever test asks first in any process, and not kept in the user's folder."""
+    mine = tmp_path_factory.getbasetemp()
+    shared = mine.parent if "PYTEST_XDIST_WORKER" in os.environ else mine
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("STANCEKIT_CACHE", str(shared / "legs"))
+        yield
 
 
 @pytest.fixture(scope="session")

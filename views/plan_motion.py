@@ -103,7 +103,7 @@ class PlanMotion:
         return ToeKinematics(model)
 
     def swing(self, foothold: int, part: float) -> Array:
-        """Where a toe is on its way to a placement: off its old patch, over, and onto the new one, shape (3,) [m]."""
+        """Where a toe is on its way to a foothold: off its old patch, over, and onto the new one, shape (3,) [m]."""
         course, toes = self.plan.course, self.plan.toes_m
         put = course.footholds[foothold]
         old = int(course.holds[put.frame - 1, self._names.index(put.limb)])

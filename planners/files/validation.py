@@ -103,6 +103,7 @@ def validation_errors(error: ValidationError) -> Iterator[str]:
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             yield f"{key}: unknown key"
         else:
-            yield f"{key}: {item['msg'].replace('Input should be', 'expected')}, got {shown(item['input'])}"
+            wanted = item["msg"].replace("Input should be", "expected").partition(" or instance of ")[0]
+            yield f"{key}: {wanted}, got {shown(item['input'])}"
     if error.error_count() > MOST_ERRORS:
         yield f"and {error.error_count() - MOST_ERRORS} more"

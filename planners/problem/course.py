@@ -37,7 +37,7 @@ class Course:
         name: of the course.
         robot: whose limbs are placed.
         terrain: every surface there is, for worlds and pictures.
-        placements: toes put down, in order of frame, then limb; every limb has one at frame 0.
+        footholds: toes put down, in order of frame, then limb; every limb has one at frame 0.
         lifts: the limbs that move between frame k − 1 and k, a tuple a frame, the first empty.
         next_lift: the limbs that would move after the last frame; what they leave behind must hold there, too.
         com_nominal_m: shape (M, 3) [m].
@@ -275,7 +275,7 @@ class Course:
         self.robot.select([name for _, name in sorted(wanted | {(0, name) for name in self.next_lift})])
         if placed != wanted:
             frame, limb = sorted(placed ^ wanted)[0]
-            message = "a foothold, since it moves there" if (frame, limb) in wanted else "no placement: it stays there"
+            message = "a foothold, since it moves there" if (frame, limb) in wanted else "no foothold: it stays there"
             raise InvalidInput(f"placements: frame {frame}, limb {limb}: expected {message}")
         order = [(foothold.frame, names.index(foothold.limb)) for foothold in self.footholds]
         if order != sorted(order):

@@ -203,7 +203,7 @@ def _candidates(
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """The least over each slot's vertices of what its toe and the forces on it contribute, inf where it is closed.
 
-    Returns that, as the problem is and widened, shape (2, L, T); how far each placement's toes are from the origin at
+    Returns that, as the problem is and widened, shape (2, L, T); how far each foothold's toes are from the origin at
     most, (L, P); which leaves have a foothold without candidates, (L,).
     """
     who, shape, flat = numbers.schedule, sizes.shape, sizes.ravel()

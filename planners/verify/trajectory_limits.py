@@ -94,7 +94,7 @@ class Limits:
     least_swing_s: float = 0.1
     least_lift_m: float = 5e-3
     least_clearance_m: float = 1e-3
-    drag_m: float = 0.1
+    drag_m: float = 0.12
     penetration_m: float = 1e-3
     reach_m: float = 3e-3
     trunk_m: float = 0.0

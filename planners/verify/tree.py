@@ -227,7 +227,7 @@ class Forest:
         return [(pieces, above, upper), (pieces, lower, below)]
 
     def _candidate(self, foothold: float, candidate: float, where: str) -> int:
-        """The candidate of a placement's candidate. Raises InvalidInput."""
+        """The number, among all candidates, of one of a foothold's. Raises InvalidInput."""
         begins = self.numbers.first_candidate
         p = _index(foothold, len(begins), f"{where}: foothold")
         counts = np.diff(np.append(begins, len(self.numbers.candidate)))

@@ -78,7 +78,7 @@ class StandingMotion:
 
     now: whose feet stand, at which frame. com_m, rotation_rad: the measured body; feet_m: the measured centres of the
     feet, shape (N, 3) [m]; toes_m, normals: where all feet shall stand. forces_n: before and after feet in the air came
-    down, shape (N, 3) [N] each; placement: after that.
+    down, shape (N, 3) [N] each; foothold: after that.
     """
 
     solids: tuple[Solid, ...] = ()

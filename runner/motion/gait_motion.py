@@ -29,7 +29,7 @@ class GaitMotion:
     """A trajectory over time. Feet are spheres: a radius above what they touch. ``MotionSample.frame`` counts seconds.
 
     radii_m: of the feet, shape (N,), or of all of them. stances: what every stance is called, of all feet;
-    ``MotionSample.placement`` counts them.
+    ``MotionSample.foothold`` counts them.
     """
 
     counted = "seconds"

@@ -14,7 +14,7 @@ class MotionSample:
     """What should be at one time; N limbs.
 
     com_m, rotation_rad: body; frame: progress in key frames, e.g. 1.5 half way from frame 1 to 2. feet_m: centres of
-    the feet, shape (N, 3). forces_n: on the robot, shape (N, 3). placement: what every limb stands on, −1 in the air.
+    the feet, shape (N, 3). forces_n: on the robot, shape (N, 3). foothold: what every limb stands on, −1 in the air.
     normals, friction: of the surface that a limb stands on, leaves or comes to, shape (N, 3), (N,).
     """
 

@@ -105,7 +105,7 @@ def test_quick_is_one_task_a_terrain(tmp_path, measured):
     [
         ({"terrain": "moon"}, "--terrain: expected some of ripple"),
         ({"chart": "flat"}, "--chart: expected some of ambient"),
-        ({"tasks": 0}, "--tasks: expected 1 or more, got 0"),
+        ({"tasks": 0}, "--tasks: expected greater than 0, got 0"),
         ({"cap": -1.0}, "--cap: expected"),
         ({"workers": 0}, "--workers: expected 1 or more, got 0"),
     ],

@@ -44,10 +44,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A file for every reader."""
     made, here = tmp_path_factory.mktemp("damage"), Path.cwd()
     os.chdir(made)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("STANCEKIT_CACHE", str(made / "cache"))
-        make_files(made)
-        yield made
+    make_files(made)
+    yield made
     os.chdir(here)
 
 

@@ -108,8 +108,8 @@ class Dreamer:
         def gripping(patch):
             return patch.with_friction(2.0 * patch.friction + 1.0)
 
-        footholds = [replace(p, candidates=tuple(map(gripping, p.candidates))) for p in course.placements]
-        easy = replace(course, terrain=tuple(map(gripping, course.terrain)), placements=tuple(placements))
+        footholds = [replace(p, candidates=tuple(map(gripping, p.candidates))) for p in course.footholds]
+        easy = replace(course, terrain=tuple(map(gripping, course.terrain)), footholds=tuple(footholds))
         return stancekit.plan(easy, reserve=False).plan
 '''
 

@@ -45,10 +45,10 @@ def test_the_same_data_and_seed_give_the_same_envelopes(stancekit, labelled, tmp
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--share", "0.5"), "share: Input should be less than 0.5, got 0.5"),
-        (("--share", "nan"), "share: Input should be less than 0.5, got nan"),
-        (("--clusters", "0"), "clusters: Input should be greater than 0, got 0"),
-        (("--steps", "-1"), "steps: Input should be greater than 0, got -1"),
+        (("--share", "0.5"), "share: expected less than 0.5, got 0.5"),
+        (("--share", "nan"), "share: expected less than 0.5, got nan"),
+        (("--clusters", "0"), "clusters: expected greater than 0, got 0"),
+        (("--steps", "-1"), "steps: expected greater than 0, got -1"),
         (("--seed", "-1"), "--seed: expected 0 or more, got -1"),
         (("--threshold", "nan"), "--threshold: expected a number in [0, 1), got nan"),
         (("--time-limit-s", "0"), "--time-limit-s: expected a number above 0, got 0"),

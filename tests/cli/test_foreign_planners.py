@@ -85,8 +85,8 @@ class EasierCourse(Planner):
     def solve(self, course):
         def gripping(patch):
             return patch.with_friction(patch.friction + 3.0)
-        puts = tuple(replace(p, candidates=tuple(map(gripping, p.candidates))) for p in course.placements)
-        return TwoStageCoursePlanner().solve(changed(course, replace(course, placements=puts))).plan
+        puts = tuple(replace(p, candidates=tuple(map(gripping, p.candidates))) for p in course.footholds)
+        return TwoStageCoursePlanner().solve(changed(course, replace(course, footholds=puts))).plan
 '''
 GARBAGE = """
 import sys

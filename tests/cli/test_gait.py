@@ -52,9 +52,8 @@ def test_an_accepted_walk_is_written_with_its_verdict(gait):
     assert attempt["iterations"] == len(attempt["violations"]) - 1
 
 
-def test_a_urdf_walks_and_its_own_legs_reach_every_foot(gait, tmp_path, monkeypatch):
+def test_a_urdf_walks_and_its_own_legs_reach_every_foot(gait, tmp_path):
     pin = pytest.importorskip("pinocchio")
-    monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path / "cache"))
     (tmp_path / "dog.urdf").write_text(quadruped())
     code, out, err = gait(*SHORT, "--robot", "dog.urdf", "--out", "walk.json", "--json")
     record = json.loads(out)

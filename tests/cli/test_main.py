@@ -91,8 +91,8 @@ def test_the_version_is_one_line(option, stancekit):
         ),
         (
             ("sample",),
-            "Missing from stancekit sample: NAME Distribution: ground-3, wall-3, wall-5, one that another package "
-            "brings, a YAML file, or FILE.py:NAME. (required); see stancekit sample --help",
+            "Missing from stancekit sample: NAME Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; "
+            "one that another package brings, a YAML file, or FILE.py:NAME. (required); see stancekit sample --help",
         ),
     ],
 )

@@ -25,11 +25,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(autouse=True)
-def cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("STANCEKIT_CACHE", str(folder / "cache"))
-
-
 def test_it_says_what_was_found_and_marks_what_was_guessed(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(Robot(str(folder / "dog.urdf"))) == 0
     said = capsys.readouterr().out

@@ -47,11 +47,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(autouse=True)
-def cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("STANCEKIT_CACHE", str(folder / "cache"))
-
-
 @pytest.fixture
 def files(folder: Path) -> dict[str, str]:
     return {"robot": str(folder / "dog.urdf"), "terrain": str(folder / "flat.obj")}

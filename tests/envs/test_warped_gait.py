@@ -196,9 +196,8 @@ def test_the_observation_does_not_depend_on_where_north_is():
         assert np.allclose(here[name], there[name], atol=1e-6), name
 
 
-def test_a_robot_is_named_as_everywhere(tmp_path, monkeypatch):
+def test_a_robot_is_named_as_everywhere(tmp_path):
     pytest.importorskip("pinocchio")
-    monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path / "cache"))
     (tmp_path / "dog.urdf").write_text(quadruped())
     (tmp_path / "dog.yaml").write_text("urdf: dog.urdf\nname: dog\nfeet: [LF_FOOT, RF_FOOT, LH_FOOT]\n")
     drawn = {}

@@ -27,11 +27,6 @@ COM = np.array([0.4, -0.3, 0.7])
 BLOCK = '<{0}><origin xyz=".01 .02 -.1" rpy=".3 0 0"/><geometry>{1}</geometry></{0}>'
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path_factory.getbasetemp() / "links"))
-
-
 def dressed(what: str = "") -> str:
     """The small quadruped, with more in its shanks."""
     text = quadruped()

@@ -245,8 +245,8 @@ def test_ratios_compare_cells_in_which_both_succeeded():
     [
         ({"terrains": ("moon",)}, "terrains: expected some of ripple, cone, hill, pit, pit-84, pit-87, got moon"),
         ({"methods": ()}, "methods: expected some of .*, got none"),
-        ({"every": 0}, "every: Input should be greater than 0, got 0"),
-        ({"cap_s": 0.0}, "cap_s: Input should be greater than 0, got 0"),
+        ({"every": 0}, "every: expected greater than 0, got 0"),
+        ({"cap_s": 0.0}, "cap_s: expected greater than 0, got 0"),
     ],
 )
 def test_settings_out_of_range_are_refused(settings, message):

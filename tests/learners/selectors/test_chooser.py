@@ -126,5 +126,5 @@ def test_what_does_not_fit_is_refused_in_one_line(
         fit_chooser(dataset, replace(envelopes, problem_class="wall-5"))
     with pytest.raises(InvalidInput, match=r"^data set: expected rows of both labels, got 70 and 0$"):
         fit_chooser(dataset.select(dataset.feasible), envelopes)
-    with pytest.raises(InvalidInput, match=r"^epochs: Input should be greater than 0, got 0$"):
+    with pytest.raises(InvalidInput, match=r"^epochs: expected greater than 0, got 0$"):
         ChooserSettings(epochs=0)

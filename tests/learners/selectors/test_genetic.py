@@ -269,12 +269,12 @@ def test_nothing_in_a_checkpoint_is_unpickled(
 @pytest.mark.parametrize(
     ("wrong", "message"),
     [
-        ({"population": 1}, "population: Input should be greater than or equal to 2, got 1"),
-        ({"terrains": 2.5}, "terrains: Input should be a valid integer, got 2.5"),
+        ({"population": 1}, "population: expected greater than or equal to 2, got 1"),
+        ({"terrains": 2.5}, "terrains: expected a valid integer, got 2.5"),
         ({"elites": 40}, "elites: expected fewer than the population of 40, got 40"),
-        ({"delta": 1.0}, "delta: Input should be less than 1, got 1.0"),
+        ({"delta": 1.0}, "delta: expected less than 1, got 1.0"),
         ({"mutation_end": 0.5}, "mutation_start, mutation_end: expected 1 >= start >= end > 0, got 0.2 and 0.5"),
-        ({"mutation_scale": float("nan")}, "mutation_scale: Input should be a finite number, got nan"),
+        ({"mutation_scale": float("nan")}, "mutation_scale: expected a finite number, got nan"),
     ],
 )
 def test_settings_that_make_no_sense_are_refused(wrong: dict[str, Any], message: str) -> None:

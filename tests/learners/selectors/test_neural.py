@@ -274,7 +274,7 @@ def test_files_that_are_not_this_selector_are_refused_in_one_line(selector: Neur
 
 def test_settings_out_of_range_are_refused() -> None:
     for name, value in (("epochs", 0), ("margin_epochs", -1), ("target", 1.0), ("softness", 0.0), ("share", 0.0)):
-        with pytest.raises(InvalidInput, match=f"^{name}: Input should be "):
+        with pytest.raises(InvalidInput, match=f"^{name}: expected "):
             NeuralSettings(**{name: value})
     with pytest.raises(InvalidInput, match=r"^width: expected a multiple of 3 heads, got 32$"):
         Architecture(width=32, heads=3)

@@ -74,13 +74,13 @@ def test_a_fixed_selector_keeps_its_envelopes(dataset: Dataset) -> None:
     [
         ("ga", {"genetic": {"poulation": 3}}, "genetic.poulation: expected one of population, generations, "),
         ("ga", {"genetic": {"population": "many"}}, "genetic.population: "),
-        ("ga", {"genetic": {"population": 1}}, "genetic.population: Input should be greater than or equal to 2, got 1"),
+        ("ga", {"genetic": {"population": 1}}, "genetic.population: expected greater than or equal to 2, got 1"),
         ("neural", {"neural": {"epoch": 3}}, "neural.epoch: expected one of architecture, share, epochs, "),
-        ("chooser", {"chooser": {"epochs": 0}}, "chooser.epochs: Input should be greater than 0, got 0"),
+        ("chooser", {"chooser": {"epochs": 0}}, "chooser.epochs: expected greater than 0, got 0"),
         ("rl", {"rl": {}}, "rl.steps: "),
         ("rl", {"rl": {"steps": 8, "problem": "wall-5"}}, "rl.problem: expected nothing, it follows from the data set"),
-        ("gmm", {"steps": 0}, "steps: Input should be greater than 0, got 0"),
-        ("quantile", {"share": 0.7}, "share: Input should be less than 0.5, got 0.7"),
+        ("gmm", {"steps": 0}, "steps: expected greater than 0, got 0"),
+        ("quantile", {"share": 0.7}, "share: expected less than 0.5, got 0.7"),
     ],
 )
 def test_settings_that_make_no_sense_are_told_by_key(method: str, values: dict[str, object], message: str) -> None:

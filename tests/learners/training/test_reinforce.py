@@ -225,7 +225,7 @@ def test_a_config_tells_every_key_that_is_wrong(tmp_path):
     path.write_text(GOOD + "speed: 9\nenvs: 0\nppo: {rate: fast, bathc: 3}\n")
     with pytest.raises(InvalidInput) as caught:
         TrainConfig.from_yaml(path)
-    for words in ("speed: unknown key", "envs: Input", "ppo.rate: Input", "ppo.bathc: unknown key"):
+    for words in ("speed: unknown key", "envs: expected", "ppo.rate: expected", "ppo.bathc: unknown key"):
         assert words in str(caught.value)
     path.write_text(GOOD.replace("seed: 1", "seed: 0"))
     with pytest.raises(InvalidInput, match=r"held_out\.seed: expected another seed"):

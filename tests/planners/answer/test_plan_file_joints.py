@@ -46,9 +46,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     folder = tmp_path_factory.mktemp("course")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(COURSE)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("STANCEKIT_CACHE", str(folder / "cache"))
-        outcome = TwoStageCoursePlanner().solve(read_course(folder / "flat.yaml"))
+    outcome = TwoStageCoursePlanner().solve(read_course(folder / "flat.yaml"))
     assert outcome.plan is not None
     return with_joints(outcome.plan)
 

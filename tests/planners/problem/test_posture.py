@@ -148,7 +148,7 @@ BAD = [
     ((("com_nominal_m",), [0.0, None, 0.0]), "com_nominal_m[1]: expected a valid number, got None"),
     ((("contacts",), []), "contacts: List should have at least 1 item after validation, not 0, got []"),
     ((("contacts",), {}), "contacts: expected a valid list, got {}"),
-    ((("contacts", 1), "RR"), "contacts[1]: expected a valid dictionary or instance of _ContactJson, got 'RR'"),
+    ((("contacts", 1), "RR"), "contacts[1]: expected a valid dictionary, got 'RR'"),
     (((*ONE, "leg"), "XX"), "contacts[1].leg: expected one of LF, LM, LR, RF, RM, RR, got 'XX'"),
     (((*ONE, "leg"), 3), "contacts[1].leg: expected a valid string, got 3"),
     (((*ONE, "leg"), "RF"), "contacts: expected every leg once, got ['RF', 'RF', 'LM']"),

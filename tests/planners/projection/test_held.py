@@ -106,7 +106,7 @@ def standing(course, toes):
     """The course with every toe where it is."""
     footholds = tuple(replace(put, toe_m=toe) for put, toe in zip(course.footholds, toes, strict=True))
     again = object.__new__(type(course))  # toes that stand are for the first frame alone, which nobody checks here
-    again.__dict__.update(course.__dict__ | {"placements": footholds})
+    again.__dict__.update(course.__dict__ | {"footholds": footholds})
     return again
 
 

@@ -43,11 +43,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(autouse=True)
-def cache(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("STANCEKIT_CACHE", str(folder / "cache"))
-
-
 @pytest.fixture
 def plan(folder: Path) -> Plan:
     outcome = TwoStageCoursePlanner().solve(read_course(folder / "step.yaml"))

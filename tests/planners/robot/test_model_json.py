@@ -50,9 +50,7 @@ def course(tmp_path_factory: pytest.TempPathFactory) -> Course:
         "posture_rad: {'*_HAA': 0.0, '*_HFE': 0.7, '*_KFE': -1.3}\nfeet: {RH: RH_FOOT, LF: LF_FOOT, RF: RF_FOOT}\n"
     )
     (folder / "ground.yaml").write_text(COURSE)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("STANCEKIT_CACHE", str(folder / "cache"))
-        return read_course(folder / "ground.yaml")
+    return read_course(folder / "ground.yaml")
 
 
 @pytest.fixture

@@ -22,17 +22,9 @@ from .small_urdfs import fixed, joint, leg, link, quadruped, robot
 pin = pytest.importorskip("pinocchio")
 
 
-@pytest.fixture(autouse=True)
-def cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Workspaces are kept among these tests, and not in the user's folder."""
-    monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path_factory.getbasetemp() / "walkers"))
-
-
 @pytest.fixture(scope="module")
-def walker(tmp_path_factory: pytest.TempPathFactory) -> GaitRobot:
-    with pytest.MonkeyPatch.context() as monkeypatch:
-        monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path_factory.getbasetemp() / "walkers"))
-        return walker_of(model_of(quadruped()))
+def walker() -> GaitRobot:
+    return walker_of(model_of(quadruped()))
 
 
 def test_the_box_about_a_point_has_more_room_on_its_six_sides_than_any_other() -> None:

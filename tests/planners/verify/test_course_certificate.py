@@ -143,7 +143,7 @@ def test_a_tree_must_cover_every_choice(slippery):
         "expected a row for each of 2 leaves, got 1": ([(1, 0, 1, 0, 0), LEAF, LEAF], both[:1]),
         "expected a row for each of 1 leaves": ([LEAF], both),
         "tree[0]: candidate: expected an integer in [0, 2), got 2": ([(1, 0, 2, 0, 0), LEAF, LEAF], both),
-        "tree[0]: placement: expected an integer in [0, 9), got 99": ([(1, 99, 0, 0, 0), LEAF, LEAF], both),
+        "tree[0]: foothold: expected an integer in [0, 9), got 99": ([(1, 99, 0, 0, 0), LEAF, LEAF], both),
         "expected a tree of shape": ([(0, 1)], both[:1]),
         "multipliers of shape": ([LEAF], both[:1, :-1]),
         "expected finite numbers": ([LEAF], np.full_like(both[:1], np.nan)),
