@@ -41,17 +41,11 @@ terrain: {{kind: flat, friction: 0.7}}
 """
 
 
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return tmp_path_factory.mktemp("cache")
-
-
 @pytest.fixture
-def call(capsys, monkeypatch, tmp_path, cache):
+def call(capsys, monkeypatch, tmp_path):
     """``call(Verify, "plan.json")`` in a folder with a course and its robot: exit code, output, errors."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
-    monkeypatch.setenv("STANCEKIT_CACHE", str(cache))
     Path("dog.urdf").write_text(quadruped())
     Path("flat.yaml").write_text(COURSE)
 

@@ -60,8 +60,6 @@ def dog_plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
     folder = tmp_path_factory.mktemp("course")
     (folder / "dog.urdf").write_text(quadruped())
     (folder / "flat.yaml").write_text(DOG)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("STANCEKIT_CACHE", str(folder / "cache"))
-        outcome = plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml"))
+    outcome = plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml"))
     assert outcome.plan is not None
     return outcome.plan
