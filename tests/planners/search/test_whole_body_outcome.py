@@ -74,3 +74,10 @@ def test_a_robot_of_balls_is_left_alone_unless_torques_are_asked_for(planned: Pl
     assert not TorqueLimits().concern(robot)
     assert TorqueLimits(torque_nm=10.0).concern(robot)
     assert stancekit.plan("walls", frames=2).plan.joints_rad is None
+
+
+@pytest.mark.parametrize("written", [1e9, -5.0, "10", None, [10.0]])
+def test_what_a_plan_says_of_its_torques_never_loosens_a_limit(planned: PlanOutcome, written: object) -> None:
+    assert planned.plan is not None
+    forged = replace(planned.plan, provenance={**planned.plan.provenance, "torque_nm": written})
+    assert check_plan(forged, joints=True).torque == check_plan(planned.plan, joints=True).torque
