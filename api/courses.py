@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -13,6 +12,7 @@ from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.project import Projection
+from stancekit.planners.projection.torque_limits import TorqueLimits
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.answer import CoursePlanner
@@ -32,6 +32,8 @@ def plan(
     relaxation: Relaxation | None = None,
     envelopes: EnvelopeSet | Modes | None = None,
     projection: Projection = "scp",
+    torque_nm: float | None = None,
+    torque_share: float = 0.9,
     time_limit_s: float = 60.0,
     engine: Literal["rows", "cvxpy"] = "rows",
 ) -> PlanOutcome:
@@ -47,11 +49,14 @@ def plan(
         reserve: plan with 80 % of the friction where that has a plan, else 90 %, else all of it; two-stage only.
         relaxation, envelopes: first stage of two-stage: the lift, or learned boxes, or modes that it switches between.
         projection: second stage of two-stage and micp: "scp", "fix-p" or "fix-toes".
+        torque_nm: no joint is to take more, whatever it has [Nm]; None: what the robot's own file says, if it has one.
+        torque_share: a plan that asks for more torque than there is is bent until this share of it is enough.
         time_limit_s: what is not decided by then is undecided [s].
         engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
     Returns:
         A ``PlanOutcome``: feasible with a ``plan`` that the verifier accepted in every stance and between them,
-        infeasible with a certificate, or undecided. ``bound`` is a proved lower bound on the objective of any plan.
+        infeasible with a certificate, or undecided, also with a plan whose joints cannot do it. ``bound`` is a proved
+        lower bound on the objective of any plan.
     Raises:
         InvalidInput: for a course that is none, an unknown planner, or envelopes that are missing or have no use.
     Source:
@@ -68,6 +73,7 @@ def plan(
         course = read_course(course, frames)
     elif frames not in (None, course.frames):
         raise InvalidInput(f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}")
+    limits = TorqueLimits(torque_nm=torque_nm, share=torque_share)
     chosen = planner
     if isinstance(chosen, str):
         chosen = make_course_planner(
@@ -75,8 +81,8 @@ def plan(
             programs=Programs(engine=engine),
         )  # fmt: skip
     outcome = plan_with_reserve(chosen, course) if reserve and planner == "two-stage" else chosen.solve(course)
-    if outcome.plan is None or course.robot.model is None:
+    if outcome.plan is None or not limits.concern(course.robot):
         return outcome
-    from stancekit.planners.projection.whole_body import with_joints  # slow to import
+    from stancekit.planners.search.whole_body_outcome import with_whole_body  # slow to import
 
-    return replace(outcome, plan=with_joints(outcome.plan))
+    return with_whole_body(outcome, limits)

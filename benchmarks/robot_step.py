@@ -25,7 +25,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.posture import Contact, PostureProblem
-from stancekit.planners.projection.whole_body import with_joints
+from stancekit.planners.projection.whole_body import whole_body
 from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
 from stancekit.planners.robot.model import Robot
 from stancekit.planners.robot.robot_file import named_robot
@@ -66,7 +66,8 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
     found: dict[str, Any] = {"name": name, "plan_s": time.process_time() - started, "status": outcome.status.value}
     if outcome.plan is not None:
         started = time.process_time()
-        plan = with_joints(outcome.plan)
+        bent = whole_body(outcome.plan)
+        plan, found["steps"], found["torque_share_before"] = bent.plan, bent.steps, bent.before[0]
         found["joints_s"] = time.process_time() - started
         with TemporaryDirectory() as folder:
             path = Path(folder) / "plan.json"

@@ -14,6 +14,7 @@ from stancekit.planners.errors import InvalidInput
 
 OptionalPath: TypeAlias = Optional[Path]  # noqa: UP045
 OptionalInt: TypeAlias = Optional[int]  # noqa: UP045
+OptionalFloat: TypeAlias = Optional[float]  # noqa: UP045
 OptionalText: TypeAlias = Optional[str]  # noqa: UP045
 LONGEST_S = 1e6
 MOST_INTERVALS = 64

@@ -13,13 +13,14 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
 from .names import named
-from .options import OptionalInt, OptionalPath, OptionalText, check_drawn, check_planner
+from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn, check_planner
 from .plan_table import message_of, row, table_of
-from .robot_plan import along, refuted, with_its_joints
+from .robot_plan import along, refuted, torque_line
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
     from stancekit.planners.problem.course import Course
+    from stancekit.planners.projection.torque_limits import TorqueLimits
     from stancekit.planners.search.answer import CoursePlanner
     from stancekit.planners.verify import Report
 
@@ -80,6 +81,11 @@ class PlanCourse:
     """Plan with 80 % of the friction where that has a plan, else with 90 %, else with all of it: what is executed then
     has something in hand. --no-reserve: with all of it at once. Two-stage only; there is a bound only of plans with all
     of it."""
+    torque_nm: Annotated[OptionalFloat, tyro.conf.arg(metavar="NM")] = None
+    """Plan so that no joint takes more torque, whatever it has [Nm] (extra kin). The plan says so, and verify
+    holds it to that. Without it, a plan for a robot's file keeps to the file's limits."""
+    torque_share: float = 0.9
+    """Where a plan asks for more torque than there is, it is bent until this share of it is enough."""
     frames: OptionalInt = None
     """Number of key frames M, where not the course's own."""
     engine: Literal["rows", "cvxpy"] = "rows"
@@ -105,6 +111,7 @@ class PlanCourse:
 
     def run(self) -> int:
         """Plan, write what was asked for; exit code 1 without a plan."""
+        from stancekit.planners.answer.outcome import Status
         from stancekit.planners.answer.proof_file import write_proof
         from stancekit.planners.problem.course_file import read_course
         from stancekit.planners.search.friction_margin import plan_with_reserve
@@ -117,7 +124,7 @@ class PlanCourse:
             if self._has_sets(course) and outcome.certificate is not None:
                 around = read_course(self.course, self.frames, self.robot, "outer")
                 course, outcome = refuted(course, outcome, around, planner.solve(around))
-            outcome = with_its_joints(outcome)
+            outcome = self._whole_body(outcome)
             bar(1, 1)
         report = None if outcome.plan is None else self._write(outcome.plan)
         proved = outcome.certificate is not None
@@ -128,13 +135,31 @@ class PlanCourse:
             emit(self._record(course, outcome, report, message))
         else:
             out.print(table_of(course, outcome))
-            for line in [] if outcome.plan is None or report is None else self._said(outcome.plan, report):
+            for line in [] if outcome.plan is None or report is None else self._said(outcome, report):
                 out.print(line, highlight=False)
         if report is None:
             complain(f"stancekit: no plan: {course.name}: {message or outcome.claim or outcome.status.value}")
             if self.proof is not None:
                 complain(f"wrote {self.proof}" if proved else f"{self.proof}: not written, since nothing is proved")
-        return int(report is None or not report.accepted)
+        return int(outcome.status is not Status.FEASIBLE or report is None or not report.accepted)
+
+    def _limits(self) -> TorqueLimits:
+        from stancekit.planners.projection.torque_limits import TorqueLimits
+
+        with as_options("torque_nm", "torque_share"):
+            return TorqueLimits(torque_nm=self.torque_nm, share=self.torque_share)
+
+    def _whole_body(self, outcome: PlanOutcome) -> PlanOutcome:
+        """With joint angles and within torque limits, where the robot has legs of its own or torques are asked for.
+
+        Else `stancekit verify` finds the angles: that takes about as long as the whole plan does.
+        """
+        limits = self._limits()
+        if outcome.plan is None or not limits.concern(outcome.plan.course.robot):
+            return outcome
+        from stancekit.planners.search.whole_body_outcome import with_whole_body  # slow to import
+
+        return with_whole_body(outcome, limits)
 
     def _has_sets(self, course: Course) -> bool:
         """Whether the course has inner and outer sets of a robot's own legs; one in JSON has what it has."""
@@ -152,6 +177,7 @@ class PlanCourse:
         from stancekit.planners.search.methods import COURSE_METHODS
 
         check_planner(self, "planner", COURSE_METHODS, OF_PLANNERS)
+        self._limits()
         if self.relaxation == "envelope" and self.envelope is None:
             raise InvalidInput("--relaxation: expected --envelope FILE with envelope, got none")
         if self.relaxation == "lift" and self.envelope is not None:
@@ -217,12 +243,16 @@ class PlanCourse:
             write_page(self.html, PlanView(plan).film(step_s=1.5))
         return report
 
-    def _said(self, plan: Plan, report: Report) -> Iterator[str]:
+    def _said(self, outcome: PlanOutcome, report: Report) -> Iterator[str]:
         """What people are told of a plan, below the table."""
+        plan = outcome.plan
+        assert plan is not None
         share = plan.provenance.get("friction_share", 1.0)
         if share != 1.0:
             yield f"planned with {100 * share:.0f} % of the friction"
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.goal_m:.0f} mm from the goal"
+        if line := torque_line(outcome.details):
+            yield line
         yield report.joints_message
         if plan.modes is not None:
             terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -14,16 +14,13 @@ if TYPE_CHECKING:
     from stancekit.planners.robot.kinematics import Kinematics
 
 
-def with_its_joints(outcome: PlanOutcome) -> PlanOutcome:
-    """The same with joint angles in its plan, where the robot has legs of its own; what finds them is slow to import.
-
-    For legs that are drawn up, `stancekit verify` finds them: that takes about as long as the whole plan does.
-    """
-    if outcome.plan is None or outcome.plan.course.robot.model is None:
-        return outcome
-    from stancekit.planners.projection.whole_body import with_joints
-
-    return replace(outcome, plan=with_joints(outcome.plan))
+def torque_line(details: Mapping[str, float]) -> str:
+    """What planning with the whole body did to the largest torque; empty where it had nothing to do."""
+    if details.get("torque_nm", math.nan) == details.get("torque_nm_before", math.nan) or "torque_nm" not in details:
+        return ""
+    steps = int(details["torque_steps"])
+    how = f"in {steps} step{'s' * (steps != 1)}" if steps else "by other forces"
+    return f"torque: {details['torque_nm_before']:.1f} → {details['torque_nm']:.1f} Nm {how}"
 
 
 def refuted(course: Course, outcome: PlanOutcome, around: Course, second: PlanOutcome) -> tuple[Course, PlanOutcome]:

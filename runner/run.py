@@ -228,13 +228,15 @@ class Runner:
     def _log_plan(self, prepared: Prepared[PlannedMotion]) -> None:
         """Log what is run."""
         world = self.world
+        limbs = {leg.name: list(leg.joint_names) for leg in prepared.kinematics.model.legs}
         self.log.write(
             "plan",
             {
                 "format": FORMAT, "digest": prepared.digest, "course": prepared.name, "source": prepared.source,
-                "joints": list(world.joints), "rate_hz": world.rate_hz, "world": world.name, "dry": world.dry,
-                "pace": prepared.pace, "bound_by": prepared.bound_by, "seconds": prepared.motion.seconds,
-                "sees": prepared.sees, "frames": prepared.motion.last_frame + 1, **prepared.motion.entry(),
+                "joints": list(world.joints), "limbs": limbs, "rate_hz": world.rate_hz, "world": world.name,
+                "dry": world.dry, "pace": prepared.pace, "bound_by": prepared.bound_by,
+                "seconds": prepared.motion.seconds, "sees": prepared.sees, "frames": prepared.motion.last_frame + 1,
+                **prepared.motion.entry(),
             },
         )  # fmt: skip
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.validation import shown
 from stancekit.planners.robot.urdf import JOINTS
 from stancekit.runner.log import TOPICS, Recorded, table
 
@@ -27,12 +29,11 @@ def tracked(recorded: Recorded) -> dict[str, Array]:
     rows = min(len(commands), len(states))
     if not rows:
         raise InvalidInput("log: expected commands, got none: nothing was sent")
-    joints = len(recorded.of("plan")[0]["joints"])
-    if not joints or joints % len(JOINTS):
-        raise InvalidInput(f"log: joints: expected {len(JOINTS)} a limb, got {joints}")
+    limbs = _limbs(recorded.of("plan")[0])
+    joints = sum(map(len, limbs.values()))
     shapes: dict[str, tuple[int, ...]] = {
         "planned_rad": (joints,), "sent_rad": (joints,), "time_s": (), "angles_rad": (joints,),
-        "torques_nm": (joints,), "forces_n": (joints // len(JOINTS), 3), "position_m": (3,),
+        "torques_nm": (joints,), "forces_n": (len(limbs), 3), "position_m": (3,),
     }  # fmt: skip
     return {
         name: table(
@@ -58,14 +59,14 @@ def draw_tracking(recorded: Recorded) -> Figure:
     """Draw a log. Raises InvalidInput for one without commands."""
     plan: dict[str, Any] = recorded.of("plan")[0]
     tracks = tracked(recorded)
-    limbs = [name.rsplit("_", 1)[0] for name in plan["joints"][:: len(JOINTS)]]
-    time_s = tracks["time_s"]
+    joints, time_s = _limbs(plan), tracks["time_s"]
+    limbs, begins = list(joints), np.cumsum([0, *map(len, joints.values())])[:-1]
     figure = Figure(figsize=SIZE_IN, layout="constrained")
     top, middle, low, bottom = figure.subplots(4, 1, sharex=True)
     away = 1e3 * np.abs(tracks["angles_rad"] - tracks["planned_rad"])
-    _limb_lines(top, time_s, away.reshape(len(time_s), len(limbs), -1).max(axis=2), limbs)
+    _limb_lines(top, time_s, np.maximum.reduceat(away, begins, axis=1), limbs)
     top.set_ylabel("joints off\nthe plan [mrad]")
-    torque = np.abs(tracks["torques_nm"]).reshape(len(time_s), len(limbs), -1).max(axis=2)
+    torque = np.maximum.reduceat(np.abs(tracks["torques_nm"]), begins, axis=1)
     _limb_lines(middle, time_s, torque, limbs)
     middle.set_ylabel("largest\ntorque [Nm]")
     _limb_lines(low, time_s, np.linalg.norm(tracks["forces_n"], axis=2), limbs)
@@ -87,6 +88,21 @@ def draw_tracking(recorded: Recorded) -> Figure:
         fontsize="medium",
     )
     return figure
+
+
+def _limbs(plan: dict[str, Any]) -> dict[str, list[str]]:
+    """Names of every limb's joints. Older logs, which do not say them, are of robots with four a limb.
+
+    Raises InvalidInput for limbs that are not those of the joints, in their order.
+    """
+    joints, limbs = plan["joints"], plan.get("limbs")
+    if limbs is None and len(joints) % len(JOINTS) == 0:
+        limbs = {joints[k].rsplit("_", 1)[0]: joints[k : k + len(JOINTS)] for k in range(0, len(joints), len(JOINTS))}
+    parts: dict[str, list[str]] = limbs if isinstance(limbs, dict) else {}
+    lists = parts and all(isinstance(part, list) and part for part in parts.values())
+    if not lists or list(chain.from_iterable(parts.values())) != joints:
+        raise InvalidInput(f"log: limbs: expected the names of {len(joints)} joints by limb, got {shown(limbs)}")
+    return parts
 
 
 def _limb_lines(axes: Axes, time_s: Array, values: Array, limbs: list[str]) -> None:

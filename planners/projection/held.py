@@ -27,10 +27,9 @@ class FixToes:
 
     def __init__(self, layout: Layout, hold_body: bool, least_moment: bool) -> None:
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, forces, moments = Body(rows, layout), Forces.of_contacts(rows, layout), Moments(layout)
+        body, forces = Body(rows, layout), Forces.of_contacts(rows, layout)
         forces.balance()
-        moments.add(forces.stance, forces.columns, Of("held_arms"))
-        moments.of_weight(body)
+        moments = held_moments(layout, body, forces)
         if least_moment:
             rows.linear(moments.within(rows), 1.0)
         else:
@@ -83,7 +82,7 @@ class FixForces:
     def solve(self, scaled: Scaled, start: Point) -> Point:
         """Hold the forces of ``start``."""
         solution = self.rows.solve(Given(scaled, start))
-        return _point(solution, toes=_toes(solution, scaled), forces=start.forces)
+        return _point(solution, toes=toes_of(solution, scaled), forces=start.forces)
 
 
 class Linearised:
@@ -95,22 +94,10 @@ class Linearised:
     def __init__(self, layout: Layout, least_moment: bool) -> None:
         self._price = None if least_moment else MOMENT_PRICE
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
-        body, toes, moments = Body(rows, layout), FreeToes(rows, layout, explicit=True), Moments(layout)
+        body, toes = Body(rows, layout), FreeToes(rows, layout, explicit=True)
         forces = Forces.of_contacts(rows, layout)
-        stance, _, foothold = layout.contacts
         forces.balance()
-        moments.add(forces.stance, forces.columns, Of("held_arms"))
-        _levers(moments, layout, toes)
-        moments.of_weight(body)
-
-        def offset(given: Given) -> Array:
-            """−Σ p̄ × F̄ of every stance."""
-            total = np.zeros((len(layout.stances), 3))
-            world = given.scaled.in_world(given.held.forces)
-            np.subtract.at(total, stance, np.cross(given.held.toes[foothold], world))
-            return total
-
-        moments.shift(offset)
+        moments = linearised_moments(layout, body, toes, forces)
         residual = moments.within(rows)
         if least_moment:
             rows.linear(residual, 1.0)
@@ -132,7 +119,31 @@ class Linearised:
     def solve(self, scaled: Scaled, about: Point) -> Point:
         """Step from ``about``; the residual is that of the linearised moments."""
         solution = self.rows.solve(Given(scaled, about))
-        return _point(solution, toes=_toes(solution, scaled), forces=solution.value("forces"))
+        return _point(solution, toes=toes_of(solution, scaled), forces=solution.value("forces"))
+
+
+def held_moments(layout: Layout, body: Body, forces: Forces) -> Moments:
+    """p̄ × F less that of the weight, of every stance: exact with the toes held."""
+    moments = Moments(layout)
+    moments.add(forces.stance, forces.columns, Of("held_arms"))
+    moments.of_weight(body)
+    return moments
+
+
+def linearised_moments(layout: Layout, body: Body, toes: FreeToes, forces: Forces) -> Moments:
+    """p̄ × F + (p − p̄) × F̄ less that of the weight, of every stance; toes: explicit."""
+    moments, (stance, _, foothold) = held_moments(layout, body, forces), layout.contacts
+    _levers(moments, layout, toes)
+
+    def offset(given: Given) -> Array:
+        """−Σ p̄ × F̄ of every stance."""
+        total = np.zeros((len(layout.stances), 3))
+        world = given.scaled.in_world(given.held.forces)
+        np.subtract.at(total, stance, np.cross(given.held.toes[foothold], world))
+        return total
+
+    moments.shift(offset)
+    return moments
 
 
 def _levers(moments: Moments, layout: Layout, toes: FreeToes) -> None:
@@ -155,7 +166,7 @@ def _sole_moments(given: Given) -> Array:
     return total
 
 
-def _toes(solution: ConicSolution, scaled: Scaled) -> Array:
+def toes_of(solution: ConicSolution, scaled: Scaled) -> Array:
     """Toes on their patches to the last digit: convex combinations of the vertices."""
     layout = scaled.layout
     weights = np.maximum(solution.value("weights"), 0.0)

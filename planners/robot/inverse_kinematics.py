@@ -33,11 +33,13 @@ LONGEST_STEP = 0.5
 """Of a joint in one step [rad, or m]."""
 
 
-def descend(leg: Leg, feet: ArrayLike, start: ArrayLike, *, steps: int = STEPS) -> tuple[Array, Array]:
+def descend(
+    leg: Leg, feet: ArrayLike, start: ArrayLike, *, steps: int = STEPS, exact_m: float = EXACT_M
+) -> tuple[Array, Array]:
     """Bring feet to where they should be, from given postures, joint limits kept.
 
-    feet: p_BF, shape (K, 3) [m]. start: shape (K, n). Returns the best postures that were met, shape (K, n), and how
-    far their feet are from the targets, shape (K,) [m].
+    feet: p_BF, shape (K, 3) [m]. start: shape (K, n). exact_m: a foot this close to its target is there. Returns the
+    best postures that were met, shape (K, n), and how far their feet are from the targets, shape (K,) [m].
     """
     target = np.asarray(feet, dtype=np.float64)
     lower, upper = np.where(leg.turns, -np.inf, leg.lower_rad), np.where(leg.turns, np.inf, leg.upper_rad)
@@ -50,7 +52,7 @@ def descend(leg: Leg, feet: ArrayLike, start: ArrayLike, *, steps: int = STEPS) 
         far = np.sqrt(np.einsum("ki,ki->k", gap, gap))
         better = far < error[open_]
         best[open_[better]], error[open_[better]] = q[better], far[better]
-        going = far > EXACT_M
+        going = far > exact_m
         open_, q, jacobian, gap, far = open_[going], q[going], jacobian[going], gap[going], far[going]
         if not len(open_):
             break

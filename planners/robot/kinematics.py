@@ -9,7 +9,6 @@ a robot that stands still.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -19,6 +18,7 @@ from ..files.arrays import Array, read_only
 from ..problem.posture import GRAVITY_M_S2
 from ..terrain.prism import Solid
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
+from .joint_answer import JointAnswer
 from .leg_ik import limb_postures
 from .legged import foot_radii, legged_model
 from .model import Robot
@@ -33,26 +33,6 @@ STEPS = 60
 LONGEST_STEP_RAD = 0.3
 DRAWN_AT = 0.2
 """In pictures the roll joint of a leg that is drawn up is so far along its thigh."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class JointAnswer:
-    """Joint angles for one posture; J joints, N limbs.
-
-    angles: shape (J,) [rad], within the limits. error_m: distance of every foot from its target, shape (N,) [m].
-    limit_rad: how far beyond its limits the worst joint of a limb would have to go to get there, shape (N,) [rad].
-    torques_nm: joint torques that hold the robot still under the given forces, shape (J,) [Nm]; zeros without forces.
-    """
-
-    angles: Array
-    error_m: Array
-    limit_rad: Array
-    torques_nm: Array
-
-    @property
-    def within_limits(self) -> bool:
-        """Every foot is where it should be, with no joint beyond its limits."""
-        return bool(np.all(self.error_m <= REACHED_M))
 
 
 class Kinematics:
@@ -77,7 +57,8 @@ class Kinematics:
         if robot.model is not None:
             self.torque_nm[np.isin(self.joints, [name for name, _ in robot.model.torque_doubts])] = np.inf
         turns = np.concatenate([leg.turns for leg in own])
-        self._lowest, self._highest = np.where(turns, -np.inf, self.lower_rad), np.where(turns, np.inf, self.upper_rad)
+        self.lowest_rad = np.where(turns, -np.inf, self.lower_rad)
+        self.highest_rad = np.where(turns, np.inf, self.upper_rad)
         self.legs = np.repeat(np.arange(len(own)), [len(leg.joints) for leg in own])
         self._nth = np.concatenate([np.arange(len(leg.joints)) for leg in own])
         self._most = int(self._nth.max()) + 1
@@ -165,7 +146,7 @@ class Kinematics:
         excess = np.zeros(count)
         if np.any(error > REACHED_M):
             beyond, missed = self.reach(feet, wished, wished, limits=False)
-            over = self.by_leg(np.maximum(beyond - self._highest, self._lowest - beyond)).max(axis=1)
+            over = self.by_leg(np.maximum(beyond - self.highest_rad, self.lowest_rad - beyond)).max(axis=1)
             excess = np.where(missed <= REACHED_M, np.maximum(over, 0.0), 0.0)
         torques = np.zeros(len(self.joints))
         if forces_n is not None:
@@ -211,14 +192,14 @@ class Kinematics:
             step = step.ravel() if self._even else step[self.legs, self._nth]
             angles = angles + np.clip(step, -LONGEST_STEP_RAD, LONGEST_STEP_RAD)
             if limits:
-                angles = np.clip(angles, self._lowest, self._highest)
+                angles = np.clip(angles, self.lowest_rad, self.highest_rad)
         error, before = (np.linalg.norm(feet - self.feet(q), axis=1) for q in (angles, start))
         better = error <= np.maximum(before, EXACT_M)
         return np.where(self.of_joints(better), angles, start), np.where(better, error, before)
 
     def beyond(self, angles: Array) -> Array:
         """How far joints are beyond their limits, 0 within, shapes (…, J) [rad, or m where a joint slides]."""
-        return np.asarray(np.maximum(np.maximum(angles - self._highest, self._lowest - angles), 0.0))
+        return np.asarray(np.maximum(np.maximum(angles - self.highest_rad, self.lowest_rad - angles), 0.0))
 
     def feet(self, angles: Array) -> Array:
         """Centres of the feet in the base's frame, shape (N, 3) [m]."""
@@ -265,6 +246,19 @@ class Kinematics:
         weight = self._pin.computeGeneralizedGravity(self.known, self._data, self.configuration(angles))
         _, jacobian = self._feet_and_jacobian(angles)
         return np.array(weight)[self._column], jacobian[self.legs, :, self._nth] @ rotation.T
+
+    def gravity_slopes(self, angles: Array, rotation: Array) -> tuple[Array, Array]:
+        """Derivatives of the g of ``loads``: in the angles, shape (J, J), and in a small rotation of the base about the
+        world's axes, shape (J, 3) [Nm/rad]."""
+        pin, known, q = self._pin, self.known, self.configuration(angles)
+        down, along = np.array([0.0, 0.0, -self.gravity_m_s2]), np.empty((known.nv, 3))
+        for axis in range(3):  # g is linear in gravity
+            known.gravity.linear = np.eye(3)[axis]
+            along[:, axis] = pin.computeGeneralizedGravity(known, self._data, q)
+        known.gravity.linear = rotation.T @ down
+        slopes = pin.computeGeneralizedGravityDerivatives(known, self._data, q)
+        turned = along[self._column] @ rotation.T @ np.cross(down, np.eye(3)).T  # δ(Rᵀ g) = Rᵀ (g × δ)
+        return np.array(slopes[np.ix_(self._column, self._column)]), turned
 
     def inertial_torques(self, angles: Array, velocity: Array, acceleration: Array) -> Array:
         """What the legs' own masses take while the base is still and nothing weighs, shape (J,) [Nm]."""

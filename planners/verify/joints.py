@@ -115,7 +115,8 @@ def joint_report(
     """Joints of every key frame, torques of every stance. Raises InvalidInput without pinocchio.
 
     servo: drives the joints of a robot without its own legs. reached_m: a foot farther than this from where it should
-    be is out of reach. solver: of the plan's robot, in place of one with this servo.
+    be is out of reach. solver: of the plan's robot, in place of one with this servo. A plan that says within which
+    torque it was made is held to that, where joints have more.
     """
     from ..robot.kinematics import Kinematics, rotation_of  # slow to import
 
@@ -128,7 +129,7 @@ def joint_report(
             for of, forces in zip(course.stances, plan.forces_n, strict=True)
         ]
     )
-    model, most = course.robot.model, solver.torque_nm
+    model, most = course.robot.model, np.minimum(solver.torque_nm, torque_cap(plan))
     shares, over = torque / most, torque - most
     row, joint = (int(i) for i in np.unravel_index(int(np.argmax(shares)), shares.shape))
     place = course.stances[row].frame, course.robot.limb_names[int(solver.legs[joint])]
@@ -154,6 +155,12 @@ def joint_report(
         torque_message=tired,
         unlimited=() if model is None else model.lines_of(model.torque_doubts),
     )
+
+
+def torque_cap(plan: Plan) -> float:
+    """What no joint may take by the plan's own word, whatever it has [Nm]; inf where it says nothing."""
+    said = plan.provenance.get("torque_nm")
+    return float(said) if isinstance(said, int | float) and said > 0.0 else np.inf
 
 
 def _postures(plan: Plan, solver: Kinematics, reached_m: float) -> tuple[Array, Array, Array, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -102,7 +103,8 @@ def test_a_robot_that_is_too_weak_has_a_plan_that_nobody_calls_accepted(call):
     Path("dog.urdf").write_text(quadruped(effort=8.0))
     code, out, err = call(PlanCourse, "flat.yaml", "--out", "plan.json")
     assert code == 1
-    assert "feasible" in out  # of the contacts, and that is what the planner proved
+    assert " undecided " in out  # nothing is proved of other plans
+    assert "feasible" not in out
     assert "accepted" not in out + err
     assert "verifier: rejected: contacts hold, the joints cannot do it" in out
     assert "joints: checked; torque: failed (frame " in out
@@ -170,3 +172,37 @@ def test_without_pinocchio_the_extra_is_named(call, monkeypatch):
     assert err.startswith("stancekit: error: plan.json: course: robot quadruped: ")
     assert err.endswith("pip install 'stancekit[kin]'\n")
     assert err.count("\n") == 1
+
+
+def test_a_climb_is_planned_within_the_torque_that_is_asked_for_and_verified_within_it(call):
+    code, out, err = call(PlanCourse, "walls", "--torque-nm", 10, "--out", "plan.json")
+    assert (code, err) == (0, "")
+    message = re.search(r"^torque: ([\d.]+) → ([\d.]+) Nm in (\d) steps$", out, re.MULTILINE)
+    assert message is not None
+    before, after, steps = map(float, message.groups())
+    assert before > 15.0
+    assert after <= 9.0
+    assert 1 <= steps <= 6
+    assert "joints: checked; torque: checked" in out
+    assert "joints: checked; torque: checked" in call(Verify, "plan.json")[1]
+
+
+def test_a_climb_that_asks_too_much_of_its_joints_is_undecided_in_both_commands(call):
+    code, out, _ = call(PlanCourse, "walls", "--torque-nm", 3, "--out", "plan.json")
+    assert code == 1
+    assert " undecided " in out
+    assert re.search(r"torque: failed \(frame \d, limb \w\w: [\d.]+ Nm in a joint, where \w\w_\w+ has 3\)", out)
+    code, out, _ = call(Verify, "plan.json")
+    assert code == 1
+    assert "torque: failed (" in out
+    record = json.loads(call(PlanCourse, "walls", "--torque-nm", 3, "--json")[1])
+    assert record["status"] == "undecided"
+    assert record["message"].endswith(" has 3")
+    assert record["details"]["torque_nm"] < record["details"]["torque_nm_before"]
+
+
+def test_torques_that_make_no_sense_are_refused(call):
+    message = "stancekit: error: --torque-nm: expected a number above 0, got -1\n"
+    assert call(PlanCourse, "walls", "--torque-nm", -1)[::2] == (2, message)
+    message = "stancekit: error: --torque-share: expected a number in [-1e+06, 1], got 2\n"
+    assert call(PlanCourse, "walls", "--torque-share", 2)[::2] == (2, message)

@@ -1,4 +1,4 @@
-"""What the tests of projections share: points off the bilinear surface to start from."""
+"""What the tests of projections share: points off the bilinear surface to start from, and the plan of a quadruped."""
 
 from __future__ import annotations
 
@@ -7,11 +7,26 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.problem import PostureProblem
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.lift import solve_lift
+from stancekit.planners.search.friction_margin import plan_with_reserve
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from tests.planners.robot.small_urdfs import quadruped
 
+DOG = """
+name: flat
+robot: dog.urdf
+frames: 5
+gait: wave
+start_m: [0.0, 0.0]
+goal_m: [0.2, 0.0, 0.45]
+steps: {com_m: 0.12, toe_m: 0.4}
+terrain: {kind: flat, friction: 0.7}
+"""
 Start = tuple[PostureProblem, Scaled, Point]
 
 
@@ -37,3 +52,14 @@ def starts(programs: Programs, drawn, mixed) -> list[Start]:
             found.append((problem, scaled, replace(one, **middle)))
     assert len(found) >= 40
     return found
+
+
+@pytest.fixture(scope="session")
+def dog_plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    """A quadruped of a file of its own walks on level ground."""
+    folder = tmp_path_factory.mktemp("course")
+    (folder / "dog.urdf").write_text(quadruped())
+    (folder / "flat.yaml").write_text(DOG)
+    outcome = plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml"))
+    assert outcome.plan is not None
+    return outcome.plan

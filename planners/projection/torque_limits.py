@@ -1,0 +1,47 @@
+"""What a plan of the whole body is to keep to: the torques of its joints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked
+from ..robot.model import Robot
+
+if TYPE_CHECKING:
+    from ..robot.kinematics import Kinematics
+
+
+@dataclass(frozen=True, kw_only=True)
+class TorqueLimits:
+    """What a plan of the whole body is to keep to.
+
+    Arguments:
+        torque_nm: no joint may take more, whatever it has itself [Nm]; None: what it has.
+        share: of that, steps aim at it; a plan within its limits is left as it is.
+        steps: most steps of the whole plan; 0: forces alone.
+    Raises:
+        InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative number of steps.
+    """
+
+    torque_nm: float | None = None
+    share: float = 0.9
+    steps: int = 20
+
+    def __post_init__(self) -> None:
+        if self.torque_nm is not None:
+            checked(self.torque_nm, "torque_nm", above=0.0)
+        checked(self.share, "torque_share", above=0.0, most=1.0)
+        if self.steps < 0:
+            raise InvalidInput(f"steps: expected 0 or more, got {self.steps}")
+
+    def concern(self, robot: Robot) -> bool:
+        """Whether a plan for the robot is to have joints: its file has legs, or torques are asked for."""
+        return robot.model is not None or self.torque_nm is not None
+
+    def of(self, solver: Kinematics) -> Array:
+        """Of every joint, shape (J,) [Nm]; inf where nothing is known and nothing asked for."""
+        return np.asarray(np.minimum(solver.torque_nm, np.inf if self.torque_nm is None else self.torque_nm))

@@ -1,0 +1,266 @@
+"""One convex step of a plan of the whole body: body, toes, joints and forces of all key frames at once.
+
+About a plan that is exact in its kinematics and balances (bars), to first order, in δq and in c, Θ, p, f:
+
+    c − p + [D(Θ − Θ̄)]× ā + R̄ J̄ δq = r n − ā        feet of the joints at their toes, ā from c to the foot, r its radius
+    Σ f = w e_z,  Σ p̄ × f + (p − p̄) × f̄ = c × w e_z    balances (E5, E6) with a residual that costs
+    ±(ḡ + ∂g − l̄ · f − ∂l · f̄) ≤ limit · share          torque of every joint of a leg that carries, l its lever
+
+with cones (E10), reach and steps (E11), bounds of joints, and a box about the bars in which this is to be believed. The
+objective is the course's own, and a price on the largest share of a torque limit where it is above what is wanted: a
+hinge. What a solution leaves of second order is the restoration's to mend (``restoration``).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from ..equilibrium.gather import Fill, Of
+from ..equilibrium.layout import Index, Layout
+from ..equilibrium.objective import objective
+from ..equilibrium.rows import Rows
+from ..equilibrium.scaled import Point, skew
+from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Toes
+from ..files.arrays import Array, cross
+from ..robot.kinematics import Kinematics, rotation_of
+from ..robot.leg_slopes import LegSlopes, turning
+from .held import held_moments, linearised_moments, toes_of
+
+TORQUE_PRICE = 3.0
+"""Of the largest torque's share above what is wanted, in units of the objective."""
+MOMENT_PRICE = 100.0
+"""Of the moments that a step leaves, likewise."""
+STILL, EVEN = 2e-3, 1e-5
+"""Of Σ δq² and Σ f²: joints that need not move stay, forces that are free are small."""
+TRUST = {"com": 0.03, "rotation": 0.08, "toes": 0.04, "joints": 0.25}
+"""How far a step may go, at radius 1: com and toes [m], rotation and joints [rad], each axis for itself."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TorqueRows:
+    """Which torques a step looks at: those of every joint of every leg that carries, stance by stance, T of them.
+
+    contact, frame, joint: of each torque, (T,). row, other: (torque, joint of the same leg), (K,); pairs: of all legs'
+    joints, shape (2, pairs), and pair: which of them each of the K is.
+    """
+
+    contact: Index
+    frame: Index
+    joint: Index
+    row: Index
+    other: Index
+    pair: Index
+    pairs: Index
+
+    @classmethod
+    @lru_cache(maxsize=16)
+    def of(cls, layout: Layout, leg_of: tuple[int, ...]) -> TorqueRows:
+        """leg_of: the leg of every joint."""
+        legs, (stance, limb, _) = np.array(leg_of), layout.contacts
+        contact, joint = np.nonzero(limb[:, None] == legs)
+        pairs = np.nonzero(legs[:, None] == legs)
+        number = np.full((len(legs), len(legs)), -1)
+        number[pairs] = np.arange(len(pairs[0]))
+        row, other = np.nonzero(legs[joint][:, None] == legs)
+        return cls(
+            contact=contact, frame=layout.stance_frames[stance[contact]], joint=joint, row=row, other=other,
+            pair=number[joint[row], other], pairs=np.array(pairs),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WholeBody(Given):
+    """What a step is loaded with: the problem, the point about which it is linearised, and the joints there.
+
+    angles: shape (M, J) [rad]. limit_nm: of every joint's torque, (J,). wanted: share of it that is well. radius: of
+    the trust region.
+    """
+
+    solver: Kinematics
+    angles: Array
+    limit_nm: Array
+    wanted: float = 1.0
+    radius: float = 1.0
+
+    @cached_property
+    def rotations(self) -> Array:
+        """R_WB, shape (M, 3, 3)."""
+        return np.array([rotation_of(vector) for vector in self.held.rotation])
+
+    @cached_property
+    def legs(self) -> LegSlopes:
+        """Legs to first order."""
+        return LegSlopes.of(self.solver.model.legs, self.angles, self.rotations)
+
+    @cached_property
+    def turns(self) -> Array:
+        """D, shape (M, 3, 3)."""
+        return turning(self.held.rotation)
+
+    @cached_property
+    def arms(self) -> Array:
+        """ā, from the centre of mass to every foot's centre as the joints have it, shape (M, N, 3)."""
+        arms = self.legs.feet - (self.rotations @ self.solver.robot.origin_m)[:, None]
+        return np.asarray(arms / self.scaled.length_m)
+
+    @cached_property
+    def by_turn(self) -> Array:
+        """∂ā/∂Θ = −[ā]× D, shape (M, N, 3, 3)."""
+        return np.asarray(-skew(self.arms) @ self.turns[:, None])
+
+    @cached_property
+    def by_joint(self) -> Array:
+        """∂ā/∂q of every joint's own foot, shape (M, J, 3)."""
+        return np.asarray(self.legs.levers / self.scaled.length_m)
+
+    @cached_property
+    def feet_right(self) -> Array:
+        """r n − ā + ∂ā/∂Θ Θ̄, shape (M, N, 3)."""
+        normals = self.scaled.frames[:, :, 0][np.array(self.scaled.layout.holds)]
+        out = (self.solver.radii_m / self.scaled.length_m)[:, None] * normals
+        return np.asarray(out - self.arms + np.einsum("mnij,mj->mni", self.by_turn, self.held.rotation))
+
+    @cached_property
+    def torque(self) -> Torques:
+        """The rows of torques."""
+        return Torques.of(self)
+
+    def room(self, name: str) -> float:
+        """Half the side of the trust region's box, non-dimensional."""
+        return self.radius * TRUST[name] / (1.0 if name in ("rotation", "joints") else self.scaled.length_m)
+
+    @cached_property
+    def above(self) -> dict[str, Array]:
+        """Upper bounds by the trust region and, of steps of joints, by their limits."""
+        held = {"com": self.held.com, "rotation": self.held.rotation, "toes": self.held.toes}
+        bounds = {name: np.asarray(value + self.room(name)) for name, value in held.items()}
+        return bounds | {"joints": np.minimum(self.room("joints"), self.solver.highest_rad - self.angles)}
+
+    @cached_property
+    def below(self) -> dict[str, Array]:
+        """Lower bounds likewise."""
+        held = {"com": self.held.com, "rotation": self.held.rotation, "toes": self.held.toes}
+        bounds = {name: value - self.room(name) for name, value in held.items()}
+        return bounds | {"joints": np.maximum(-self.room("joints"), self.solver.lowest_rad - self.angles)}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Torques:
+    """Torques as shares of their limits, times the sign that they have at the point, to first order.
+
+    value: (T,). by_force: in the contact frame, (T, 3); by_turn: in Θ, (T, 3); by_joint: of the K pairs, (K,).
+    right: what the rows have on the right, (T,).
+    """
+
+    value: Array
+    by_force: Array
+    by_turn: Array
+    by_joint: Array
+    right: Array
+
+    @classmethod
+    def of(cls, at: WholeBody) -> Torques:
+        """About a point."""
+        scaled, solver, rows = at.scaled, at.solver, TorqueRows.of(at.scaled.layout, tuple(at.solver.legs.tolist()))
+        contact, frame, joint = rows.contact, rows.frame, rows.joint
+        forces = scaled.in_world(at.held.forces)[contact] * scaled.force_n
+        levers = at.legs.levers[frame, joint]
+        weights = np.array([solver.loads(*each)[0] for each in zip(at.angles, at.rotations, strict=True)])
+        bent, turned = zip(*map(solver.gravity_slopes, at.angles, at.rotations), strict=True)
+        value = weights[frame, joint] - (levers * forces).sum(axis=1)
+        scale = np.where(value < 0.0, -1.0, 1.0) / at.limit_nm[joint]
+        by_turn = (np.array(turned)[frame, joint] - cross(levers, forces))[:, None] @ at.turns[frame]
+        by_turn = scale[:, None] * by_turn[:, 0]
+        pulled = at.legs.lever_slopes(*rows.pairs)[frame[rows.row], rows.pair] * forces[rows.row]
+        by_joint = np.array(bent)[frame[rows.row], joint[rows.row], rows.other] - pulled.sum(axis=1)
+        by_force = np.einsum("ti,tij->tj", levers, scaled.contact_frames[contact])
+        return cls(
+            value=scale * value, by_turn=by_turn, by_joint=scale[rows.row] * by_joint,
+            by_force=-scaled.force_n * scale[:, None] * by_force,
+            right=(by_turn * at.held.rotation[frame]).sum(axis=1) - scale * weights[frame, joint],
+        )  # fmt: skip
+
+
+class WholeBodyStep:
+    """The program; one candidate a foothold, point feet.
+
+    leg_of: the leg of every joint. hold_toes: they stay where the point has them; then balances are linear (E6) and
+    hold exactly.
+    """
+
+    def __init__(self, layout: Layout, leg_of: tuple[int, ...], hold_toes: bool) -> None:
+        layout.check_point_feet("whole body")
+        self.rows = rows = Rows[Given](keep=layout.frames == 1)
+        body, forces = Body(rows, layout), Forces.of_contacts(rows, layout)
+        free = None if hold_toes else FreeToes(rows, layout, explicit=True)
+        toes: Toes = HeldToes(rows) if free is None else free
+        joints, share = rows.variable("joints", layout.frames, len(leg_of)), rows.variable("share", 1)
+        forces.balance()
+        if free is None:
+            held_moments(layout, body, forces).vanish(rows)
+        else:
+            rows.linear(linearised_moments(layout, body, free, forces).within(rows), MOMENT_PRICE)
+        forces.in_cones()
+        forces.in_box(implied=False)
+        body.reach(toes, inner=True)
+        body.limits()
+        body.steps(free)
+        self._feet(body, toes, joints, np.array(leg_of), layout)
+        self._torques(TorqueRows.of(layout, leg_of), body, forces, joints, share)
+        columns = {"com": body.com, "rotation": body.rotation, "joints": joints}
+        if free is not None and free.points is not None:
+            columns["toes"] = free.points
+        for name, its in columns.items():
+            for side, sign in (("above", 1.0), ("below", -1.0)):
+                near = rows.at_most(f"{name}_{side}", *its.shape)
+                rows.put(near, its, sign)
+                rows.right(near, _bound(side, name, sign))
+        objective(rows, layout, body, free)
+        rows.square(joints, None, lambda _: STILL)
+        rows.square(forces.columns, None, lambda _: EVEN)
+        rows.linear(share, TORQUE_PRICE)
+
+    def _feet(self, body: Body, toes: Toes, joints: Index, leg_of: Index, layout: Layout) -> None:
+        """Every foot is at its toe."""
+        rows = self.rows
+        feet = rows.equal("feet", layout.frames, layout.limbs, 3)
+        rows.put(feet, body.com[:, None], 1.0)
+        toes.put(feet.reshape(-1, 3), np.array(layout.holds, dtype=np.int_).ravel(), -1.0)
+        rows.put(feet[..., None], body.rotation[:, None, None], Of("by_turn"))
+        rows.put(feet[:, leg_of], joints[..., None], Of("by_joint"))
+        rows.right(feet, Of("feet_right"))
+
+    def _torques(self, of: TorqueRows, body: Body, forces: Forces, joints: Index, share: Index) -> None:
+        """No torque has more of its limit than the share, which is what is wanted or more."""
+        rows = self.rows
+        torque = rows.at_most("torque", len(of.joint))
+        rows.put(torque[:, None], forces.columns[of.contact], Of("torque.by_force"))
+        rows.put(torque[:, None], body.rotation[of.frame], Of("torque.by_turn"))
+        rows.put(torque[of.row], joints[of.frame[of.row], of.other], Of("torque.by_joint"))
+        rows.put(torque, share, -1.0)
+        rows.right(torque, Of("torque.right"))
+        wanted = rows.at_most("wanted", 1)
+        rows.put(wanted, share, -1.0)
+        rows.right(wanted, -Of("wanted"))
+
+    def solve(self, at: WholeBody) -> tuple[Point, Array] | None:
+        """A point that is right to first order, and its joint angles; None where there is none."""
+        solution = self.rows.solve(at)
+        if not solution.solved:
+            return None
+        free = "weights" in solution.columns
+        point = Point(
+            com=solution.value("com"), rotation=solution.value("rotation"), forces=solution.value("forces"),
+            toes=toes_of(solution, at.scaled) if free else at.held.toes,
+            residual=float(solution.value("residual")[0]) if free else 0.0,
+            objective=solution.objective, seconds=solution.seconds,
+        )  # fmt: skip
+        return point, at.angles + solution.value("joints")
+
+
+def _bound(side: str, name: str, sign: float) -> Fill[Given]:
+    """A bound of the trust region as rows have it."""
+    return lambda given: sign * getattr(given, side)[name]

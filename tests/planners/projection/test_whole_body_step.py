@@ -1,0 +1,164 @@
+"""A step's rows to first order: feet and torques against differences of pinocchio's own; restored plans are exact."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.equilibrium.scaled import Point, Scaled
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.projection.restoration import REACHED_M, Restoration
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+
+pytest.importorskip("pinocchio")
+from stancekit.planners.projection.whole_body import with_joints
+from stancekit.planners.projection.whole_body_step import TorqueRows, WholeBody, WholeBodyStep
+from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+
+SMALL = 1e-6
+
+
+@pytest.fixture(scope="module")
+def walls() -> Plan:
+    outcome = TwoStageCoursePlanner().solve(read_course("walls", frames=3))
+    assert outcome.plan is not None
+    return outcome.plan
+
+
+@pytest.fixture(params=["drawn up", "of a file"])
+def plan(request: pytest.FixtureRequest, walls: Plan, dog_plan: Plan) -> Plan:
+    return with_joints(walls if request.param == "drawn up" else dog_plan)
+
+
+def scaled_of(plan: Plan) -> Scaled:
+    return Scaled.of(plan.course).chosen(plan.choice)
+
+
+def restoration_of(plan: Plan) -> tuple[Restoration, Kinematics]:
+    solver = Kinematics(plan.course.robot)
+    return Restoration(plan, scaled_of(plan), solver, solver.torque_nm), solver
+
+
+@pytest.fixture
+def about(plan: Plan) -> WholeBody:
+    """Somewhere near the plan, tilted, where no foot is at its toe: rows are first order anywhere."""
+    restoration, solver = restoration_of(plan)
+    rng, point = np.random.default_rng(0), restoration.point()
+    tilted = replace(point, rotation=rng.uniform(-0.3, 0.3, point.rotation.shape))
+    angles = np.asarray(plan.joints_rad)
+    return WholeBody(
+        scaled_of(plan), tilted, solver=solver, angles=angles + rng.uniform(-0.2, 0.2, angles.shape),
+        limit_nm=solver.torque_nm,
+    )  # fmt: skip
+
+
+def torques(at: WholeBody, point: Point, angles: Array) -> Array:
+    """Of every row, by pinocchio."""
+    layout, rows = at.scaled.layout, TorqueRows.of(at.scaled.layout, tuple(at.solver.legs.tolist()))
+    stance, limb, _ = layout.contacts
+    world = np.zeros((len(layout.stances), layout.limbs, 3))
+    world[stance, limb] = at.scaled.in_world(point.forces) * at.scaled.force_n
+    each = [
+        at.solver.torques(angles[k], rotation_of(point.rotation[k]), world[s])
+        for s, k in enumerate(layout.stance_frames)
+    ]
+    return np.array(each)[stance[rows.contact], rows.joint]
+
+
+def test_torque_rows_have_the_value_and_the_slopes_of_pinocchios_torques(about: WholeBody) -> None:
+    rows = TorqueRows.of(about.scaled.layout, tuple(about.solver.legs.tolist()))
+    point, angles, rng = about.held, about.angles, np.random.default_rng(1)
+    now = torques(about, point, angles)
+    sign = np.where(now < 0.0, -1.0, 1.0) / about.limit_nm[rows.joint]
+    np.testing.assert_allclose(about.torque.value, sign * now, atol=1e-12)
+    for _ in range(3):
+        by_q, by_turn, by_force = (rng.normal(size=a.shape) for a in (angles, point.rotation, point.forces))
+
+        def moved(h: float, steps: tuple[Array, Array, Array] = (by_q, by_turn, by_force)) -> Array:
+            q, turn, force = steps
+            there = replace(point, rotation=point.rotation + h * turn, forces=point.forces + h * force)
+            return torques(about, there, angles + h * q)
+
+        slope = sign * (moved(SMALL) - moved(-SMALL)) / (2.0 * SMALL)
+        mine = (about.torque.by_force * by_force[rows.contact]).sum(axis=1)
+        mine += (about.torque.by_turn * by_turn[rows.frame]).sum(axis=1)
+        np.add.at(mine, rows.row, about.torque.by_joint * by_q[rows.frame[rows.row], rows.other])
+        np.testing.assert_allclose(mine, slope, atol=1e-6)
+    at_rest = about.torque.right - (about.torque.by_turn * point.rotation[rows.frame]).sum(axis=1)
+    linear = (about.torque.by_force * point.forces[rows.contact]).sum(axis=1)
+    np.testing.assert_allclose(linear - at_rest, about.torque.value, atol=1e-12)
+
+
+def test_feet_move_with_joints_and_with_the_body_as_pinocchio_has_them(about: WholeBody) -> None:
+    length_m, rng = about.scaled.length_m, np.random.default_rng(2)
+    by_q, by_turn = rng.normal(size=about.angles.shape), rng.normal(size=about.held.rotation.shape)
+
+    def arms(h: float) -> Array:
+        turns = [rotation_of(vector) for vector in about.held.rotation + h * by_turn]
+        feet = [about.solver.feet(q) - about.solver.robot.origin_m for q in about.angles + h * by_q]
+        return np.array([foot @ turn.T for foot, turn in zip(feet, turns, strict=True)]) / length_m
+
+    slope = (arms(SMALL) - arms(-SMALL)) / (2.0 * SMALL)
+    mine = np.einsum("mnij,mj->mni", about.by_turn, by_turn)
+    np.add.at(mine, (slice(None), about.solver.legs), about.by_joint * by_q[..., None])
+    np.testing.assert_allclose(about.arms, arms(0.0), atol=1e-12)
+    np.testing.assert_allclose(mine, slope, atol=1e-7)
+
+
+def test_a_step_keeps_its_trust_region_and_puts_feet_at_toes_to_first_order(plan: Plan) -> None:
+    restoration, solver = restoration_of(plan)
+    start = restoration.restore(restoration.point(), np.asarray(plan.joints_rad))
+    assert start is not None
+    at = WholeBody(
+        scaled_of(plan), start.point, solver=solver, angles=start.angles, limit_nm=solver.torque_nm,
+        wanted=0.5 * start.share, radius=0.1,
+    )  # fmt: skip
+    step = WholeBodyStep(at.scaled.layout, tuple(solver.legs.tolist()), False)
+    found = step.solve(at)
+    assert found is not None
+    point, angles = found
+    moved = {"com": point.com - start.point.com, "rotation": point.rotation - start.point.rotation,
+             "toes": point.toes - start.point.toes, "joints": angles - start.angles}  # fmt: skip
+    assert all(np.abs(each).max() <= at.room(name) + 1e-7 for name, each in moved.items())
+    assert max(np.abs(each).max() / at.room(name) for name, each in moved.items()) > 0.99  # it is used
+    there = WholeBody(at.scaled, point, solver=solver, angles=angles, limit_nm=solver.torque_nm)
+    gap = point.com[:, None] + there.arms - point.toes[np.array(at.scaled.layout.holds)]
+    normals = at.scaled.frames[:, :, 0][np.array(at.scaled.layout.holds)]
+    gap -= (solver.radii_m / at.scaled.length_m)[:, None] * normals
+    assert np.abs(gap).max() < 2e-4  # of second order in a step of .025 rad
+    held = WholeBodyStep(at.scaled.layout, tuple(solver.legs.tolist()), True).solve(at)
+    assert held is not None
+    np.testing.assert_array_equal(held[0].toes, start.point.toes)
+
+
+def test_what_is_restored_is_exact(plan: Plan) -> None:
+    restoration, solver = restoration_of(plan)
+    scaled, rng = scaled_of(plan), np.random.default_rng(3)
+    start = restoration.point()
+    off = replace(start, forces=start.forces + 1e-4 * rng.normal(size=start.forces.shape))
+    angles = np.asarray(plan.joints_rad)
+    restored = restoration.restore(off, angles + 0.01 * rng.normal(size=angles.shape))
+    assert restored is not None
+    np.testing.assert_array_equal(restored.point.toes, start.toes)
+    forces, _ = scaled.forces_si(restored.point)
+    course = plan.course
+    for s, of in enumerate(course.stances):
+        toes, com, k = plan.toes_at(of.frame), plan.com_m[of.frame], of.frame
+        assert np.abs(forces[s].sum(axis=0) - [0.0, 0.0, course.weight_n]).max() < 1e-9 * course.weight_n
+        assert np.abs(np.cross(toes - com, forces[s]).sum(axis=0)).max() < 2e-9 * course.weight_n
+        normals = np.array([course.patch(int(p), plan.choice).normal for p in course.holds[k]])
+        feet = solver.targets(com, rotation_of(plan.rotation_rad[k]), toes, normals)
+        assert np.linalg.norm(solver.feet(restored.angles[k]) - feet, axis=1).max() <= REACHED_M
+        torque = np.abs(solver.torques(restored.angles[k], rotation_of(plan.rotation_rad[k]), forces[s]))
+        assert restored.shares[s] == pytest.approx((torque / solver.torque_nm).max(), rel=1e-9)
+
+
+def test_feet_out_of_reach_are_not_restored(plan: Plan, walls: Plan) -> None:
+    restoration, _ = restoration_of(plan)
+    point = restoration.point()
+    far = replace(point, com=point.com + np.array([0.0, 0.0, 2.0]))
+    assert restoration.restore(far, np.asarray(plan.joints_rad)) is None

@@ -1,0 +1,83 @@
+"""What becomes of an outcome when its plan is one of the whole body."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stancekit
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.projection.torque_limits import TorqueLimits
+from stancekit.planners.search.answer import objective_of
+from stancekit.planners.search.friction_margin import plan_with_reserve
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_plan
+
+pytest.importorskip("pinocchio")
+from stancekit.planners.search.whole_body_outcome import with_whole_body
+
+
+@pytest.fixture(scope="module")
+def planned() -> PlanOutcome:
+    return plan_with_reserve(TwoStageCoursePlanner(), read_course("walls", frames=4))
+
+
+def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(planned: PlanOutcome) -> None:
+    outcome = with_whole_body(planned, TorqueLimits(torque_nm=10.0))
+    assert outcome.plan is not None
+    assert planned.plan is not None
+    assert outcome.status is Status.FEASIBLE
+    report = check_plan(outcome.plan, joints=True)
+    assert report.accepted
+    assert outcome.objective == objective_of(outcome.plan) != planned.objective
+    assert outcome.residual <= 1e-6
+    assert outcome.details["torque_nm"] == pytest.approx(report.torque["torque_nm"])
+    assert outcome.details["torque_nm"] <= 10.0 < outcome.details["torque_nm_before"]
+    assert outcome.details["torque_steps"] >= 1.0
+    assert set(planned.details) <= set(outcome.details)
+
+
+def test_the_same_comes_of_the_library(planned: PlanOutcome) -> None:
+    outcome = with_whole_body(planned, TorqueLimits(torque_nm=12.0, share=0.8))
+    same = stancekit.plan("walls", frames=4, torque_nm=12.0, torque_share=0.8)
+    assert outcome.plan is not None
+    assert same.plan is not None
+    np.testing.assert_array_equal(same.plan.com_m, outcome.plan.com_m)
+    np.testing.assert_array_equal(same.plan.joints_rad, outcome.plan.joints_rad)
+    assert same.details["torque_share"] <= 0.8
+    assert stancekit.verify(same.plan).accepted
+
+
+def test_what_torque_forbids_is_undecided_and_says_where(planned: PlanOutcome) -> None:
+    outcome = with_whole_body(planned, TorqueLimits(torque_nm=1.0, steps=2))
+    assert outcome.status is Status.UNDECIDED
+    assert outcome.certificate is None
+    assert outcome.message.startswith("frame ")
+    assert outcome.message.endswith(" has 1")
+    assert outcome.plan is not None
+    assert check_plan(outcome.plan).accepted  # its contacts
+    refused = check_plan(outcome.plan, joints=True)
+    assert not refused.accepted
+    assert refused.torque["message"] == outcome.message
+
+
+def test_without_a_plan_there_is_nothing_to_bend(planned: PlanOutcome) -> None:
+    none = replace(planned, plan=None, status=Status.UNDECIDED)
+    assert with_whole_body(none, TorqueLimits(torque_nm=10.0)) is none
+
+
+def test_a_robot_of_balls_is_left_alone_unless_torques_are_asked_for(planned: PlanOutcome) -> None:
+    assert planned.plan is not None
+    robot = planned.plan.course.robot
+    assert not TorqueLimits().concern(robot)
+    assert TorqueLimits(torque_nm=10.0).concern(robot)
+    assert stancekit.plan("walls", frames=2).plan.joints_rad is None
+
+
+@pytest.mark.parametrize("written", [1e9, -5.0, "10", None, [10.0]])
+def test_what_a_plan_says_of_its_torques_never_loosens_a_limit(planned: PlanOutcome, written: object) -> None:
+    assert planned.plan is not None
+    forged = replace(planned.plan, provenance={**planned.plan.provenance, "torque_nm": written})
+    assert check_plan(forged, joints=True).torque == check_plan(planned.plan, joints=True).torque
