@@ -63,7 +63,7 @@ def test_a_loaded_foot_that_moves_along_its_surface_slides() -> None:
         ([0.0, 0.0, 0.006], {}),  # pressed in
         ([0.002, 0.0, 0.0], {}),  # creeps
         ([0.006, 0.0, 0.0], {"load_n": 1.0}),
-        ([0.006, 0.0, 0.0], {"placement": (0, -1, 2, 3, 4, 5)}),
+        ([0.006, 0.0, 0.0], {"foothold": (0, -1, 2, 3, 4, 5)}),
         ([0.006, 0.0, 0.0], {"rolls": True}),
     ],
 )
