@@ -20,6 +20,7 @@ from .execution import Execution
 from .motion.bodies import motion_bodies
 from .motion.gait_motion import GaitMotion
 from .motion.motion import Motion
+from .motion.redundancy import RedundancyResolution
 from .motion.time_parametrization import (
     ACCELERATION_RAD_S2,
     BLIND,
@@ -107,14 +108,15 @@ def prepare_plan(
     course = plan.course
     kinematics = kinematics or Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
     forces_n = distribute_forces(plan) if settings.forces == "shared" else None
-    motion, pace, bound_by = PlanMotion(plan, settings.timing, forces_n), 1.0, ""
+    motion, pace, bound_by, wished = PlanMotion(plan, settings.timing, forces_n), 1.0, "", None
     if settings.check_limits:
         timed = parametrize(
             plan, kinematics, world.capabilities, settings.timing, forces_n=forces_n, hung=settings.hung
         )
-        motion, pace, bound_by = timed.motion, timed.pace, timed.bound_by
+        motion, pace, bound_by, wished = timed.motion, timed.pace, timed.bound_by, timed.profile.wished
         _check_bodies(accepted, timed, kinematics)
-    tracker = Tracker(motion, kinematics, world.rate_hz, settings.feedback if sees else BLIND, settings.body)
+    feedback = settings.feedback if sees else BLIND
+    tracker = Tracker(motion, kinematics, world.rate_hz, feedback, settings.body, wished)
     return Prepared(
         digest=accepted.digest, source=accepted.source, name=course.name, motion=motion, kinematics=kinematics,
         tracker=tracker, first=tracker.start(), sees=sees, pace=pace, bound_by=bound_by,
@@ -130,12 +132,11 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
     check_joints(accepted.source, accepted.robot, world)
     motion, sees = GaitMotion(trajectory, foot_radii(accepted.robot)), sees_feet(world)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
-    if settings.check_limits:
-        _check_gait(motion, kinematics, world, hung=settings.hung)
+    wished = _check_gait(motion, kinematics, world, hung=settings.hung) if settings.check_limits else None
     moving = replace(settings.feedback, **WALKING)
     fall_s = float(np.sqrt(kinematics.model.stand_height_m / accepted.gravity_m_s2))  # of an inverted pendulum
     stepping = replace(settings.body, step_s=fall_s) if settings.body.acts else settings.body
-    tracker = Tracker(motion, kinematics, world.rate_hz, moving if sees else BLIND, stepping)
+    tracker = Tracker(motion, kinematics, world.rate_hz, moving if sees else BLIND, stepping, wished)
     ground = Ground(heights=trajectory.terrain, friction=trajectory.friction)
     return Prepared(
         digest=accepted.digest, source=accepted.source, name=accepted.name, motion=motion, kinematics=kinematics,
@@ -166,9 +167,9 @@ def _check_bodies(accepted: Accepted, timed: TimedMotion, kinematics: Kinematics
         LOG.warning("%s: bodies not checked along the motion: %s", accepted.source, "; ".join(report.missing))
 
 
-def _check_gait(motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *, hung: bool) -> None:
+def _check_gait(motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *, hung: bool) -> RedundancyResolution:
     """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down. What a robot's own joints can
-    accelerate follows from their torques; servos are given a limit of their own."""
+    accelerate follows from their torques; servos are given a limit of their own. Returns what its tracker wishes."""
     most = ACCELERATION_RAD_S2 if kinematics.robot.model is None else np.inf
     profile, can = joint_profile(motion, kinematics, hung=hung), world.capabilities
     check_static(profile, kinematics, can, LIMIT_SHARE)
@@ -178,3 +179,4 @@ def _check_gait(motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *,
                 f"gait: joint {can.joints[joint]}: it would take {use:.2g} times the {name} that it may have; a gait "
                 "runs as planned, or not at all: plan one that steps less high or less far"
             )
+    return profile.wished

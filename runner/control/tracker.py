@@ -80,7 +80,10 @@ class Target:
 
 
 class Tracker:
-    """Follows one motion once. ``start`` first, then ``next`` until it says that the motion is over."""
+    """Follows one motion once. ``start`` first, then ``next`` until it says that the motion is over.
+
+    wished: ``resolved`` of the same motion and kinematics, where it is known.
+    """
 
     def __init__(
         self,
@@ -89,6 +92,7 @@ class Tracker:
         rate_hz: float,
         feedback: ContactFeedback = ContactFeedback(),
         body: BodyFeedback = BodyFeedback(),
+        wished: RedundancyResolution | None = None,
     ) -> None:
         self._motion, self._kinematics, self._feedback, self._period_s = motion, kinematics, feedback, 1.0 / rate_hz
         model = kinematics.model
@@ -104,7 +108,7 @@ class Tracker:
         self._velocity = np.zeros(6)
         self._touched, self._landed = np.array(motion.at(0.0).foothold) >= 0, motion.at(0.0).feet_m
         self._stepped, self._moved, self._drift = (np.zeros((limbs, 3)) for _ in range(3))
-        self._wished = RedundancyResolution(motion, kinematics, near_of(kinematics))
+        self._wished = wished or resolved(motion, kinematics)
         self._time_s = 0.0
         self._depth, self._pressed, self._rolled = np.zeros(limbs), np.zeros((limbs, 3)), np.zeros((limbs, 3))
         self._angles = self._wish = self._wished.at(0.0)
@@ -249,6 +253,11 @@ class Continued(Kinematics):
     def __init__(self, *arguments: Any, near: Array, **options: Any) -> None:
         super().__init__(*arguments, **options)
         self.near_rad = np.array(near, dtype=float)
+
+
+def resolved(motion: Motion, kinematics: Kinematics) -> RedundancyResolution:
+    """What inverse kinematics is drawn to along a motion; half of the work before a run, so that trackers share it."""
+    return RedundancyResolution(motion, kinematics, near_of(kinematics))
 
 
 def near_of(kinematics: Kinematics) -> Array | None:

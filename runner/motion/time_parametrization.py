@@ -16,9 +16,10 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import REACHED_M, Kinematics, rotation_of
 
-from ..control.tracker import ContactFeedback, Target, Tracker
+from ..control.tracker import ContactFeedback, Target, Tracker, resolved
 from ..worlds.capabilities import WorldCapabilities
 from .motion import Motion, MotionSample
+from .redundancy import RedundancyResolution
 from .timeline import PlanMotion, Timing
 
 ACCELERATION_RAD_S2 = 60.0
@@ -36,7 +37,8 @@ class JointProfile:
 
     time_s: shape (T,). angles_rad, velocity_rad_s, acceleration_rad_s2, static_nm, dynamic_nm: shape (T, J);
     static_nm are torques at rest under the planned forces, dynamic_nm what accelerations add. error_m: of inverse
-    kinematics, shape (T, N). targets: what a tracker sends where all goes as planned, T of them.
+    kinematics, shape (T, N). targets: what a tracker sends where all goes as planned, T of them; wished: what it is
+    drawn to.
     """
 
     time_s: Array
@@ -47,6 +49,7 @@ class JointProfile:
     dynamic_nm: Array
     error_m: Array
     targets: tuple[Target, ...]
+    wished: RedundancyResolution
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,7 +106,8 @@ def joint_profile(
     motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ, *, hung: bool = False
 ) -> JointProfile:
     """Inverse kinematics along a whole motion, and what it takes."""
-    targets, period_s = undisturbed(motion, kinematics, rate_hz), 1.0 / rate_hz
+    wished, period_s = resolved(motion, kinematics), 1.0 / rate_hz
+    targets = undisturbed(motion, kinematics, rate_hz, wished)
     angles = np.array([target.angles_rad for target in targets])
     velocity = np.gradient(angles, period_s, axis=0)
     acceleration = np.zeros_like(angles)
@@ -125,13 +129,15 @@ def joint_profile(
         time_s=np.arange(len(angles), dtype=float) * np.float64(period_s), angles_rad=angles, velocity_rad_s=velocity,
         acceleration_rad_s2=acceleration, static_nm=np.array(static),
         dynamic_nm=np.array(dynamic), error_m=np.array([target.error_m for target in targets]),
-        targets=tuple(targets),
+        targets=tuple(targets), wished=wished,
     )  # fmt: skip
 
 
-def undisturbed(motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ) -> list[Target]:
+def undisturbed(
+    motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ, wished: RedundancyResolution | None = None
+) -> list[Target]:
     """What the tracker sends along a whole motion when all feet feel what they should."""
-    tracker, period_s = Tracker(motion, kinematics, rate_hz, BLIND), 1.0 / rate_hz
+    tracker, period_s = Tracker(motion, kinematics, rate_hz, BLIND, wished=wished), 1.0 / rate_hz
     targets, k = [tracker.start()], 0
     while (target := tracker.next(expected(motion.at((k + 1) * period_s)))) is not None:
         targets.append(target)
