@@ -49,16 +49,16 @@ class VerifiedPlanner:
             if found is not None and not isinstance(found, Outcome | Posture | Certificate):
                 kinds = "an Outcome, a Posture, a Certificate or None"
                 raise InvalidInput(f"{where}: expected {kinds}, got {_a(found)}")
-            posture, certificate, message = found, found, dict[str, Any]()
+            posture, certificate, rest = found, found, dict[str, Any]()
             if isinstance(found, Outcome):
                 posture, certificate = found.posture, found.certificate
-                message = {**_told(found, where), "solves": int(found.solves)}
-                message["details"] = {_text(key, where): float(value) for key, value in found.details.items()}
+                rest = {**_told(found, where), "solves": int(found.solves)}
+                rest["details"] = {_text(key, where): float(value) for key, value in found.details.items()}
             elif found is not None:
                 posture, certificate = (found, None) if isinstance(found, Posture) else (None, found)
             posture, certificate = _taken(Posture, posture, where), _taken(Certificate, certificate, where)
         return self._acceptance.outcome(
-            problem, method=self.name, begin=begin, posture=posture, certificate=certificate, **message
+            problem, method=self.name, begin=begin, posture=posture, certificate=certificate, **rest
         )
 
 
@@ -80,14 +80,14 @@ class VerifiedCoursePlanner:
             if found is not None and not isinstance(found, PlanOutcome | Plan | Certificate):
                 kinds = "a PlanOutcome, a Plan, a Certificate or None"
                 raise InvalidInput(f"{where}: expected {kinds}, got {_a(found)}")
-            plan, certificate, message = found, found, dict[str, Any]()
+            plan, certificate, rest = found, found, dict[str, Any]()
             if isinstance(found, PlanOutcome):
-                plan, certificate, message = found.plan, found.certificate, _told(found, where)
+                plan, certificate, rest = found.plan, found.certificate, _told(found, where)
             elif found is not None:
                 plan, certificate = (found, None) if isinstance(found, Plan) else (None, found)
             plan, certificate = _taken(Plan, plan, where, course=course), _taken(Certificate, certificate, where)
         return self._acceptance.plan_outcome(
-            course, method=self.name, clock=clock, plan=plan, certificate=certificate, **message
+            course, method=self.name, clock=clock, plan=plan, certificate=certificate, **rest
         )
 
 
