@@ -38,7 +38,7 @@ $(STAMP): pyproject.toml setup.py constraints.txt
 	@echo "setup 2/4: stancekit and what it runs on (numpy, cvxpy, clarabel, casadi, gymnasium, ...)"
 	@$(PIP) install -c $(PINS) --no-build-isolation -e .
 	@echo "setup 3/4: torch, Ray, the other solvers, simulators (the largest download, some minutes on a slow line)"
-	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[exact,rl,evo,ray,datasets,kin,bullet,mujoco,viz,dynamixel,ros,log]"
+	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[exact,rl,evo,ray,datasets,kin,bullet,mujoco,terrain,viz,dynamixel,ros,log]"
 	@echo "setup 4/4: tools for testing and checking"
 	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[dev]"
 	@touch $@

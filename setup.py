@@ -57,7 +57,7 @@ packages = sorted(
 setup(
     packages=packages,
     package_dir=package_dir,
-    package_data={package: ["py.typed", "*.yaml", "*.json"] for package in packages},
+    package_data={package: ["py.typed", "*.yaml", "*.json", "*.obj", "LICENSE.txt"] for package in packages},
     cmdclass={"links": Links, "editable_wheel": Editable},
     options={"editable_wheel": {"mode": "compat"}, "egg_info": {"egg_base": "."}},
 )

@@ -12,7 +12,7 @@ from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.project import Projection
-from stancekit.planners.projection.torque_limits import TorqueLimits
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.answer import CoursePlanner
@@ -34,6 +34,7 @@ def plan(
     projection: Projection = "scp",
     torque_nm: float | None = None,
     torque_share: float = 0.9,
+    clearance_m: float = 0.005,
     time_limit_s: float = 60.0,
     engine: Literal["rows", "cvxpy"] = "rows",
 ) -> PlanOutcome:
@@ -48,15 +49,18 @@ def plan(
         frames: number of key frames M, where not the course's own; of a name or a YAML file only.
         reserve: plan with 80 % of the friction where that has a plan, else 90 %, else all of it; two-stage only.
         relaxation, envelopes: first stage of two-stage: the lift, or learned boxes, or modes that it switches between.
-        projection: second stage of two-stage and micp: "scp", "fix-p" or "fix-toes".
+        projection: second stage of two-stage and micp: "scp", "fix-p", "fix-toes", "fix-f", "nlp", the name of one that
+            a package registered under ``stancekit.projections``, or "FILE.py:NAME".
         torque_nm: no joint is to take more, whatever it has [Nm]; None: what the robot's own file says, if it has one.
         torque_share: a plan that asks for more torque than there is is bent until this share of it is enough.
+        clearance_m: where links go through each other or the terrain, at key frames or between them, a plan is bent
+            until they are so far apart [m].
         time_limit_s: what is not decided by then is undecided [s].
         engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.
     Returns:
         A ``PlanOutcome``: feasible with a ``plan`` that the verifier accepted in every stance and between them,
-        infeasible with a certificate, or undecided, also with a plan whose joints cannot do it. ``bound`` is a proved
-        lower bound on the objective of any plan.
+        infeasible with a certificate, or undecided, also with a plan whose joints cannot do it or whose bodies collide.
+        ``bound`` is a proved lower bound on the objective of any plan.
     Raises:
         InvalidInput: for a course that is none, an unknown planner, or envelopes that are missing or have no use.
     Source:
@@ -73,7 +77,7 @@ def plan(
         course = read_course(course, frames)
     elif frames not in (None, course.frames):
         raise InvalidInput(f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}")
-    limits = TorqueLimits(torque_nm=torque_nm, share=torque_share)
+    limits = WholeBodyLimits(torque_nm=torque_nm, share=torque_share, clearance_m=clearance_m)
     chosen = planner
     if isinstance(chosen, str):
         chosen = make_course_planner(
@@ -81,7 +85,7 @@ def plan(
             programs=Programs(engine=engine),
         )  # fmt: skip
     outcome = plan_with_reserve(chosen, course) if reserve and planner == "two-stage" else chosen.solve(course)
-    if outcome.plan is None or not limits.concern(course.robot):
+    if outcome.plan is None:
         return outcome
     from stancekit.planners.search.whole_body_outcome import with_whole_body  # slow to import
 

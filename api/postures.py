@@ -84,7 +84,8 @@ def solve(
             McCormick grid. Or a planner that was made before, which keeps its compiled models from problem to problem,
             the name of one that a package registered under ``stancekit.planners``, or "FILE.py:NAME".
         envelopes: learned boxes, for p1, two-stage and micp.
-        projection: stage P2 after p1, lift and two-stage: "fix-p", "fix-f", "fix-toes", "scp" or "nlp".
+        projection: stage P2 after p1, lift and two-stage: "fix-p", "fix-f", "fix-toes", "scp", "nlp" or
+            "lift-fix-p".
         solver, intervals: of micp's grid, whose axes have so many pieces, a power of two.
         time_limit_s: for exact, nlp and micp; what is not decided by then is undecided [s].
         engine: "rows", written for speed, or "cvxpy", the same programs as the paper has them.

@@ -93,8 +93,9 @@ def fit(dataset: Rows | Sequence[Rows], method: str = "gmm", **settings: object)
     Arguments:
         dataset: what ``label`` returned, or its folder; for "modes" several, one a terrain.
         method: "heuristic" (the expert's bounds), "quantile", "gmm-printed" (Algorithm E2 line by line), "gmm" (its
-            boundary is fitted by P1's margins), "ga", "gradient", "modes" (for mode switching); "chooser", "neural" and
-            "rl" need torch. Or one that a package registered under ``stancekit.methods``, or "FILE.py:NAME".
+            boundary is fitted by P1's margins), "ga", "gradient", "modes" (for mode switching); "chooser", "neural",
+            "joint" (for P1 joined with the lift) and "rl" need torch. Or one that a package registered under
+            ``stancekit.methods``, or "FILE.py:NAME".
         settings: of ``learners.training.fit_settings.FitSettings``: share, clusters, threshold, boxes, steps, batch,
             seed, ... Each method uses those that concern it.
     Returns:
@@ -127,7 +128,7 @@ def evaluate(
     Arguments:
         selector: what ``fit`` returned, envelopes, a file of either, or "FILE.py:NAME".
         dataset: labelled rows that it was not learned from, or their folder.
-        projections: stages P2 to try: "fix-p", "fix-f", "fix-toes", "scp", "nlp".
+        projections: stages P2 to try: "fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p".
         name: of the row.
     Returns:
         A ``Score``: shares with Wilson 95 % intervals of the feasible and infeasible problems that P1 answers right,
@@ -153,9 +154,8 @@ def evaluate(
     if not scenes:
         raise InvalidInput(f"{rows}: expected feasible or not trivially infeasible rows, got none")
     return rolled_out(
-        name, learned.selector, scenes, problem_class=rows.problem_class, projections=tuple(projections),
-        boxes=learned.boxes,
-    )  # fmt: skip
+        name, learned, scenes, problem_class=rows.problem_class, projections=tuple(projections)
+    )
 
 
 def _opened(rows: Rows) -> Dataset:

@@ -151,7 +151,7 @@ def seeds(options: Arguments) -> Iterator[str]:
             found = []
             for seed in range(options.seeds):
                 settings = replace(fit, **{knobs: {**getattr(fit, knobs), "seed": seed}})
-                selector = learn_selector(options.method, train, settings, calibration=calibration).selector
+                selector = learn_selector(options.method, train, settings, calibration=calibration)
                 score = evaluate(options.method, selector, scenes_of(test), problem_class=name, projections=("fix-p",))
                 found.append((score.p1_feasible.hits, score.p1_infeasible.hits))
             kept, refused = np.array(found).T
@@ -197,9 +197,7 @@ def fresh(options: Arguments) -> Iterator[str]:
                 if path.suffix not in (".json", ".safetensors") or ".row" in file or not path.exists():
                     continue
                 learned = load_selector(path)
-                score = evaluate(
-                    file, learned.selector, scenes, problem_class=name, projections=("fix-p",), boxes=learned.boxes
-                )
+                score = evaluate(file, learned, scenes, problem_class=name, projections=("fix-p",))
                 shares = (score.p1_feasible, score.p1_infeasible, score.projected["fix-p"])
                 found.append("/".join(str(share.hits) for share in shares))
             if found:

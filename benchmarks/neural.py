@@ -32,9 +32,11 @@ from stancekit.learners.selectors.chooser import fit_chooser
 from stancekit.learners.selectors.gradient import fit_gradient
 from stancekit.learners.selectors.neural import fit_neural
 from stancekit.learners.selectors.neural_training import NeuralSettings
-from stancekit.learners.selectors.selector import FixedSelector, Selector
+from stancekit.learners.selectors.selector import Learned, Selector
 from stancekit.learners.training.envelope_methods import fit
 from stancekit.planners.projection.project import Projection
+from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.joint import RelaxationName
 
 PROJECTIONS: tuple[Projection, ...] = ("fix-p", "fix-toes", "scp")
 
@@ -105,27 +107,31 @@ def compare(problem: str, options: Arguments) -> Iterator[Score]:
         for rows in (options.box_rows, 3 * options.box_rows)
     )
 
-    def scored(name: str, begin: float, selector: Selector, boxes: int = 1) -> Score:
+    def scored(name: str, begin: float, selector: Selector | EnvelopeSet) -> Score:
         seconds = time.perf_counter() - begin
-        return judged(name, selector, scenes, problem, boxes, seconds)
+        return judged(name, Learned.of(selector, name, problem), scenes, problem, seconds)
 
     begin = time.perf_counter()
-    yield scored("quantile", begin, FixedSelector("quantile", fit("quantile", few)))
+    yield scored("quantile", begin, fit("quantile", few))
     for count in options.boxes:
         begin = time.perf_counter()
         with progress(f"{problem} gradient-{count}") as bar:
             found = fit_gradient(few, boxes=count, steps=options.steps, seed=options.seed, progress=bar)
-        yield scored(f"gradient-{count}", begin, FixedSelector("gradient", found), count)
+        yield scored(f"gradient-{count}", begin, found)
         if count > 1:
             begin = time.perf_counter()
             with progress(f"{problem} chooser") as bar:
                 chooser = fit_chooser(more, found, progress=bar)
             chooser.save(options.folder / f"{problem}-chooser-{count}.safetensors")
             yield scored(f"gradient-{count} chooser", begin, chooser)
-    ways = {"neural-quantile": 0, "neural": options.margin_epochs}
-    for name, margin_epochs in list(ways.items())[0 if options.ablate else 1 :]:
+    ways: dict[str, tuple[int, RelaxationName]] = {
+        "neural-quantile": (0, "p1"), "neural": (options.margin_epochs, "p1"), "joint": (options.margin_epochs, "joint")
+    }  # fmt: skip
+    for name, (margin_epochs, relaxation) in list(ways.items())[0 if options.ablate else 1 :]:
         begin = time.perf_counter()
-        settings = NeuralSettings(epochs=options.epochs, margin_epochs=margin_epochs, seed=options.seed)
+        settings = NeuralSettings(
+            epochs=options.epochs, margin_epochs=margin_epochs, relaxation=relaxation, seed=options.seed
+        )
         with progress(f"{problem} {name}") as bar:
             selector = fit_neural(train, settings, bar, calibration=held)
         selector.save(options.folder / f"{problem}-{name}.safetensors")
@@ -151,12 +157,10 @@ def cell(share: Share) -> str:
     return f"{100.0 * share.value:.1f} ({100.0 * low:.1f}–{100.0 * high:.1f})"
 
 
-def judged(name: str, selector: Selector, scenes: list[Scene], problem: str, boxes: int, seconds: float) -> Score:
+def judged(name: str, learned: Learned, scenes: list[Scene], problem: str, seconds: float) -> Score:
     """Roll a selector out."""
     with progress(f"{problem} evaluate {name}") as bar:
-        score = evaluate(
-            name, selector, scenes, problem_class=problem, projections=PROJECTIONS, boxes=boxes, progress=bar
-        )
+        score = evaluate(name, learned, scenes, problem_class=problem, projections=PROJECTIONS, progress=bar)
     return replace(score, notes={"train_seconds": seconds})
 
 

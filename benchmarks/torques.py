@@ -1,4 +1,4 @@
-"""Plans within torque limits: what the largest torque of a plan is before and after the whole body is planned with.
+"""Plans of the whole body: the largest torque and the deepest collision of a plan, before and after they are mended.
 
     python benchmarks/torques.py [--courses FOLDER] [--torque-nm 10] [--torque-share .9] [--only walls,icy] [--json]
     python benchmarks/torques.py --robots FOLDER [--weaker .5]     # quadrupeds over a step, within their own limits
@@ -6,8 +6,10 @@
 The hexapod on the built-in courses and on those of a folder. torque: in the joint with the largest share of its limit,
 of the plan as the planner has it and of the one with joints; steps: of the whole plan, 0 where other forces do or
 nothing has to. plan: the planner; joints: inverse kinematics; stage: all that comes after it, checks included, in
-seconds of this process's CPU. verdict: the verifier's, on contacts, joints and torque, under this limit. --weaker: of
-robots with files, this share of the largest torque that each needs as it comes is what it is given.
+seconds of this process's CPU; a limit of 0 is none but the joints' own: what bodies alone take. depth: of the deepest
+collision all along the motion [mm]. judged: contacts, joints, torque, bodies and motion by the verifier, in seconds,
+and its verdict under this limit. --weaker: of robots with files, this share of the largest torque that each needs as it
+comes is what it is given.
 """
 
 from __future__ import annotations
@@ -27,8 +29,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
-from stancekit.planners.projection.torque_limits import TorqueLimits
 from stancekit.planners.projection.whole_body import whole_body
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.plan_joints import plan_angles
 from stancekit.planners.robot.robot_file import named_robot
@@ -48,7 +50,7 @@ class Torques(Options):
     robots: Path | None = None
     """A folder of robots: their quadrupeds climb a step, in place of the hexapod's courses."""
     torque_nm: float = 10.0
-    """Of the hexapod's servos."""
+    """Of the hexapod's servos; 0: what they have."""
     torque_share: float = 0.9
     weaker: float | None = None
     only: str = ""
@@ -66,10 +68,17 @@ def main(options: Torques) -> None:
         rows.append(found)
     bent = [row for row in rows if row.get("share_before", 0.0) > 1.0]
     within = [row for row in bent if row["accepted"] and row["share"] <= 1.0]
-    if not options.json and within:
-        steps = spread([row["steps"] for row in within])
-        print(f"{len(within)} of {len(bent)} that are above the limit come to it, in {steps} steps")
-        print(f"stage, s of CPU: {spread([r['stage_s'] for r in within])}")
+    deep = [row for row in rows if row.get("depth_mm", [0.0])[0] > 1.0]
+    clear = [row for row in deep if row["accepted"]]
+    planned = [row for row in rows if "stage_s" in row]
+    if not options.json and planned:
+        print(f"{sum(row['accepted'] for row in planned)} of {len(planned)} plans are accepted, motion included")
+        print(f"{len(within)} of {len(bent)} that are above the limit come to it")
+        print(f"{len(clear)} of {len(deep)} that collide are planned clear: {', '.join(row['name'] for row in clear)}")
+        for title, chosen in (("all", planned), ("above the limit", within), ("colliding", clear)):
+            if chosen:
+                print(f"stage, s of CPU, {title}: {spread([row['stage_s'] for row in chosen])}")
+        print(f"judging, s of CPU: {spread([row['judged_s'] for row in planned])}")
 
 
 def courses(options: Torques) -> Iterator[tuple[str, Course | str]]:
@@ -100,17 +109,21 @@ def measured(name: str, course: Course, options: Torques) -> Row:
     row: dict[str, Any] = {"name": name, "frames": course.frames, "plan_s": planned - begin}
     if outcome.plan is None:
         return row | {"status": outcome.status.value}
-    limits = TorqueLimits(torque_nm=limit(outcome.plan, options), share=options.torque_share)
+    limits = WholeBodyLimits(torque_nm=limit(outcome.plan, options), share=options.torque_share)
     begin = time.process_time()
     bent = whole_body(outcome.plan, limits)
     bent_s, begin = time.process_time() - begin, time.process_time()
     plan_angles(outcome.plan, Kinematics(course.robot))
     joints_s = time.process_time() - begin
+    begin = time.process_time()
     report = check_plan(bent.plan, joints=True)
+    judged_s = time.process_time() - begin
     return row | {
+        "judged_s": judged_s, "depth_mm": [1e3 * bent.before.depth_m, 1e3 * bent.after.depth_m],
         "status": outcome.status.value, "joints_s": joints_s, "stage_s": bent_s - joints_s, "steps": bent.steps,
-        "before_nm": bent.before[1], "after_nm": bent.after[1], "share_before": bent.before[0], "share": bent.after[0],
-        "accepted": report.accepted, "message": report.message,
+        "before_nm": bent.before.torque_nm, "after_nm": bent.after.torque_nm,
+        "share_before": bent.before.share, "share": bent.after.share,
+        "accepted": report.accepted, "message": report.failures or report.message,
         "goal_mm": [1e3 * check_plan(plan).goal_m for plan in (outcome.plan, bent.plan)],
         "friction_share": bent.plan.provenance.get("friction_share"),
     }  # fmt: skip
@@ -119,8 +132,10 @@ def measured(name: str, course: Course, options: Torques) -> Row:
 def limit(plan: Plan, options: Torques) -> float | None:
     """For any joint [Nm]; None: its own."""
     if options.robots is None:
-        return options.torque_nm
-    return None if options.weaker is None else options.weaker * whole_body(plan, TorqueLimits(steps=0)).before[1]
+        return options.torque_nm or None
+    if options.weaker is None:
+        return None
+    return options.weaker * whole_body(plan, WholeBodyLimits(steps=0)).before.torque_nm
 
 
 def line(row: Row) -> str:
@@ -130,12 +145,12 @@ def line(row: Row) -> str:
     head = f"{row['name']:20} {row['frames']:3} frames, plan {row['plan_s']:.2f} s"
     if "after_nm" not in row:
         return f"{head}: {row['status']}"
-    goals = " → ".join(f"{goal:.0f}" for goal in row["goal_mm"])
-    return (
-        f"{head}, joints {row['joints_s']:.2f}, stage {row['stage_s']:.2f} | {row['before_nm']:.1f} → "
-        f"{row['after_nm']:.1f} Nm ({row['share']:.0%}) in {row['steps']} | goal {goals} mm, friction "
-        f"{row['friction_share']:.0%} | {'accepted' if row['accepted'] else row['message']:.60}"
-    )
+    goals, depths = (" → ".join(f"{value:.0f}" for value in row[name]) for name in ("goal_mm", "depth_mm"))
+    seconds = f"joints {row['joints_s']:.2f}, stage {row['stage_s']:.2f}, judged {row['judged_s']:.2f}"
+    torque = f"{row['before_nm']:.1f} → {row['after_nm']:.1f} Nm ({row['share']:.0%}) in {row['steps']}"
+    verdict = "accepted" if row["accepted"] else f"{row['message']:.60}"
+    friction = f"friction {row['friction_share']:.0%}"
+    return f"{head}, {seconds} | {torque}, {depths} mm deep | goal {goals} mm, {friction} | {verdict}"
 
 
 if __name__ == "__main__":

@@ -17,18 +17,17 @@ from __future__ import annotations
 
 import argparse
 import json
-import re
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
 import stancekit
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.trajectory_file import write_trajectory
-from stancekit.planners.robot.robot_model import RobotModel, model_of
-from stancekit.planners.robot.urdf_reader import JointCorrection
+from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.walker import walker_of
 from stancekit.runner.acceptance import AcceptedGait
 from stancekit.runner.execution import Execution, Tolerance
@@ -43,16 +42,14 @@ TERRAINS = "ripple,rough:0.3:7,rough:0.5:7,rough:0.8:3"
 @dataclass(frozen=True)
 class Example:
     """A robot of example-robot-data: its files, hip and knee as it stands (turned round behind where ``mirrored``),
-    what its file says wrongly of its joints, and the mesh of a foot that is a ball of this radius [m]."""
+    and what its file says wrongly of its joints."""
 
     urdf: str
     srdf: str
     hip_rad: float
     knee_rad: float
     mirrored: bool
-    joint: JointCorrection | None = None
-    foot_mesh: str = ""
-    foot_m: float = 0.0
+    joint: dict[str, float] | None = None
 
 
 B, C = (f"anymal_{kind}_simple_description" for kind in "bc")
@@ -62,8 +59,35 @@ ROBOTS = {
     "go1": Example("go1_description/urdf/go1.urdf", "go1_description/srdf/go1.srdf", 0.8, -1.6, False),
     "a1": Example("a1_description/urdf/a1.urdf", "a1_description/srdf/a1.srdf", 0.8, -1.6, False),
     "solo12": Example("solo_description/robots/solo12.urdf", "solo_description/srdf/solo.srdf", 0.8, -1.5, True,
-                      JointCorrection(torque_nm=2.7, velocity_rad_s=40.0), "solo_foot.stl", 0.016),
+                      {"torque_nm": 2.7, "velocity_rad_s": 40.0}),
 }  # fmt: skip
+
+
+class Asked(Protocol):
+    """What of a robot, or its terrain, is not as planned: joints' offsets [deg], delay [ms], shares of the rest."""
+
+    offset_deg: float
+    delay_ms: float
+    mass: float
+    stiffness: float
+    friction: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wrong:
+    """The same as a world takes it. friction: share of what was counted on."""
+
+    imperfections: Imperfections
+    friction: float
+
+    @classmethod
+    def of(cls, asked: Asked) -> Wrong:
+        """From options."""
+        imperfections = Imperfections(
+            offset_rad=np.deg2rad(asked.offset_deg), delay_s=1e-3 * asked.delay_ms, mass_share=asked.mass,
+            stiffness_share=asked.stiffness,
+        )  # fmt: skip
+        return cls(imperfections=imperfections, friction=asked.friction)
 
 
 def main() -> None:
@@ -78,39 +102,33 @@ def main() -> None:
     for name, usual in (("offset-deg", 0.0), ("delay-ms", 0.0), ("mass", 1.0), ("stiffness", 1.0), ("friction", 1.0)):
         parser.add_argument(f"--{name}", type=float, default=usual)
     arguments = parser.parse_args()
-    wrong = Imperfections(
-        offset_rad=np.deg2rad(arguments.offset_deg), delay_s=1e-3 * arguments.delay_ms, mass_share=arguments.mass,
-        stiffness_share=arguments.stiffness,
-    )  # fmt: skip
+    wrong = Wrong.of(arguments)
     arguments.keep.mkdir(parents=True, exist_ok=True)
     for name in arguments.only.split(","):
         if not (arguments.robots / ROBOTS[name].urdf).exists():
             print(f"{name}: no file {ROBOTS[name].urdf}, left out")
             continue
         for terrain in arguments.terrains.split(","):
-            found = row(name, arguments.robots, terrain, arguments.keep, arguments.world, wrong, arguments.friction)
+            found = row(name, arguments.robots, terrain, arguments.keep, arguments.world, wrong)
             print(json.dumps(found) if arguments.json else line(found), flush=True)
 
 
-def model(example: Example, folder: Path) -> RobotModel:
-    """The robot, in the posture that it walks from."""
+def robot_file(example: Example, folder: Path, path: Path) -> Path:
+    """A file, written to this path, of the robot in the posture that it walks from."""
     urdf, srdf = folder / example.urdf, folder / example.srdf
-    text = urdf.read_text(encoding="utf-8", errors="replace")
-    if example.foot_mesh:
-        text = re.sub(rf'<mesh[^>]*{example.foot_mesh}"[^>]*/>', f'<sphere radius="{example.foot_m}"/>', text)
-    bare = model_of(text, folder=urdf.parent)
-    behind = {leg.name: -1.0 if example.mirrored and leg.hip_m[0] < 0.0 else 1.0 for leg in bare.legs}
+    behind = {leg.name: -1.0 if example.mirrored and leg.hip_m[0] < 0.0 else 1.0 for leg in named_robot(urdf).legs}
     posture = {
         joint: angle
-        for leg in bare.legs
+        for leg in named_robot(urdf).legs
         for joint, angle in zip(
             leg.joint_names, (0.0, behind[leg.name] * example.hip_rad, behind[leg.name] * example.knee_rad), strict=True
         )
     }
-    return model_of(
-        text, folder=urdf.parent, srdf=srdf.read_text(encoding="utf-8") if srdf.exists() else "", posture_rad=posture,
-        joints={} if example.joint is None else dict.fromkeys(posture, example.joint),
-    )  # fmt: skip
+    keys = {"urdf": str(urdf.resolve()), "posture_rad": posture}
+    keys |= {"srdf": str(srdf.resolve())} if srdf.exists() else {}
+    keys |= {} if example.joint is None else {"joints": dict.fromkeys(posture, example.joint)}
+    path.write_text(json.dumps(keys), encoding="utf-8")  # which is YAML, too
+    return path
 
 
 def planned(name: str, folder: Path, terrain: str, keep: Path) -> Path | str:
@@ -118,7 +136,7 @@ def planned(name: str, folder: Path, terrain: str, keep: Path) -> Path | str:
     path = keep / f"{name}-{terrain.replace(':', '-')}.json"
     if path.exists():
         return path
-    robot = walker_of(model(ROBOTS[name], folder))
+    robot = walker_of(named_robot(robot_file(ROBOTS[name], folder, keep / f"{name}.yaml")))
     far = HEIGHTS * robot.stand_height_m
     found = stancekit.walk(
         terrain, (far * np.cos(HEADING_RAD), far * np.sin(HEADING_RAD)), robot=robot, friction=FRICTION, total_s=120.0
@@ -129,9 +147,7 @@ def planned(name: str, folder: Path, terrain: str, keep: Path) -> Path | str:
     return path
 
 
-def row(
-    name: str, folder: Path, terrain: str, keep: Path, world: str, wrong: Imperfections, friction: float
-) -> dict[str, object]:
+def row(name: str, folder: Path, terrain: str, keep: Path, world: str, wrong: Wrong) -> dict[str, object]:
     """One walk, run."""
     message: dict[str, object] = {"robot": name, "terrain": terrain}
     path = planned(name, folder, terrain, keep)
@@ -139,13 +155,13 @@ def row(
         return message | {"outcome": f"not planned: {path}"}
     accepted = AcceptedGait.from_file(path)
     settings = RunSettings(check_limits=False, tolerance=Tolerance(body_m=0.3, body_rad=0.8, slip_m=SLIP_M))
-    with make_world(world, accepted.robot, imperfections=wrong) as made:
+    with make_world(world, accepted.robot, imperfections=wrong.imperfections) as made:
         try:
             Runner(made).prepare(accepted)
             fits = ""
         except InvalidInput as error:
             fits = str(error)
-        report = Runner(made, settings=settings).run(accepted, accepted.ground(friction))
+        report = Runner(made, settings=settings).run(accepted, accepted.ground(wrong.friction))
     run = report.execution
     if run is None:
         return message | {"outcome": report.message}

@@ -10,6 +10,7 @@ import tyro
 from .bench_envelopes import BenchEnvelopes
 from .bench_gait import BenchGait
 from .bench_planner import BenchPlanner
+from .bench_scenes import BenchScenes
 
 
 @dataclass
@@ -19,6 +20,7 @@ class Bench:
     what: (
         Annotated[BenchEnvelopes, tyro.conf.subcommand("envelopes", prefix_name=False)]
         | Annotated[BenchPlanner, tyro.conf.subcommand("planner", prefix_name=False)]
+        | Annotated[BenchScenes, tyro.conf.subcommand("scenes", prefix_name=False)]
         | Annotated[BenchGait, tyro.conf.subcommand("gait", prefix_name=False)]
     )
 

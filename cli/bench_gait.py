@@ -11,7 +11,9 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
+from .bench_against import judge
 from .console import emit, make_folder, out, stages
+from .options import OptionalPath
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -51,6 +53,9 @@ class BenchGait:
     """Processes."""
     out: Path | None = None
     """Folder for the cells and the tables; out/bench-gait, or out/bench-gait-quick, where there is none."""
+    against: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
+    """Walks of other programs, NAME.yaml with NAME.csv or NAME.npz (docs/formats.md): measure nothing, judge these by
+    the same check, beside the cells that --out has of the same tasks."""
     kept: bool = False
     """Measure nothing: the tables of what the folder has."""
     json: bool = False
@@ -58,6 +63,8 @@ class BenchGait:
 
     def run(self) -> int:
         """Measure what is missing, and print the tables."""
+        if self.against is not None:
+            return judge(self.against, self.out or Path("out/bench-gait"), as_json=self.json)
         from rich.console import Console
 
         from stancekit.learners.evaluation import gait_bench, gait_drawings, gait_figures

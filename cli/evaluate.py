@@ -14,7 +14,7 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, progress
-from .names import ROBOT, TERRAIN, named
+from .names import PROJECTION, ROBOT, TERRAIN, named
 from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ class Evaluate:
     """Files of any selectors to compare: envelopes, neural selectors, choosers, policies; or selectors of your own."""
     lift: bool = True
     """The lift, which needs no envelope, is compared, too; --no-lift leaves it out."""
-    project: tuple[Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"], ...] = ("fix-p", "fix-f", "fix-toes", "scp")
+    project: Annotated[tuple[str, ...], PROJECTION] = ("fix-p", "lift-fix-p", "fix-toes", "scp")
     """Projections; nlp takes some 30 ms a problem."""
     workers: int = 1
     """Processes. Times of P1 are honest with as many as there are idle cores."""
@@ -66,9 +66,12 @@ class Evaluate:
         from stancekit.learners.selectors.selector import Learned
         from stancekit.learners.selectors.selector_file import load_selector
         from stancekit.planners.answer.answer_file import read_envelopes
+        from stancekit.planners.projection.project import PROJECTIONS
 
         if not self.project:
             raise InvalidInput("--project: expected one or more projections, got none")
+        for name in self.project:
+            PROJECTIONS.get(name)
         if not (self.envelope or self.selector or self.lift):
             raise InvalidInput("--envelope, --selector: expected one or more files to compare, or the lift, got none")
         dataset = Dataset.open(self.dataset)
@@ -88,8 +91,8 @@ class Evaluate:
             with progress(f"evaluate {name}") as bar:
                 scores.append(
                     evaluate(
-                        name, learned.selector, scenes, problem_class=dataset.problem_class,
-                        projections=ways, boxes=learned.boxes, progress=bar, run=run,
+                        name, learned, scenes, problem_class=dataset.problem_class, projections=ways, progress=bar,
+                        run=run,
                     )
                 )  # fmt: skip
         if self.lift:

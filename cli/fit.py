@@ -26,8 +26,9 @@ class Fit:
     heuristic: the expert's bounds of paper E. quantile: the box that leaves a share of the solutions out on each side.
     gmm-printed: paper E's Algorithm 2 line by line. gmm: Algorithm 2 with its boundary fitted by P1's own margins.
     ga: paper E's genetic algorithm. gradient: boxes that descend P1's margins together. chooser: those, and a network
-    that picks one a terrain. neural: a network from terrain to box. rl: a policy learned in the environment. modes: a
-    box a terrain, forces in world axes, between which `stancekit plan --envelope` switches.
+    that picks one a terrain. neural: a network from terrain to box. joint: one to box and point, for P1 joined with
+    the lift. rl: a policy learned in the environment. modes: a box a terrain, forces in world axes, between which
+    `stancekit plan --envelope` switches.
     """
 
     dataset: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER [FOLDER …]")]

@@ -14,7 +14,7 @@ from stancekit.planners.files.validation import shown
 from . import gait_options
 from .console import as_options, emit, err, out
 from .options import check_drawn
-from .terrain import TerrainFile
+from .terrain_options import TerrainFile
 from .watch import interruptible, watching
 
 if TYPE_CHECKING:
@@ -252,8 +252,12 @@ class Gait:
         for line in words(plan):
             out.print(line, highlight=False)
         if (found := joints(best)) is not None:
-            message = f"{found['reached']} of {found['feet']} feet are reached by the robot's own legs"
-            out.print(f"joints: {message}, the worst within {1e3 * found['worst_m']:.2g} mm", highlight=False)
+            parts = [
+                f"{name} {each['value']:.2g}{'' if each['unit'] == '1' else ' ' + each['unit']}"
+                f"{' of ' + each['where'] if name in ('torque', 'joint_speed') else ''}"
+                for name, each in found.items()
+            ]
+            out.print(f"whole body: {', '.join(parts)}", highlight=False)
         if written:
             mark = "" if best.report.accepted else ", NOT VERIFIED"
             out.print(f"{self.out}: {best.trajectory.samples} samples{mark}")

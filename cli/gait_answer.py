@@ -152,16 +152,16 @@ def words(plan: GaitPlan) -> list[str]:
 
 
 def joints(one: Attempted) -> dict[str, Any] | None:
-    """How many feet of a walk the robot's own legs bring where they should be, over all samples; None without legs."""
+    """What a walk asks of the robot's own legs, as the verifier measured it: group by group value, unit, and where;
+    None without legs."""
+    from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
+
     if one.trajectory.robot.model is None:
         return None
-    from stancekit.planners.robot.walk_joints import walk_joints
-
-    found = walk_joints(one.trajectory)
     return {
-        "feet": int(found.reached.size),
-        "reached": int(found.reached.sum()),
-        "worst_m": float(found.error_m.max()),
+        group.group: {"value": group.value, "unit": group.unit, "where": group.where}
+        for group in one.report.groups
+        if group.group in WHOLE_BODY and group.checked
     }
 
 

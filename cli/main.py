@@ -47,8 +47,8 @@ TRACE = "STANCEKIT_TRACE"
 VERBS = {
     "sample": "Sample", "solve": "Solve", "verify": "Verify", "label": "LabelPostures", "fit": "Fit", "train": "Train",
     "evaluate": "Evaluate", "picture": "Picture", "export": "Export", "plan": "PlanCourse", "simulate": "Simulate",
-    "run": "Run", "replay": "Replay", "robot": "Robot", "warp": "Warp", "gait": "Gait", "bench": "Bench",
-    "demo": "Demo",
+    "terrain": "ShowTerrain", "run": "Run", "replay": "Replay", "robot": "Robot", "warp": "Warp", "gait": "Gait",
+    "bench": "Bench", "demo": "Demo",
 }  # fmt: skip
 """The class of every verb, in the module of the verb's name, which is imported when it is asked for."""
 

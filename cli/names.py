@@ -24,6 +24,7 @@ def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
     return tyro.conf.arg(metavar=metavar, help_behavior_hint=hint)
 
 
+PROJECTION = named("stancekit.planners.projection.project:PROJECTIONS")
 DISTRIBUTION = tyro.conf.arg(metavar="NAME")
 ROBOT = tyro.conf.arg(metavar="FILE|NAME")
 TERRAIN = tyro.conf.arg(metavar="FILE")

@@ -11,6 +11,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, text_of
+from .names import PROJECTION
 
 
 @dataclass
@@ -27,7 +28,7 @@ class Picture:
     """How to solve it; none draws the scene alone."""
     envelope: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file: drawn, and used by two-stage."""
-    project: Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"] = "scp"
+    project: Annotated[str, PROJECTION] = "scp"
     """Projection of two-stage."""
     json: bool = False
     """Print what was drawn as one JSON object."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -11,16 +11,17 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
+from .between import Between
 from .console import as_options, complain, emit, out, progress
-from .names import named
+from .names import PROJECTION, named
 from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn, check_planner
 from .plan_table import message_of, row, table_of
-from .robot_plan import along, refuted, torque_line
+from .robot_plan import bent_lines, refuted
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
     from stancekit.planners.problem.course import Course
-    from stancekit.planners.projection.torque_limits import TorqueLimits
+    from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
     from stancekit.planners.search.answer import CoursePlanner
     from stancekit.planners.verify import Report
 
@@ -41,11 +42,13 @@ SETTINGS = ("planner", "relaxation", "envelope", "envelopes", "projection", "sol
 class PlanCourse:
     """Plan the key frames of a climb: where every toe goes, where the body is, and what every limb carries.
 
-    COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall) or a YAML or JSON file of your own; a file
-    of one posture problem is a course of one frame.
+    COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), a published scene (anymal-stairs,
+    talos-ramp, …), a YAML or JSON file of your own, or with --start and --goal a terrain's file, as `stancekit terrain`
+    has them; a file of one posture problem is a course of one frame.
 
       stancekit plan walls --frames 8 --out climb.json --picture climb.png
       stancekit plan icy-walls --html climb.html
+      stancekit plan rubble.stl --start 0,0 --goal 2,0.5 --robot go1.urdf
       stancekit verify climb.json
 
     A plan that is found has been accepted by a verifier that knows nothing of planners: every stance of every key
@@ -57,7 +60,7 @@ class PlanCourse:
     """
 
     course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
-    """Built-in name, or YAML or JSON file."""
+    """Built-in name, YAML or JSON file, or a terrain's file."""
     planner: Annotated[str, named("stancekit.planners.search.methods:COURSE_PLANNERS")] = "two-stage"
     """two-stage: convex relaxation and projection. exact: branch and bound to the best plan, for short courses. micp:
     piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces after, a baseline that fails on ice. One of
@@ -68,9 +71,11 @@ class PlanCourse:
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME")] = None
     """Another robot than the course's: a built-in name, a .urdf file, or a .yaml file that names one (extra kin). Plans
     use what its legs reach, and joint angles are found for every key frame."""
+    reach: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
+    """Folder of reach polytopes (OBJ, as kinematic planners publish them) in place of the limbs' own reach."""
     envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for two-stage and micp, as `stancekit fit` writes it; for two-stage also a file of modes."""
-    projection: Literal["scp", "fix-p", "fix-toes"] = "scp"
+    projection: Annotated[str, PROJECTION] = "scp"
     """Second stage of two-stage and micp. fix-p: the paper's. fix-toes: frees body and forces. scp: frees all, in
     steps."""
     solver: Literal["highs", "scip", "gurobi"] = "highs"
@@ -86,6 +91,11 @@ class PlanCourse:
     holds it to that. Without it, a plan for a robot's file keeps to the file's limits."""
     torque_share: float = 0.9
     """Where a plan asks for more torque than there is, it is bent until this share of it is enough."""
+    between: Annotated[Between, tyro.conf.OmitArgPrefixes] = field(default_factory=Between)
+    """From where to where over a terrain's file."""
+    clearance_m: float = 0.005
+    """Where links go through each other or the terrain, at key frames or between them, a plan is bent until they are so
+    far apart [m]."""
     frames: OptionalInt = None
     """Number of key frames M, where not the course's own."""
     engine: Literal["rows", "cvxpy"] = "rows"
@@ -93,9 +103,6 @@ class PlanCourse:
     (much slower)."""
     time_limit_s: float = 60.0
     """Limit for the planner; what is not decided by then is undecided [s]."""
-    motion: bool = False
-    """Judge bodies all along the motion that `stancekit run` makes of the plan, not at key frames alone; takes
-    seconds."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
     """Plan file, for `stancekit verify`, `stancekit simulate` and `stancekit run`."""
     proof: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
@@ -113,16 +120,15 @@ class PlanCourse:
         """Plan, write what was asked for; exit code 1 without a plan."""
         from stancekit.planners.answer.outcome import Status
         from stancekit.planners.answer.proof_file import write_proof
-        from stancekit.planners.problem.course_file import read_course
         from stancekit.planners.search.friction_margin import plan_with_reserve
 
         self._check()
         planner = self._planner()
-        course = read_course(self.course, self.frames, self.robot)
+        course = self.between.course(self.course, self.frames, self.robot, reach=self.reach)
         with progress(f"plan {course.name} by {self.planner}") as bar:
             outcome = plan_with_reserve(planner, course) if self._reserved() else planner.solve(course)
             if self._has_sets(course) and outcome.certificate is not None:
-                around = read_course(self.course, self.frames, self.robot, "outer")
+                around = self.between.course(self.course, self.frames, self.robot, "outer")
                 course, outcome = refuted(course, outcome, around, planner.solve(around))
             outcome = self._whole_body(outcome)
             bar(1, 1)
@@ -143,23 +149,17 @@ class PlanCourse:
                 complain(f"wrote {self.proof}" if proved else f"{self.proof}: not written, since nothing is proved")
         return int(outcome.status is not Status.FEASIBLE or report is None or not report.accepted)
 
-    def _limits(self) -> TorqueLimits:
-        from stancekit.planners.projection.torque_limits import TorqueLimits
+    def _limits(self) -> WholeBodyLimits:
+        from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 
-        with as_options("torque_nm", "torque_share"):
-            return TorqueLimits(torque_nm=self.torque_nm, share=self.torque_share)
+        with as_options("torque_nm", "torque_share", "clearance_m"):
+            return WholeBodyLimits(torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m)
 
     def _whole_body(self, outcome: PlanOutcome) -> PlanOutcome:
-        """With joint angles and within torque limits, where the robot has legs of its own or torques are asked for.
-
-        Else `stancekit verify` finds the angles: that takes about as long as the whole plan does.
-        """
-        limits = self._limits()
-        if outcome.plan is None or not limits.concern(outcome.plan.course.robot):
-            return outcome
+        """With joint angles, within torque limits, and judged along its motion, where the legs are known."""
         from stancekit.planners.search.whole_body_outcome import with_whole_body  # slow to import
 
-        return with_whole_body(outcome, limits)
+        return with_whole_body(outcome, self._limits())
 
     def _has_sets(self, course: Course) -> bool:
         """Whether the course has inner and outer sets of a robot's own legs; one in JSON has what it has."""
@@ -220,7 +220,7 @@ class PlanCourse:
         """Verify the plan once more, and write the files that were asked for."""
         from stancekit.planners.verify import check_plan
 
-        report = check_plan(plan, joints=True, way=along if self.motion else None)
+        report = check_plan(plan, joints=True)
         if self.out is not None:
             from stancekit.planners.answer.plan_file import write_plan
 
@@ -250,9 +250,10 @@ class PlanCourse:
         share = plan.provenance.get("friction_share", 1.0)
         if share != 1.0:
             yield f"planned with {100 * share:.0f} % of the friction"
+        if press := plan.provenance.get("press_share"):
+            yield f"every foot that carries presses with {100 * press:.0f} % of the weight or more"
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.goal_m:.0f} mm from the goal"
-        if line := torque_line(outcome.details):
-            yield line
+        yield from bent_lines(outcome.details)
         yield report.joints_message
         if plan.modes is not None:
             terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"

@@ -8,19 +8,21 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from stancekit.planners.answer.plan import Plan, PlanOutcome
+    from stancekit.planners.answer.plan import PlanOutcome
     from stancekit.planners.problem.course import Course
-    from stancekit.planners.robot.bodies import WholeBody
-    from stancekit.planners.robot.kinematics import Kinematics
 
 
-def torque_line(details: Mapping[str, float]) -> str:
-    """What planning with the whole body did to the largest torque; empty where it had nothing to do."""
-    if details.get("torque_nm", math.nan) == details.get("torque_nm_before", math.nan) or "torque_nm" not in details:
-        return ""
-    steps = int(details["torque_steps"])
+def bent_lines(details: Mapping[str, float]) -> Iterator[str]:
+    """What planning with the whole body did to the largest torque and the deepest collision; nothing where it had
+    nothing to do."""
+    steps = int(details.get("torque_steps", 0.0))
     how = f"in {steps} step{'s' * (steps != 1)}" if steps else "by other forces"
-    return f"torque: {details['torque_nm_before']:.1f} → {details['torque_nm']:.1f} Nm {how}"
+    before, after = (details.get(name, math.nan) for name in ("torque_nm_before", "torque_nm"))
+    if math.isfinite(after) and before != after:
+        yield f"torque: {before:.1f} → {after:.1f} Nm {how}"
+    before, after = (1e3 * details.get(name, math.nan) for name in ("depth_m_before", "depth_m"))
+    if math.isfinite(after) and before != after:
+        yield f"deepest collision: {before:.1f} → {after:.1f} mm {how}"
 
 
 def refuted(course: Course, outcome: PlanOutcome, around: Course, second: PlanOutcome) -> tuple[Course, PlanOutcome]:
@@ -37,10 +39,3 @@ def refuted(course: Course, outcome: PlanOutcome, around: Course, second: PlanOu
     return course, replace(
         outcome, status=Status.UNDECIDED, certificate=None, bound=math.nan, message=message, claim=""
     )
-
-
-def along(plan: Plan, kinematics: Kinematics) -> Iterator[tuple[float, WholeBody]]:
-    """The runner's motion; what makes it is slow to import."""
-    from stancekit.runner.motion import bodies
-
-    return bodies.along(plan, kinematics)

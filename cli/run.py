@@ -16,11 +16,14 @@ from rich.table import Table
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, err, out, progress
+from .options import check_drawn
 from .policy import read_policy
+from .run_film import film
 from .run_table import loop_table, run_table
 
 if TYPE_CHECKING:
     from stancekit.planners.problem.course import Course
+    from stancekit.planners.robot.actuators import Actuators
     from stancekit.planners.terrain import Patch
     from stancekit.runner.acceptance import Accepted, AcceptedGait
     from stancekit.runner.log import Log
@@ -72,6 +75,11 @@ class Run:
     """A policy plans anew where body or feet are farther than this from the plan; inf for never."""
     friction_share: float = 1.0
     """Simulations: the terrain has only this share of the friction that the plan counts on."""
+    actuators: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE")] = None
+    """What turns the joints: XM540-W270, XM430-W350, or a file that says which joint has which. Without it: what the
+    robot's own file says, or the device."""
+    blind: bool = False
+    """Simulations: send what a robot that measures its joints alone is sent."""
     arm: bool = False
     """Move something real. Simulations and logs need no arming."""
     ending: Literal["hold", "home", "torque-off"] = "hold"
@@ -93,6 +101,9 @@ class Run:
     set-up file does the same for world ros.)"""
     picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the tracking, .png, .pdf or .svg; with --log."""
+    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
+    """Film of what a simulated world had: the robot's own links, and the forces that its feet felt (extras mujoco and
+    viz, and a GL library). A plan's is twice as fast as the world."""
     json: bool = False
     """Print the report as one JSON object."""
 
@@ -109,12 +120,12 @@ class Run:
         request = self._request()
         with ExitStack() as stack:
             made_for = request.plan.course if isinstance(request, Accepted) else request
-            with as_options("speed_rad_s", "setup", "rate_hz"):
+            with as_options("speed_rad_s", "setup", "rate_hz", "actuators"):
                 settings = self._settings()
                 world = kind.make(
                     WorldSettings(
                         robot=made_for.robot, gravity_m_s2=made_for.gravity_m_s2, setup=self.setup,
-                        rate_hz=self.rate_hz,
+                        rate_hz=self.rate_hz, actuators=self._actuators(),
                     )
                 )  # fmt: skip
             stack.callback(world.close)
@@ -160,10 +171,12 @@ class Run:
             return self._walk(runner, request, None)
         if isinstance(request, AcceptedGait):
             report = runner.run(request, request.ground(self.friction_share))
+            film(self.video, request, report)
         elif self.policy is not None:
             return self._walk(runner, request.plan.course, request)
         else:
             report = runner.run(request, self._terrain(request.plan.course))
+            film(self.video, request, report)
         return report.succeeded, report.to_json(), run_table(report)
 
     def _walk(self, runner: Runner, course: Course, first: Accepted | None) -> Done:
@@ -192,7 +205,7 @@ class Run:
                 emit({"plan": str(self.plan), **record})
             else:
                 out.print(table)
-                for path in (self.log, self.picture):
+                for path in (self.log, self.picture, self.video):
                     if path is not None:
                         out.print(f"written: {path}")
         except BrokenPipeError:  # nobody reads it, but the exit code is of the robot
@@ -205,8 +218,14 @@ class Run:
         from stancekit.runner.settings import RunSettings
 
         return RunSettings(
-            timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung
-        )
+            timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung,
+            blind=self.blind,
+        )  # fmt: skip
+
+    def _actuators(self) -> Actuators | None:
+        from stancekit.planners.robot.actuators import read_actuators
+
+        return None if self.actuators is None else read_actuators(self.actuators)
 
     def _terrain(self, course: Course) -> Sequence[Patch]:
         """What the world has."""
@@ -226,6 +245,11 @@ class Run:
             raise InvalidInput(f"--friction-share: expected a number above 0, up to 1, got {self.friction_share:g}")
         if self.friction_share != 1.0 and kind.kind != "simulation":
             raise InvalidInput(f"--friction-share: expected a simulated world with it, got {self.world}")
+        if self.blind and (kind.kind != "simulation" or self.policy is not None):
+            wrong = f"got {self.world}" if self.policy is None else "got --policy"
+            raise InvalidInput(f"--blind: expected a plan or a gait in a simulated world with it, {wrong}")
+        if self.actuators is not None and kind.kind == "recording":
+            raise InvalidInput(f"--actuators: expected none with world {self.world}: the log has its own")
         if self.horizon is not None and self.horizon < 0:
             raise InvalidInput(f"--horizon: expected 0 or more, got {self.horizon}")
         if self.replan_m is not None and not self.replan_m > 0.0:
@@ -238,6 +262,10 @@ class Run:
         if self.log is not None:
             self._check_log(self.log)
             check_writable(self.log)
+        check_drawn(video=self.video)
+        if self.video is not None and (kind.kind != "simulation" or self.policy is not None):
+            wrong = f"got {self.world}" if self.policy is None else "got --policy"
+            raise InvalidInput(f"--video: expected a plan or a gait in a simulated world with it, {wrong}")
         if self.picture is not None:
             from stancekit.views.sheet import check_picture
 

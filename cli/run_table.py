@@ -27,6 +27,9 @@ def run_table(report: RunReport) -> Table:
     if report.joint_worst:
         worst, rms = 1e3 * report.joint_worst_rad, 1e3 * report.joint_rms_rad
         table.add_row("joints", f"{worst:.1f} mrad from the plan at most ({report.joint_worst}), {rms:.1f} mrad (RMS)")
+    for name, given in (("needs", report.needs), ("measured", report.loads)):
+        if given is not None:
+            table.add_row(name, given.line)
     if not report.body_measured:
         table.add_row("body", "not measured: joints alone were followed")
     if report.execution is not None:
@@ -39,7 +42,6 @@ def run_table(report: RunReport) -> Table:
         table.add_row(
             "feet", f"slid {1e3 * float(run.slip_m.max()):.1f} mm at most, touched up to {late_ms:.0f} ms late"
         )
-        table.add_row("torque", f"{float(run.torque_share.max()):.0%} of its joint's limit at most")
         table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
     median, late = (1e3 * value for value in report.cycle_s)
     if np.isfinite(median):

@@ -1,4 +1,4 @@
-"""``stancekit sample``: draw posture problems."""
+"""``stancekit sample``: draw posture problems, or scenes of a terrain family."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import emit, out
+from .console import emit, out, progress
 from .names import DISTRIBUTION, ROBOT, TERRAIN
 from .options import OptionalPath, OptionalText
 
@@ -21,11 +21,14 @@ class Sample:
     """Draw posture problems from a distribution, one JSON object a line.
 
     The output is what `stancekit solve` reads. Equal seeds give equal problems.
+
+    Of a terrain family at a level, as stairs:0.6, scenes are written into a folder (--export): heights, surfaces, and
+    whether the hexapod has a plan there.
     """
 
     problem: Annotated[str, tyro.conf.Positional, DISTRIBUTION]
     """Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; one that another package brings, a YAML file,
-    or FILE.py:NAME."""
+    FILE.py:NAME; or FAMILY:LEVEL with --export."""
     robot: Annotated[OptionalText, ROBOT] = None
     """Robot whose legs stand: a .urdf file, or a .yaml file that names one (extra kin); else the default hexapod."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
@@ -36,6 +39,8 @@ class Sample:
     """Seed of the random stream."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """File to write; standard output where there is none."""
+    export: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
+    """New or empty folder for the scenes of a family."""
     json: bool = False
     """Say what was written to a file as one JSON object."""
 
@@ -50,6 +55,8 @@ class Sample:
             raise InvalidInput(f"--count: expected 1 or more, got {self.count}")
         if self.seed < 0:
             raise InvalidInput(f"--seed: expected 0 or more, got {self.seed}")
+        if self.export is not None:
+            return self._export(self.export)
         source = distribution(self.problem, robot=self.robot, terrain=self.terrain)
         rng = np.random.default_rng(self.seed)
         records = (source.sample(rng).to_json() for _ in range(self.count))
@@ -63,4 +70,32 @@ class Sample:
             emit({"out": str(self.out), "problem_class": source.name, "problems": self.count})
         else:
             out.print(f"{self.out}: {self.count} problem(s) of {source.name}")
+        return 0
+
+    def _export(self, folder: Path) -> int:
+        """Write the scenes of a family."""
+        from stancekit.learners.data.scene_set import export_scenes
+        from stancekit.planners.problem.family_scene import family_name
+        from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+
+        family, _, level = self.problem.partition(":")
+        try:
+            hard = float(level) if family_name(self.problem) else None
+        except ValueError:
+            hard = None
+        if hard is None:
+            raise InvalidInput(f"--export: expected FAMILY:LEVEL as in stairs:0.6, got {self.problem!r}")
+        for name in ("robot", "terrain", "out"):
+            if getattr(self, name) is not None:
+                raise InvalidInput(f"--{name}: expected none with --export, got {getattr(self, name)}")
+        with progress("scenes") as bar:
+            planner = TwoStageCoursePlanner()
+            index = export_scenes(folder, family, hard, count=self.count, planner=planner, seed=self.seed, progress=bar)
+        statuses = [scene["status"] for scene in index["scenes"]]
+        said = {status: statuses.count(status) for status in ("feasible", "infeasible", "undecided")}
+        if self.json:
+            emit({"out": str(folder), "scenes": self.count, **said})
+        else:
+            text = ", ".join(f"{number} {status}" for status, number in said.items())
+            out.print(f"{folder}: {self.count} scene(s) of {self.problem}: {text}")
         return 0

@@ -14,8 +14,8 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress, text_of
-from .names import named
-from .options import OptionalPath, check_planner
+from .names import PROJECTION, named
+from .options import OptionalPath, OptionalText, check_planner
 
 if TYPE_CHECKING:
     from stancekit.planners.problem import PostureProblem
@@ -57,7 +57,7 @@ class Solve:
     as far as the verifier accepts its postures and certificates."""
     envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for p1, two-stage and micp."""
-    project: Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp", None] = None
+    project: Annotated[OptionalText, PROJECTION] = None
     """Projection after the relaxation of two-stage (there scp unless another is named), p1 or lift."""
     solver: Literal["highs", "scip", "gurobi"] = "highs"
     """Solver of micp."""

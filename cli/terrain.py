@@ -1,58 +1,100 @@
-"""Terrains as the command line names them: a reference, a draw, FILE.py:NAME, or a file with its numbers' meaning."""
+"""``stancekit terrain``: what of a terrain a foot may be put on."""
 
 from __future__ import annotations
 
-import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
+from rich.table import Table
 
-from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import shown
+from .console import emit, out
+from .options import OptionalPath, OptionalText, check_drawn
+from .terrain_options import FootholdOptions, TerrainFile, in_options
 
 if TYPE_CHECKING:
-    from stancekit.planners.terrain.heightfield import HeightField
+    from stancekit.planners.terrain.footholds import Footholds
 
 
 @dataclass
-class TerrainFile:
+class ShowTerrain:
+    """Show the footholds of a terrain: planar convex pieces, what was refused and why, and how certain each is.
+
+    TERRAIN is a mesh (.stl, .obj, .ply, .dae, .off, .glb; broken ones, too), a grid of heights (.npy, .npz, .csv,
+    .png), a point cloud (.ply, .pcd, .xyz, .npy, .csv), or a reference or random terrain as `stancekit gait` has them.
+
+      stancekit terrain stairs.stl --unit-m 0.001 --picture footholds.png
+      stancekit terrain scan.pcd --spacing-m 0.02 --noise-m 0.01 --robot go1.urdf --json
+      stancekit plan stairs.stl --start 0,0 --goal 1.5,0
+
+    Exit code: 0 done; 2 bad input, or no foothold at all.
+    """
+
+    terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
+    """File, name, FAMILY:DIFFICULTY:SEED, or FILE.py:NAME."""
+    robot: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
+    """Whose foot is the margin and the least width: a built-in name, a .urdf file, or a .yaml file that names one."""
+    file: Annotated[TerrainFile, tyro.conf.OmitArgPrefixes] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
+    footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(default_factory=FootholdOptions)
+    """What counts as a foothold."""
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
+    """Picture of the terrain with its footholds: .png, .pdf or .svg."""
+    html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
+    """Page in three dimensions that a browser opens from disk (extra viz)."""
+    json: bool = False
+    """One JSON object: patches, areas, what was refused and why."""
 
-    spacing_m: float = 0.05
-    """Grid spacing of a file, and at which a mesh is sampled [m]."""
-    unit_m: float = 1.0
-    """What one unit of lengths in a file means [m]; 0.001 for millimetres."""
-    smooth_m: float = 0.0
-    """Deviation of a Gaussian that smooths a file's heights; a wall has to be wider than the grid's spacing [m]."""
-    heights_m: Annotated[str | None, tyro.conf.arg(metavar="BLACK,WHITE")] = None
-    """Heights of black and white in a .png [m]."""
+    def run(self) -> int:
+        """Read, find footholds, draw, say."""
+        check_drawn(picture=self.picture, html=self.html)
+        found = self._found()
+        if self.picture is not None:
+            from stancekit.views.footholds import draw_footholds
+            from stancekit.views.sheet import save
 
-    def read(self, name: str) -> HeightField:
-        """The terrain of a name. Raises InvalidInput."""
-        from stancekit.planners.terrain.reference import named_terrain
+            save(draw_footholds(found), self.picture)
+        if self.html is not None:
+            from stancekit.views.footholds import foothold_motion
+            from stancekit.views.page import write_page
 
-        options: dict[str, Any] = {"spacing_m": self.spacing_m, "unit_m": self.unit_m, "smooth_m": self.smooth_m}
-        if self.heights_m is not None:
-            options["height_m"] = numbers(self.heights_m, "--heights-m", float, 2)
-        try:
-            return named_terrain(name, **options)
-        except InvalidInput as error:
-            raise InvalidInput(_as_options(str(error))) from None
+            write_page(self.html, foothold_motion(found))
+        if self.json:
+            emit(found.to_json())
+            return 0
+        out.print(_table(found))
+        for path in (self.picture, self.html):
+            if path is not None:
+                out.print(f"wrote {path}", highlight=False)
+        return 0
+
+    def _found(self) -> Footholds:
+        from stancekit.planners.robot.robot_file import named_robot
+        from stancekit.planners.terrain.elevation import ElevationMap
+        from stancekit.planners.terrain.footholds import footholds_of, read_footholds
+
+        limits = self.footholds.limits(None if self.robot is None else named_robot(self.robot))
+        with in_options():
+            if Path(self.terrain).exists() and ".py" not in self.terrain:
+                return read_footholds(self.terrain, self.file.options(), limits)
+            field_ = self.file.read(self.terrain)
+            return footholds_of(ElevationMap.of_field(field_), limits)
 
 
-def _as_options(message: str) -> str:
-    """A reader's message with its settings as the options that give them."""
-    message = re.sub(r"\bheight_m\b", "--heights-m", message)
-    return re.sub(r"\b(spacing|unit|smooth)_m\b=?", r"--\1-m ", message).replace("-m :", "-m:")
+def _table(found: Footholds) -> Table:
+    import numpy as np
 
-
-def numbers(text: str, option: str, kind: type, count: int) -> tuple[Any, ...]:
-    """As many numbers as an option wants, with commas between them. Raises InvalidInput."""
-    try:
-        found = tuple(kind(part) for part in text.split(","))
-    except ValueError:
-        found = ()
-    if len(found) != count:
-        raise InvalidInput(f"{option}: expected {count} numbers with commas between them, got {shown(text)}")
-    return found
+    table = Table(box=None, show_header=False)
+    table.add_column(style="bold")
+    table.add_column()
+    surfaces = len({piece.surface for piece in found.pieces})
+    rms = np.array([piece.rms_m for piece in found.pieces])
+    table.add_row("terrain", found.name)
+    table.add_row("footholds", f"{len(found.pieces)} patches on {surfaces} surfaces, {found.area_m2:.4g} m²")
+    table.add_row("steepest", f"{np.rad2deg(max(piece.slope_rad for piece in found.pieces)):.1f}°")
+    table.add_row("rms off plane", f"{1e3 * np.median(rms):.2g} mm median, {1e3 * rms.max():.2g} mm at most")
+    for reason, area in found.refused_m2.items():
+        if area > 1e-6:
+            table.add_row(f"not: {reason}", f"{area:.4g} m²")
+    return table

@@ -15,9 +15,10 @@ from stancekit.planners.files.validation import shown
 
 from .console import complain, emit, out, text_of
 from .options import OptionalPath, OptionalText
-from .robot_plan import along
 
 TOLERANCE = 1e-6
+TOLD_M = 1e-3
+"""A toe that is farther out of reach with the exact rotation than with I + [Θ]× by this is told of [m]."""
 EVIDENCE = {"feasible": "posture", "infeasible": "certificate"}
 """What an answer of each status has to hold; none for one that decides nothing."""
 
@@ -45,10 +46,10 @@ class Verify:
     tolerance: float = TOLERANCE
     """Largest violation of an accepted posture (non-dimensional)."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE")] = None
-    """The robot that a plan is for, a .urdf or a .yaml file: a plan whose own copy of it differs is refused."""
-    motion: bool = False
-    """Of a plan: judge bodies all along the motion that `stancekit run` makes of it, too; so is one whose file lists
-    that."""
+    """The robot that a plan or a gait is for, a .urdf or a .yaml file: an own copy of it that differs is refused."""
+    course: Annotated[OptionalText, tyro.conf.arg(metavar="COURSE")] = None
+    """The course that a plan is for, as `stancekit plan` takes it, for the robot of --robot: a plan of other terrain,
+    friction, start, goal, limits or robot is refused."""
     explain: bool = False
     """Say for every proof what would have to give, and by how much at least."""
     json: bool = False
@@ -58,10 +59,12 @@ class Verify:
         """Verify and print the verdicts."""
         if not 0.0 < self.tolerance < 1.0:
             raise InvalidInput(f"--tolerance: expected a number between 0 and 1, got {self.tolerance:g}")
-        for option, given in (("--robot", self.robot is not None), ("--motion", self.motion)):
-            if given and not (self.answers is None and self.problems.is_file()):
-                raise InvalidInput(f"{option}: expected a plan's file with it")
+        for option, wanted in (("robot", "a plan's or a gait's"), ("course", "a plan's")):
+            if getattr(self, option) is not None and not (self.answers is None and self.problems.is_file()):
+                raise InvalidInput(f"--{option}: expected {wanted} file with it")
         if self.answers is None:
+            if not self.problems.exists():
+                raise InvalidInput(f"{self.problems}: expected a plan, proof, gait or data set, found nothing there")
             return self._file() if self.problems.is_file() else self._dataset()
         refused = 0
         invalid = 0
@@ -92,13 +95,15 @@ class Verify:
         if self.explain and not proof_file.is_proof(data):
             raise InvalidInput(f"--explain: expected a file of answers with it, got {name} alone")
         of_plan = plan_file.is_plan_file(self.problems)
-        for option, given in (("--robot", self.robot is not None), ("--motion", self.motion)):
-            if given and not of_plan:
-                raise InvalidInput(f"{option}: expected a plan with it, got {name}")
+        if self.robot is not None and not (of_plan or record.is_trajectory(data)):
+            raise InvalidInput(f"--robot: expected a plan or a gait with it, got {name}")
+        if self.course is not None and not of_plan:
+            raise InvalidInput(f"--course: expected a plan with it, got {name}")
         if of_plan:
             checked = plan_file.check_file(
-                self.problems, tolerance=self.tolerance, robot=self._robot(), way=along, motion=self.motion
-            )
+                self.problems, tolerance=self.tolerance, robot=self._robot(),
+                course=None if self.course is None else self._course,
+            )  # fmt: skip
             accepted, message, found = checked.accepted, checked.message, checked.to_json()
         elif proof_file.is_proof(data):
             if self.tolerance != TOLERANCE:
@@ -108,7 +113,7 @@ class Verify:
         elif record.is_trajectory(data):
             if self.tolerance != TOLERANCE:
                 raise InvalidInput("--tolerance: expected none with a gait, whose groups have limits of their own")
-            report = record.check_file(self.problems)
+            report = record.check_file(self.problems, robot=self._walker())
             accepted, message = report.accepted, report.message
             verdict = "accepted" if accepted else "refused"
             found = {"where": name, "kind": "gait", "verdict": verdict, **report.to_json()}
@@ -129,6 +134,26 @@ class Verify:
         from stancekit.planners.robot.robot_file import named_robot
 
         return named_robot(self.robot)
+
+    def _walker(self) -> Any:
+        """The same as a walker."""
+        if self.robot is None:
+            return None
+        from stancekit.planners.robot.walker import named_walker
+
+        return named_walker(self.robot)
+
+    def _course(self, frames: int) -> Any:
+        """The course of --course, of so many key frames where it can be had with others than its own."""
+        from stancekit.planners.problem.course_file import read_course
+
+        name = self.course or ""
+        robot = None if Path(name).suffix == ".json" else self.robot
+        course = read_course(name, None, robot)
+        try:
+            return course if course.frames == frames else read_course(name, frames, robot)
+        except InvalidInput:
+            return course
 
     def _dataset(self) -> int:
         from stancekit.learners.data.dataset import Dataset
@@ -176,7 +201,11 @@ class Verify:
         if kind == "posture":
             report = check_posture(problem, answer, tolerance=self.tolerance)
             verdict = "accepted" if report.accepted else "refused"
-            return {"verdict": verdict, "kind": "posture", "message": _bare(report.message), "digest": report.digest,
+            message = _bare(report.message)
+            if report.exact_reach_m > TOLD_M:
+                message += f"; {1e3 * report.exact_reach_m:.0f} mm out of reach with the exact rotation"
+            return {"verdict": verdict, "kind": "posture", "message": message, "digest": report.digest,
+                    "exact_reach_m": report.exact_reach_m if math.isfinite(report.exact_reach_m) else None,
                     "residual_nm": report.residual_nm if math.isfinite(report.residual_nm) else None}  # fmt: skip
         proof = check_certificate(problem, answer)
         message = _bare(proof.message)

@@ -12,7 +12,7 @@ from rich.table import Table
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out
-from .terrain import TerrainFile, numbers
+from .terrain_options import TerrainFile, numbers
 
 if TYPE_CHECKING:
     from stancekit.planners.warp.report import MapReport

@@ -117,8 +117,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     ) -> None:
         if render_mode is not None:
             raise InvalidInput(f"render_mode: expected None, got {render_mode!r}")
-        if projection not in PROJECTIONS:
-            raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
+        PROJECTIONS.get(projection)
         if budget < 1:
             raise InvalidInput(f"budget: expected 1 or more, got {budget}")
         chosen = kind_of(problem, robot, terrain)

@@ -16,6 +16,7 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.joint import RelaxationName
 from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import to_rgb
 
@@ -50,8 +51,9 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     ## Action Space
 
     ``Box(-1, 1, (boxes * 12 * N,), float32)``: of each box all lower and then all upper bounds, contact by contact the
-    columns p_x p_y p_z f_n f_y f_z; a reversed pair is put in order. With ``library``: ``Discrete``, the index of one
-    of its envelopes.
+    columns p_x p_y p_z f_n f_y f_z; a reversed pair is put in order. With ``relaxation="joint"`` a point follows, 6N
+    numbers in the same columns, about which the gap of the lift is linearised. With ``library``: ``Discrete``, the
+    index of one of its envelopes.
 
     ## Reward
 
@@ -83,6 +85,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | boxes | 1 | how many boxes an action holds; P1 takes any one of them |
     | library | None | an ``EnvelopeSet``, or its file, to choose from |
+    | relaxation | 'p1' | 'joint': P1 with the lift, linked (``planners.relaxation.joint``), over one box |
     | projections | ('fix-p',) | which P2 to run; the reward looks at the first |
     | weights | RewardWeights() | what a step is worth |
     | balanced | True | half of the scenes infeasible, none trivially |
@@ -105,6 +108,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         terrain: str | Path | None = None,
         boxes: int = 1,
         library: EnvelopeSet | str | Path | None = None,
+        relaxation: RelaxationName = "p1",
         projections: tuple[Projection, ...] = ("fix-p",),
         weights: RewardWeights = RewardWeights(),
         balanced: bool = True,
@@ -116,8 +120,8 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
             raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
         self.render_mode = render_mode
         self._task = SelectionTask(
-            problem, robot=robot, terrain=terrain, boxes=boxes, library=library, projections=projections,
-            weights=weights, balanced=balanced, scenes=scenes, timing=timing,
+            problem, robot=robot, terrain=terrain, boxes=boxes, library=library, relaxation=relaxation,
+            projections=projections, weights=weights, balanced=balanced, scenes=scenes, timing=timing,
         )  # fmt: skip
         self._scene: Scene | None = None
         self._scaled: Scaled | None = None

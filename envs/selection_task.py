@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypedDict
+from typing import Any, TypedDict, get_args
 
 import numpy as np
 from gymnasium import spaces
@@ -17,8 +17,10 @@ from stancekit.planners.equilibrium.features import ROOM
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
+from stancekit.planners.relaxation.joint import Joint, RelaxationName
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 from stancekit.planners.search.answer import Acceptance
@@ -60,6 +62,7 @@ class SelectionOptions(TypedDict, total=False):
     terrain: str | Path | None
     boxes: int
     library: EnvelopeSet | str | Path | None
+    relaxation: RelaxationName
     projections: tuple[Projection, ...]
     weights: RewardWeights
     balanced: bool
@@ -81,24 +84,28 @@ class SelectionTask:
         terrain: str | Path | None = None,
         boxes: int = 1,
         library: EnvelopeSet | str | Path | None = None,
+        relaxation: RelaxationName = "p1",
         projections: tuple[Projection, ...] = ("fix-p",),
         weights: RewardWeights = RewardWeights(),
         balanced: bool = True,
         scenes: SceneSource | None = None,
         timing: bool = False,
     ) -> None:
-        unknown = set(projections) - set(PROJECTIONS)
-        if unknown or not projections:
-            raise InvalidInput(
-                f"projections: expected some of {', '.join(PROJECTIONS)}, got {list(projections)}"
-            )
+        if not projections:
+            raise InvalidInput("projections: expected one or more, got none")
+        for name in projections:
+            PROJECTIONS.get(name)
         if not isinstance(boxes, int) or boxes < 1:
             raise InvalidInput(f"boxes: expected an integer of at least 1, got {boxes!r}")
+        if relaxation not in get_args(RelaxationName) or (relaxation == "joint" and (boxes, library) != (1, None)):
+            got = f"{relaxation!r} with {boxes} boxes and {'no' if library is None else 'a'} library"
+            raise InvalidInput(f"relaxation: expected p1, or joint over one box without a library, got {got}")
         chosen = kind_of(problem, robot, terrain)
         self._problem = chosen.name
         self._count = len(chosen.legs)
         self._boxes = boxes
         self._library = read_envelopes(library) if isinstance(library, str | Path) else library
+        self._relaxation: RelaxationName = relaxation
         self._projections = tuple(projections)
         self._weights = weights
         self._timing = timing
@@ -110,7 +117,8 @@ class SelectionTask:
 
     def _make_action_space(self) -> spaces.Space[Any]:
         if self._library is None:
-            return spaces.Box(-1.0, 1.0, (self._boxes * 12 * self._count,), np.float32)
+            each = 18 if self._relaxation == "joint" else 12
+            return spaces.Box(-1.0, 1.0, (self._boxes * each * self._count,), np.float32)
         if self._library.problem_class != self._problem or len(self._library.legs) != self._count:
             learned = f"{self._library.problem_class} and the legs {', '.join(self._library.legs)}"
             raise InvalidInput(f"library: expected envelopes learned for {self._problem}, got some for {learned}")
@@ -132,9 +140,12 @@ class SelectionTask:
 
     def judge(self, scene: Scene, scaled: Scaled, action: NDArray[np.float32] | np.int64) -> Verdict:
         """Relax over the chosen boxes, project, compare with the expert."""
-        envelopes = self._envelopes(action)
+        envelopes, point = self._envelopes(action)
         begin = time.perf_counter()
-        answer = self._programs.get(McCormick, scaled.layout).solve_any(scaled, envelopes)
+        if point is None:
+            answer = self._programs.get(McCormick, scaled.layout).solve_any(scaled, envelopes)
+        else:
+            answer = self._programs.get(Joint, scaled.layout).solve(scaled, envelopes[0], point)
         p1_seconds = time.perf_counter() - begin
         begin = time.perf_counter()
         projected = {way: self._project(way, scene, scaled, answer) for way in self._projections}
@@ -151,19 +162,21 @@ class SelectionTask:
             envelope=envelopes[answer.chosen],
         )
 
-    def _envelopes(self, action: NDArray[np.float32] | np.int64) -> tuple[Envelope, ...]:
+    def _envelopes(self, action: NDArray[np.float32] | np.int64) -> tuple[tuple[Envelope, ...], Array | None]:
+        """The boxes of an action, and for "joint" the point of the one."""
         if np.shape(action) != self.action_space.shape:
             raise InvalidInput(f"action: expected shape {self.action_space.shape}, got {np.shape(action)}")
         if self._library is not None:
             if not self.action_space.contains(np.int64(action)):
                 raise InvalidInput(f"action: expected 0 to {len(self._library.envelopes) - 1}, got {action}")
-            return (self._library.envelopes[int(action)],)
-        bounds = np.asarray(action, dtype=np.float64).reshape(self._boxes, -1)
-        return tuple(Envelope.from_vector(row) for row in bounds)
+            return (self._library.envelopes[int(action)],), None
+        flat = np.asarray(action, dtype=np.float64)
+        if self._relaxation == "joint":
+            bounds, point = np.split(flat, [12 * self._count])
+            return (Envelope.from_vector(bounds),), point.reshape(-1, 6)
+        return tuple(Envelope.from_vector(row) for row in flat.reshape(self._boxes, -1)), None
 
-    def _project(
-        self, way: Projection, scene: Scene, scaled: Scaled, answer: RelaxationAnswer
-    ) -> Outcome | None:
+    def _project(self, way: Projection, scene: Scene, scaled: Scaled, answer: RelaxationAnswer) -> Outcome | None:
         """Project P1's point and have it verified; None where P1 gave no point or admits nothing."""
         if not answer.feasible or answer.point is None:
             return None

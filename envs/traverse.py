@@ -102,7 +102,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
 
     | argument | default | meaning |
     |---|---|---|
-    | courses | ('stairs', 'walls', 'ground-to-wall') | names, files or descriptions; or a function of a generator |
+    | courses | ('stairs', 'walls', 'ground-to-wall') | names, FAMILY:LEVEL, files or descriptions; or a function |
     | frames | 9 | M of each, None for its own |
     | horizon | 2 | key frames a step |
     | amount | 1.0 | how far a course is perturbed; 1 keeps the built-in ones climbable |

@@ -11,11 +11,12 @@ import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_spec
 from stancekit.planners.problem.course_keys import CourseSpec
-from stancekit.planners.problem.course_terrain import MeshFile
+from stancekit.planners.problem.course_terrain import FileTerrain
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.relaxation.modes import Modes
@@ -27,6 +28,8 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 from .distributions.courses import perturbed
 
+DRAWS = 50
+"""Of a source that has nothing for some toe, before it is given up."""
 CourseSource = Callable[[np.random.Generator], Course]
 Boxes = EnvelopeSet | Sequence[EnvelopeSet] | Modes
 """What one choice of a planner has: envelopes, several sets of them for different legs, or modes."""
@@ -80,7 +83,7 @@ def course_source(
             raise InvalidInput("regions: expected the most candidates of a toe where courses is a function, got None")
         if robot is not None or terrain is not None:
             raise InvalidInput("robot, terrain: expected none where courses is a function, which has its own")
-        return courses, _features(sizes, limbs=len(hexapod().limbs), regions=0)
+        return _with_footing(courses), _features(sizes, limbs=len(hexapod().limbs), regions=0)
     specs = [_spec(course, robot, terrain) for course in courses]
     specs = [spec if frames is None else spec.with_frames(frames) for spec in specs]
     if not specs:
@@ -89,8 +92,22 @@ def course_source(
     def draw(rng: np.random.Generator) -> Course:
         return perturbed(specs[int(rng.integers(len(specs)))], rng, amount=amount)
 
-    most = max(spec.candidates.count for spec in specs)
-    return draw, _features(sizes, limbs=max(_limbs(spec) for spec in specs), regions=most)
+    most = max(spec.candidates.most for spec in specs)
+    return _with_footing(draw), _features(sizes, limbs=max(_limbs(spec) for spec in specs), regions=most)
+
+
+def _with_footing(draw: CourseSource) -> CourseSource:
+    """The same source, asked again where a scene of a family has nothing for some toe. It may raise PlanningFailed."""
+
+    def again(rng: np.random.Generator) -> Course:
+        for _ in range(DRAWS):
+            try:
+                return draw(rng)
+            except NoFooting as error:
+                refused = error
+        raise PlanningFailed(f"no course in {DRAWS} draws with footing for every toe; the last: {refused}")
+
+    return again
 
 
 def _features(sizes: Mapping[str, int | None], **of_courses: int) -> CourseFeatures:
@@ -104,7 +121,7 @@ def _spec(course: str | CourseSpec, robot: str | Path | None, terrain: str | Pat
         spec, folder = read_spec(course), Path(course).parent
         if isinstance(spec.robot, str) and Path(spec.robot).suffix:
             spec = spec.model_copy(update={"robot": str((folder / spec.robot).resolve())})
-        if isinstance(spec.terrain, MeshFile):
+        if isinstance(spec.terrain, FileTerrain):
             file = str((folder / spec.terrain.file).resolve())
             spec = spec.model_copy(update={"terrain": spec.terrain.model_copy(update={"file": file})})
     else:
@@ -113,8 +130,8 @@ def _spec(course: str | CourseSpec, robot: str | Path | None, terrain: str | Pat
         path = Path(robot)
         spec = spec.model_copy(update={"robot": str(path.resolve()) if path.suffix else str(robot)})
     if terrain is not None:
-        mesh = MeshFile(kind="mesh", file=str(Path(terrain).resolve()), friction=spec.terrain.friction)
-        spec = spec.model_copy(update={"terrain": mesh})
+        found = FileTerrain(file=str(Path(terrain).resolve()), friction=spec.terrain.friction)
+        spec = spec.model_copy(update={"terrain": found})
     return spec
 
 

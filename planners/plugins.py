@@ -59,6 +59,7 @@ class Registry(Generic[T]):
         self.kind, self.group, self.expected = kind, group, expected
         self._accepts = accepts
         self._things: dict[str, str | T] = dict(table)
+        self._right: dict[str, T] = {}
 
     def register(self, name: str, thing: str | T) -> None:
         """Add a thing, or where it is to be found, "module:attribute". A name that is there already is taken over."""
@@ -81,8 +82,10 @@ class Registry(Generic[T]):
         elif isinstance(thing, str):
             module, _, attribute = thing.partition(":")
             thing = _attribute(_imported(module, f"{self.kind} {name}"), attribute, f"{self.kind} {name}")
-        if not self._accepts(thing):
-            raise InvalidInput(f"{self.kind} {name}: expected {self.expected}, got {shown(thing)}")
+        if self._right.get(name) is not thing:
+            if not self._accepts(thing):
+                raise InvalidInput(f"{self.kind} {name}: expected {self.expected}, got {shown(thing)}")
+            self._right[name] = cast(T, thing)
         return cast(T, thing)
 
     def _elsewhere(self, name: str) -> Any:

@@ -19,13 +19,14 @@ from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.gait.trajectory_file import copied, read_trajectory
 from stancekit.planners.problem.course_json import course_from_json, course_to_json
 from stancekit.planners.robot import Robot, hexapod
-from stancekit.planners.robot.model import Limb
+from stancekit.planners.robot.legged import robot_of
 from stancekit.planners.robot.single_body import GRAVITY_M_S2, GaitRobot
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.verify import Report, check_plan
 from stancekit.planners.verify.joints import joint_report
 from stancekit.planners.verify.report import plan_arrays
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
+from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
 from .worlds.world import Ground, World
 
@@ -83,8 +84,7 @@ class AcceptedGait:
         report = check_trajectory(record.trajectory)
         if not report.accepted or report.digest != record.verdict.get("digest"):
             raise InvalidInput(f"{path}: expected a gait that the verifier accepts as its file says: {report.message}")
-        if report.unchecked:
-            raise InvalidInput(f"{path}: expected a gait of which all groups are checked: {report.message}")
+        _check_whole(report, str(path))
         try:
             robot = walker(record.trajectory.robot)
         except InvalidInput as error:
@@ -108,11 +108,7 @@ def walker(robot: GaitRobot) -> Robot:
     package the hexapod has joints, too.
     """
     if (model := robot.model) is not None:
-        limbs = tuple(
-            Limb(name=leg.name, shoulder_m=leg.hip_m - model.body.com_m, reach_m=leg.chain.length_m + leg.radius_m)
-            for leg in model.legs
-        )
-        return Robot(name=model.name, mass_kg=model.body.mass_kg, limbs=limbs, model=model)
+        return robot_of(model)
     known = hexapod()
     shoulders = {limb.name: limb.shoulder_m for limb in known.limbs}
     same = robot.foot_names == known.limb_names and np.isclose(robot.mass_kg, known.mass_kg)
@@ -144,8 +140,8 @@ def proven(content: Plan | Trajectory, digest: str, source: str) -> Plan | Traje
         raise InvalidInput(
             f"{source}: expected a {'gait' if gait else 'plan'} that the verifier accepts, {_said(report)}"
         )
-    if isinstance(report, GaitReport) and report.unchecked:
-        raise InvalidInput(f"{source}: expected a gait of which all groups are checked: {report.message}")
+    if isinstance(report, GaitReport):
+        _check_whole(report, source)
     if isinstance(plain, Plan) and plain.course.has_soles:
         raise InvalidInput(f"{source}: expected point feet, which can be executed, got soles")
     if report.digest != digest:
@@ -155,9 +151,17 @@ def proven(content: Plan | Trajectory, digest: str, source: str) -> Plan | Traje
     return plain
 
 
+def _check_whole(report: GaitReport, source: str) -> None:
+    """Raise InvalidInput unless all groups of a gait are checked. What the verifier cannot know of a robot without a
+    model, the runner asks the world's servos."""
+    robots_own = WHOLE_BODY if report.trajectory.robot.model is None else ()
+    if set(report.unchecked) - set(robots_own):
+        raise InvalidInput(f"{source}: expected a gait of which all groups are checked: {report.message}")
+
+
 def _judged(plan: Plan) -> Report:
-    """The verifier on a plan; on its joints, too, where the robot has legs of its own: nobody else may drive them."""
-    return check_plan(plan, joints=plan.course.robot.model is not None)
+    """The verifier on a plan; on joints and motion, too, where it has angles or the robot has legs of its own."""
+    return check_plan(plan, joints=plan.joints_rad is not None or plan.course.robot.model is not None)
 
 
 def _said(report: Report | GaitReport) -> str:

@@ -33,6 +33,8 @@ from stancekit.planners.files.writing import check_writable
 from .worlds.world import State
 
 FORMAT = "stancekit/run/1"
+LOADED = "loaded"
+"""The decision to begin with joints that press already."""
 LARGEST_TIME = 1e9
 """Of times [s] and rates [Hz] in a log."""
 TOPICS: dict[str, dict[str, str]] = {

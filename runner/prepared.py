@@ -19,12 +19,14 @@ from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.bodies import motion_bodies
 from .motion.gait_motion import GaitMotion
-from .motion.motion import Motion
+from .motion.motion import Hung, Motion
 from .motion.redundancy import RedundancyResolution
 from .motion.time_parametrization import (
     ACCELERATION_RAD_S2,
     BLIND,
     LIMIT_SHARE,
+    RATE_HZ,
+    JointProfile,
     TimedMotion,
     check_static,
     expected,
@@ -33,6 +35,7 @@ from .motion.time_parametrization import (
     parametrize,
 )
 from .motion.timeline import PlanMotion
+from .needs import JointNeeds
 from .record import Record
 from .safety.guard import SafeWorld
 from .settings import RunSettings
@@ -62,9 +65,9 @@ class Tracked(Generic[M_co]):
         """
         return self.tracker.next(felt, state) if self.sees else self.tracker.next(expected(self.motion.at(time_s)))
 
-    def sendable(self, target: Target) -> Array:
-        """What is sent of a target, shape (J,): where nothing is felt nothing is pressed, either."""
-        return target.targets_rad if self.sees else target.angles_rad
+    def lean(self, target: Target) -> Array | None:
+        """How much of a target are loads, shape (J,) [rad]; None where feedback is in it, too."""
+        return None if self.sees else target.targets_rad - target.angles_rad
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -99,7 +102,7 @@ def prepare_plan(
 ) -> Prepared[PlanMotion]:
     """A plan, timed for a world that it fits. Raises InvalidInput where it does not, or is not what was accepted."""
     check_settings(settings, world)
-    plan, sees = proven(accepted.plan, accepted.digest, accepted.source), sees_feet(world)
+    plan, sees = proven(accepted.plan, accepted.digest, accepted.source), sees_feet(world, settings)
     accepted = replace(accepted, plan=plan)
     if settings.check_limits:
         accepted.check_fits(world)
@@ -107,16 +110,19 @@ def prepare_plan(
         check_joints(accepted.source, plan.course.robot, world)
     course = plan.course
     kinematics = kinematics or Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
-    forces_n = distribute_forces(plan) if settings.forces == "shared" else None
+    forces_n = distribute_forces(plan, kinematics) if settings.forces == "shared" else None
     motion, pace, bound_by, wished = PlanMotion(plan, settings.timing, forces_n), 1.0, "", None
     if settings.check_limits:
         timed = parametrize(
-            plan, kinematics, world.capabilities, settings.timing, forces_n=forces_n, hung=settings.hung
-        )
+            plan, kinematics, world.capabilities, settings.timing, forces_n=forces_n, hung=settings.hung,
+            drives=world.drives,
+        )  # fmt: skip
         motion, pace, bound_by, wished = timed.motion, timed.pace, timed.bound_by, timed.profile.wished
+        _check_heat(accepted.source, timed.profile, world)
         _check_bodies(accepted, timed, kinematics)
     feedback = settings.feedback if sees else BLIND
-    tracker = Tracker(motion, kinematics, world.rate_hz, feedback, settings.body, wished)
+    followed: Motion = Hung(motion) if settings.hung else motion
+    tracker = Tracker(followed, kinematics, world.rate_hz, feedback, settings.body, wished, world.drives)
     return Prepared(
         digest=accepted.digest, source=accepted.source, name=course.name, motion=motion, kinematics=kinematics,
         tracker=tracker, first=tracker.start(), sees=sees, pace=pace, bound_by=bound_by,
@@ -130,13 +136,16 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
     trajectory = proven(accepted.trajectory, accepted.digest, accepted.source)
     accepted = replace(accepted, trajectory=trajectory, robot=walker(trajectory.robot))
     check_joints(accepted.source, accepted.robot, world)
-    motion, sees = GaitMotion(trajectory, foot_radii(accepted.robot)), sees_feet(world)
+    motion, sees = GaitMotion(trajectory, foot_radii(accepted.robot)), sees_feet(world, settings)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)
     wished = _check_gait(motion, kinematics, world, hung=settings.hung) if settings.check_limits else None
     moving = replace(settings.feedback, **WALKING)
     fall_s = float(np.sqrt(kinematics.model.stand_height_m / accepted.gravity_m_s2))  # of an inverted pendulum
     stepping = replace(settings.body, step_s=fall_s) if settings.body.acts else settings.body
-    tracker = Tracker(motion, kinematics, world.rate_hz, moving if sees else BLIND, stepping, wished)
+    followed: Motion = Hung(motion) if settings.hung else motion
+    tracker = Tracker(
+        followed, kinematics, world.rate_hz, moving if sees else BLIND, stepping, wished, world.drives
+    )  # fmt: skip
     ground = Ground(heights=trajectory.terrain, friction=trajectory.friction)
     return Prepared(
         digest=accepted.digest, source=accepted.source, name=accepted.name, motion=motion, kinematics=kinematics,
@@ -145,9 +154,9 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
     )  # fmt: skip
 
 
-def sees_feet(world: SafeWorld) -> bool:
-    """Whether what feet feel comes back."""
-    return world.capabilities.has_contact_forces and not world.dry
+def sees_feet(world: SafeWorld, settings: RunSettings) -> bool:
+    """Whether what feet feel comes back, and is used."""
+    return world.capabilities.has_contact_forces and not world.dry and not settings.blind
 
 
 def check_settings(settings: RunSettings, world: SafeWorld) -> None:
@@ -171,12 +180,23 @@ def _check_gait(motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *,
     """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down. What a robot's own joints can
     accelerate follows from their torques; servos are given a limit of their own. Returns what its tracker wishes."""
     most = ACCELERATION_RAD_S2 if kinematics.robot.model is None else np.inf
-    profile, can = joint_profile(motion, kinematics, hung=hung), world.capabilities
+    profile = joint_profile(motion, kinematics, hung=hung, balanced=True, drives=world.drives)
+    can = world.capabilities
     check_static(profile, kinematics, can, LIMIT_SHARE)
-    for name, (use, joint) in limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE).items():
+    uses = limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=world.drives)
+    for name, (use, joint) in uses.items():
         if use > 1.0:
             raise InvalidInput(
                 f"gait: joint {can.joints[joint]}: it would take {use:.2g} times the {name} that it may have; a gait "
                 "runs as planned, or not at all: plan one that steps less high or less far"
             )
+    _check_heat("gait", profile, world)
     return profile.wished
+
+
+def _check_heat(source: str, profile: JointProfile, world: SafeWorld) -> None:
+    """Raise InvalidInput for a motion that makes an actuator hotter than it bears, as far as that is known."""
+    torques = profile.static_nm + profile.dynamic_nm
+    needs = JointNeeds.of(world.joints, world.drives.actuators, torques, 1.0 / RATE_HZ)
+    if needs.overheated:
+        raise InvalidInput(f"{source}: expected a motion that its actuators bear: {needs.overheated}")

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from .execution import Execution
+from .needs import JointNeeds
 from .prepared import PlannedMotion, Prepared
 from .record import Record
 from .safety.ending import Ended
@@ -28,7 +30,8 @@ class RunReport:
     began. body_measured: whether the body's pose was measured, or joints alone were followed. cycle_s: median and 99th
     percentile of the control period, from one command to the next. execution: planned against measured, where body and
     forces are measured. replay_rad: largest difference of a command from that in the
-    log which is replayed. stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine
+    log which is replayed. needs, loads: of the joints, as planned, and as measured where torques are; None where the
+    motion never began. stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine
     share, None where it was not; after: commands on their way at that moment, whose write returned up to after_s later.
     """
 
@@ -55,6 +58,8 @@ class RunReport:
     wall_s: float
     execution: Execution | None
     replay_rad: float | None = None
+    needs: JointNeeds | None = None
+    loads: JointNeeds | None = None
     stopped_s: float | None = None
     after: int = 0
     after_s: float = 0.0
@@ -78,6 +83,7 @@ class RunReport:
             message = message or execution.message
         angles = np.array([state.angles_rad for _, state in record.pairs]).reshape(-1, len(world.joints))
         away = np.abs(angles - np.array([target.angles_rad for target, _ in record.pairs]).reshape(angles.shape))
+        planned, felt = _needs(record, world)
         latch, last = world.latch, record.pairs[-1] if record.pairs else None
         cycles = np.diff(record.began_s) if len(record.began_s) > 1 else np.array([np.nan])
         return cls(
@@ -104,6 +110,8 @@ class RunReport:
             wall_s=wall_s,
             execution=execution,
             replay_rad=world.world.worst_rad if isinstance(world.world, ReplayWorld) else None,
+            needs=planned,
+            loads=felt if measured else None,
             stopped_s=latch.time_s if latch.tripped else None,
             after=latch.after,
             after_s=latch.after_s,
@@ -111,10 +119,23 @@ class RunReport:
 
     def to_json(self) -> dict[str, Any]:
         """JSON-ready."""
-        found = {name: value for name, value in self.__dict__.items() if name not in ("ended", "execution", "cycle_s")}
+        found = {name: value for name, value in self.__dict__.items() if name not in NESTED}
         numbers = {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in found.items()}
+        nested = {"execution": self.execution, "needs": self.needs, "loads": self.loads}
         return numbers | {
             "ended": self.ended.to_json(),
             "cycle_s": [None if not np.isfinite(value) else value for value in self.cycle_s],
-            "execution": None if self.execution is None else self.execution.to_json(),
+            **{name: given and given.to_json() for name, given in nested.items()},
         }
+
+
+NESTED = ("ended", "execution", "cycle_s", "needs", "loads")
+
+
+def _needs(record: Record, world: SafeWorld) -> tuple[JointNeeds | None, JointNeeds | None]:
+    """What the joints were to give, with what moves them, and what they gave."""
+    if not record.pairs:
+        return None, None
+    planned, felt = ([target.torques_nm for target, _ in record.pairs], [s.torques_nm for _, s in record.pairs])
+    make = partial(JointNeeds.of, world.joints, world.drives.actuators, period_s=1.0 / world.rate_hz)
+    return make(torques_nm=np.array(planned)), make(torques_nm=np.array(felt))

@@ -17,13 +17,14 @@ import numpy as np
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.terrain import Patch
 
 from .acceptance import Accepted, AcceptedGait
 from .control.tracker import Target
-from .log import FORMAT, Log, NoLog, state_json
+from .log import FORMAT, LOADED, Log, NoLog, state_json
 from .motion.gait_motion import GaitMotion
 from .motion.motion import Motion
 from .motion.soft_start import soft_motion, soft_start
@@ -153,25 +154,29 @@ class Runner:
         far = float(np.abs(state.angles_rad - first.angles_rad).max())
         self.decide("soft start", f"{far:.3f} rad to the first pose, over {len(path)} pose{'s' * (len(path) > 1)}")
         self.go(path)
+        if self.world.preload(first.targets_rad):
+            self.decide(LOADED, "from the beginning")
+        elif not prepared.sees and self.world.drives.yields:
+            self.go([first.targets_rad], first.angles_rad)
         self.decide("motion", f"{prepared.motion.seconds:.1f} s at pace {prepared.pace:.2f} {prepared.bound_by}")
 
-    def go(self, path: Sequence[Array]) -> None:
-        """Along joint poses, softly, one after the other."""
+    def go(self, path: Sequence[Array], stays: Array | None = None) -> None:
+        """Along joint poses, softly, one after the other. stays: where the joints are all the while, the rest loads."""
         for pose in path:
             for targets in soft_motion(self.world.last_rad, pose, self.settings.speed_rad_s, self.world.rate_hz):
-                self.send(targets, pose)
+                self.send(targets, pose, None if stays is None else targets - stays)
 
     def follow(self, tracked: Tracked[Motion], record: Record, until: Until = lambda target, state: False) -> bool:
         """The motion to its end, or to where ``until`` says so. Returns whether it ended."""
         assert self.state is not None
-        seen = self.world.capabilities.has_body_pose and not self.world.dry
+        seen = self.world.capabilities.has_body_pose and not self.world.dry and not self.settings.blind
         felt, total = tracked.first.sample.forces_n, 0.0 if self._prepared is None else self._prepared.motion.last_frame
         for k in count(1):
             target = tracked.next(felt, k / self.world.rate_hz, self.state if seen else None)
             if target is None:
                 break
             began = time.perf_counter()
-            state = self.send(tracked.sendable(target), target.angles_rad)
+            state = self.send(target.targets_rad, target.angles_rad, tracked.lean(target))
             record.add(target, state, began)
             felt = state.forces_n
             self.check_body(target, state)
@@ -180,9 +185,9 @@ class Runner:
                 return False
         return True
 
-    def send(self, targets: Array, planned: Array) -> State:
-        """One command, logged. Raises Stopped, HardwareFault."""
-        state = self.world.step(targets)
+    def send(self, targets: Array, planned: Array, lean: Array | None = None) -> State:
+        """One command, logged. lean: as of ``SafeWorld.step``. Raises Stopped, HardwareFault."""
+        state = self.world.step(targets, lean)
         self.log.write(
             "command",
             {"time_s": state.time_s, "asked_rad": targets, "sent_rad": state.sent_rad, "planned_rad": planned},
@@ -236,7 +241,7 @@ class Runner:
                 "joints": list(world.joints), "limbs": limbs, "rate_hz": world.rate_hz, "world": world.name,
                 "dry": world.dry, "pace": prepared.pace, "bound_by": prepared.bound_by,
                 "seconds": prepared.motion.seconds, "sees": prepared.sees, "frames": prepared.motion.last_frame + 1,
-                **prepared.motion.entry(),
+                **prepared.motion.entry(), **world.drives.entry(),
             },
         )  # fmt: skip
 
@@ -276,15 +281,19 @@ def simulate(
     servo: Servo = Servo(),
     rate_hz: float | None = None,
     terrain: Sequence[Patch] | None = None,
+    actuators: Actuators | None = None,
 ) -> RunReport:
     """Run a plan in a simulated world, at the pace asked for: what was planned against what happened.
 
     world: "mujoco", "bullet", or FILE.py:NAME. servo: of every joint. rate_hz: targets a second, the world's own where
-    None. terrain: what the world has, where that is not the plan's. Raises InvalidInput for a plan that the verifier
-    rejects, a schedule that lifts all limbs at once, a world that is no simulation, and without pinocchio.
+    None. terrain: what the world has, where that is not the plan's. actuators: in place of the servo's limits. Raises
+    InvalidInput for a plan that the verifier rejects, a schedule that lifts all limbs at once, a world that is no
+    simulation, and without pinocchio.
     """
     accepted, course = Accepted.verified(plan, plan.course.name), plan.course
-    made = make_world(world, course.robot, servo, rate_hz=rate_hz, gravity_m_s2=course.gravity_m_s2)
+    made = make_world(
+        world, course.robot, servo, rate_hz=rate_hz, gravity_m_s2=course.gravity_m_s2, actuators=actuators
+    )  # fmt: skip
     if made.kind != "simulation":
         made.close()
         raise InvalidInput(f"world: expected a simulation, got {world}, which is {made.kind}")

@@ -26,6 +26,7 @@ class RunSettings:
     feet carry nothing and meet nothing; for what is real only. forces: press with a plan's forces "shared" anew among
     the limbs of every stance, with a reserve of friction, or as "planned". check_limits: a plan is slowed down to
     what its joints can do, and refused where no pace helps; False, for simulations only, to see what comes of it.
+    blind: send what a robot that measures its joints alone is sent, and use nothing else that the world measures.
     """
 
     timing: Timing = field(default_factory=Timing)
@@ -38,6 +39,7 @@ class RunSettings:
     hung: bool = False
     forces: Literal["shared", "planned"] = "shared"
     check_limits: bool = True
+    blind: bool = False
 
     def __post_init__(self) -> None:
         checked(self.speed_rad_s, "speed_rad_s", above=0.0)

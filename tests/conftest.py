@@ -6,8 +6,10 @@ import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
+from typing import Any
 
 import cvxpy as cp
+import joblib
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -148,6 +150,29 @@ def frame_of(patch: Patch) -> np.ndarray:
 def cross_with(v: np.ndarray) -> np.ndarray:
     """The matrix of v × ·."""
     return np.cross(v, np.eye(3)).T
+
+
+@pytest.fixture(scope="session")
+def timed() -> dict[str, Any]:
+    """What plans came to that were timed before, by everything that it depends on."""
+    return {}
+
+
+@pytest.fixture
+def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Runs of one plan, on one kind of world, at one pace, share its time parametrisation, most of a run's work."""
+    from stancekit.runner import prepared
+    from stancekit.runner.control.tracker import near_of
+    from stancekit.runner.motion.time_parametrization import parametrize
+
+    def once(plan: Any, kinematics: Any, can: Any, *how: Any, **options: Any) -> Any:
+        body = (kinematics.robot, kinematics.servo, kinematics.gravity_m_s2, near_of(kinematics))
+        asked = str(joblib.hash((plan, body, can, how, options)))
+        if asked not in timed:
+            timed[asked] = parametrize(plan, kinematics, can, *how, **options)
+        return timed[asked]
+
+    monkeypatch.setattr(prepared, "parametrize", once)
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -12,14 +12,18 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import foot_radii
 from stancekit.runner.execution import Execution
+from stancekit.runner.record import TOUCH_N
 
+from .contact_strip import FILM_PX as WALK_PX
 from .film import film_frames
+from .gaits import motion_frames
 from .plan_motion import Moment
 from .plans import FILM_PX, PlanView
-from .scene import Layer, Motion, Path, Scene
+from .scene import UP, Layer, Motion, Path, Scene
 from .shapes import polyline
 from .sheet import DEFAULT_STYLE, SIZE_PX, Size, headline, plain_axes, sheet
 from .still import Still
@@ -106,3 +110,29 @@ def draw_execution(
 def execution_frames(plan: Plan, execution: Execution, *, size_px: Size = FILM_PX) -> Iterator[Frame]:
     """The frames of a film, uint8 of shape (H, W, 3), one by one, ``FPS`` a second at ``SPEED`` times the pace."""
     return film_frames(ExecutionView(plan, execution).played(), size_px)
+
+
+def walked(trajectory: Trajectory, execution: Execution) -> Trajectory:
+    """A trajectory as the world had it: the body, the feet and what they felt, a sample a control period."""
+    trace, model = execution.trace, trajectory.robot.model
+    centre = np.zeros(3) if model is None else model.body.com_m
+    radii = np.zeros(len(trajectory.robot.feet)) if model is None else np.array([leg.radius_m for leg in model.legs])
+    return replace(
+        trajectory, times_s=trace.time_s, torso_m=trace.origin_m + trace.rotation @ centre, rotation=trace.rotation,
+        feet_m=trace.feet_m - radii[:, None] * UP, forces_n=trace.forces_n,
+        contact=np.linalg.norm(trace.forces_n, axis=2) > TOUCH_N,
+    )  # fmt: skip
+
+
+def walk_frames(trajectory: Trajectory, execution: Execution, *, size_px: Size = WALK_PX) -> Iterator[Frame]:
+    """The frames of a film of a walk that was executed, 25 a second at its own pace; below, which feet felt forces."""
+    done = "to its end" if execution.fallen_s is None else f"fell after {execution.fallen_s:.1f} s"
+    note = (
+        f"body {1e3 * execution.body_rms_m:.1f} mm from the plan (RMS)   ·   "
+        f"feet slid {1e3 * execution.slip_m.max():.1f} mm at most   ·   "
+        f"{execution.torque_share.max():.0%} of a joint's torque at most"
+    )
+    return motion_frames(
+        walked(trajectory, execution), caption=f"{trajectory.robot.name} in {execution.world}: {done}", note=note,
+        joints_rad=execution.trace.angles_rad, size_px=size_px,
+    )  # fmt: skip

@@ -49,10 +49,14 @@ WEIGHT_ARROW = 1.1
 
 @dataclass(frozen=True, eq=False)
 class GaitView:
-    """A trajectory as something to look at. warp: the map whose lines are drawn on the terrain, None for x and y."""
+    """A trajectory as something to look at. warp: the map whose lines are drawn on the terrain, None for x and y.
+
+    joints_rad: angles of a URDF's joints at every sample, shape (K, J), where they are known.
+    """
 
     trajectory: Trajectory
     warp: Warp | None = None
+    joints_rad: Array | None = None
 
     def __post_init__(self) -> None:
         samples = ("torso_m", "rotation", "feet_m", "forces_n")
@@ -155,7 +159,9 @@ class GaitView:
     @cached_property
     def _angles(self) -> tuple[Array, ...]:
         """Of every leg at every sample, shape (K, n) [rad]."""
-        return walk_joints(self.trajectory).angles
+        if self.joints_rad is None or self.shape.links is None:
+            return walk_joints(self.trajectory).angles
+        return tuple(np.transpose(part) for part in self.shape.links.split(self.joints_rad.T))
 
     def limbs(self, sample: int) -> list[Array]:
         """Angles of every leg, where the robot is a URDF's; else hip, knee and toe, shape (3, 3) [m], and where knees
@@ -196,8 +202,11 @@ class GaitView:
             Label(name=text, position_m=above[k], text=text, colour=INK) for k, text in ends
         ])  # fmt: skip
 
-    def film(self, report: GaitReport | None, *, caption: str = "", step_s: float = 0.05) -> Motion:
-        """The trajectory as a motion, a moment every ``step_s``: footholds stay once a foot came down."""
+    def film(
+        self, report: GaitReport | None, *, caption: str = "", note: str = "not verified", step_s: float = 0.05
+    ) -> Motion:
+        """The trajectory as a motion, a moment every ``step_s``: footholds stay once a foot came down. note: what is
+        said where there is no report."""
         trajectory = self.trajectory
         times_s = trajectory.times_s - trajectory.times_s[0]
         count = 1 + int(np.floor(trajectory.duration_s / step_s + 1e-9))
@@ -209,7 +218,7 @@ class GaitView:
                 for sample in samples
             ],
             step_s=step_s, camera=self.camera, title=caption or self.title,
-            note="not verified" if report is None else report.message, alarm=_refused(report),
+            note=note if report is None else report.message, alarm=_refused(report),
             legend=self.legend,
         )  # fmt: skip
 
@@ -266,16 +275,18 @@ def motion_frames(
     speed: float = 1.0,
     warp: Warp | None = None,
     caption: str = "",
+    note: str = "not verified",
+    joints_rad: Array | None = None,
     size_px: Size = FILM_PX,
 ) -> Iterator[Frame]:
     """The frames of a trajectory's film, uint8 of shape (H, W, 3), one by one; below, which feet stand when.
 
-    speed: seconds of the motion to a second of the film. What else is drawn, and the arguments, are those of
-    ``draw_motion``. Raises InvalidInput, also without MuJoCo or a GL library.
+    speed: seconds of the motion to a second of the film. note, joints_rad: as of ``GaitView``. What else is drawn, and
+    the arguments, are those of ``draw_motion``. Raises InvalidInput, also without MuJoCo or a GL library.
     """
     if not (0.0 < fps <= 1000.0 and 0.0 < speed <= 1000.0):
         raise InvalidInput(f"fps, speed: expected numbers above 0, up to 1000, got {fps:g} and {speed:g}")
-    motion = GaitView(trajectory, warp).film(report, caption=caption, step_s=speed / fps)
+    motion = GaitView(trajectory, warp, joints_rad).film(report, caption=caption, note=note, step_s=speed / fps)
     foot_px = round(0.22 * size_px[1])
     strip = draw_contacts(trajectory, size_px, foot_px)
     for index, pixels in enumerate(film_frames(motion, size_px, foot_px=foot_px)):

@@ -160,7 +160,8 @@ class Motion:
     legend: Sequence[tuple[Colour, str]] = ()
 
     def window(self, aspect: float) -> tuple[Array, Array]:
-        """Corners of what is seen on the picture plane, shape (2,) [m]: the robot at all times, and terrain around.
+        """Corners of what is seen on the picture plane, shape (2,) [m]: the robot at all times, and terrain around; all
+        of the terrain where there is nobody.
 
         aspect: width over height.
         """
@@ -168,7 +169,7 @@ class Motion:
         near += [arrow.start_m + arrow.vector_m for moment in self.moments for arrow in moment.arrows]
         near += [body.position_m for body in self.fixed.bodies]
         far = [facet.corners_m for facet in self.fixed.facets] + [s.points_m.reshape(-1, 3) for s in self.fixed.sheets]
-        robot = self.camera.project(np.array(near))[0]
+        robot = self.camera.project(np.array(near) if near else np.concatenate(far))[0]
         low, high = robot.min(axis=0), robot.max(axis=0)
         low, high = low - 0.1 * (high - low), high + 0.1 * (high - low)
         if far:

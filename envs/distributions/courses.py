@@ -13,10 +13,11 @@ from stancekit.planners.problem.course_file import read_spec
 from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.course_terrain import (
+    FamilyScene,
+    FileTerrain,
     Flat,
     GroundToWall,
     IcyWalls,
-    MeshFile,
     Polygons,
     Stairs,
     TerrainSpec,
@@ -37,7 +38,8 @@ def perturbed(
 ) -> Course:
     """A course like this one: other heights, distances, leans, friction and panels, the same path and gait.
 
-    amount: scales every deviation; 1 keeps the built-in courses climbable for the default hexapod.
+    amount: scales every deviation; 1 keeps the built-in courses climbable for the default hexapod. Scenes of families
+    are drawn anew at their level instead, climbable or not, unless it is 0; then NoFooting may be raised, too.
     Walls with ice are drawn so that every toe has some candidate that grips; ``icy_walls`` does not promise that.
     Raises InvalidInput where no such walls were found.
     """
@@ -73,6 +75,8 @@ def _changed(terrain: TerrainSpec, rng: np.random.Generator, amount: float) -> T
         return terrain.model_copy(update=_walls(terrain, rng, amount) | _panels(rng, ICE))
     if isinstance(terrain, Walls | GroundToWall):
         return terrain.model_copy(update=_walls(terrain, rng, amount))
+    if isinstance(terrain, FamilyScene):
+        return terrain.model_copy(update={"seed": int(rng.integers(2**62))} if amount else {})
     if isinstance(terrain, Stairs):
         rises = [rise + amount * rng.uniform(-0.02, 0.02) for rise in _repeated(terrain.rises_m, 40)]
         first = terrain.first_m + amount * rng.uniform(-0.05, 0.05)
@@ -103,7 +107,7 @@ def _changed(terrain: TerrainSpec, rng: np.random.Generator, amount: float) -> T
             for friction in [terrain.friction if polygon.friction is None else polygon.friction]
         ]
         return terrain.model_copy(update={"polygons": polygons})
-    assert isinstance(terrain, Flat | MeshFile)
+    assert isinstance(terrain, Flat | FileTerrain)
     return terrain.model_copy(update={"friction": _slippery(terrain, rng, amount)})
 
 

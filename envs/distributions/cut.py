@@ -25,11 +25,12 @@ from stancekit.planners.problem import PostureBatch, PostureProblem
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.robot_model import IDENTITY_DIGITS
 from stancekit.planners.terrain import Patch
-from stancekit.planners.terrain.grid_file import read_heights
+from stancekit.planners.terrain.footholds import FootholdLimits, footholds_of
 from stancekit.planners.terrain.heightfield import HeightField
-from stancekit.planners.terrain.mesh import FORMATS, read_mesh
 from stancekit.planners.terrain.mesh_file import MOST_BYTES
 from stancekit.planners.terrain.polygon import STEEP, half_planes
+from stancekit.planners.terrain.terrain_file import read_heights, read_terrain
+from stancekit.planners.terrain.triangle_mesh import TriangleMesh
 
 from .patches import FORWARD, plain_problem, triangle
 from .stance import Stance
@@ -61,9 +62,12 @@ class Places:
         Raises InvalidInput for a file that is no terrain, and for one without any such place.
         """
         spacing = SPACING * least_m
-        if Path(path).suffix.lower() in FORMATS:
-            patches = read_mesh(path, friction=0.0)
-            parts = [_of_patch(patch, least_m, spacing) for patch in patches if patch.normal[2] >= STEEP]
+        terrain = read_terrain(path)
+        if isinstance(terrain, TriangleMesh):
+            terrain.check_size(1.0)
+            limits = FootholdLimits(slope_rad=float(np.arccos(STEEP)), margin_m=0.0, width_m=2.0 * least_m)
+            pieces = footholds_of(terrain, limits, friction=0.0).pieces
+            parts = [_of_patch(piece.patch, least_m, spacing) for piece in pieces]
         else:
             parts = [_of_grid(read_heights(path), least_m, spacing)]
         found = [np.concatenate(part) for part in zip(*parts, strict=True)] if parts else [np.zeros(0)]

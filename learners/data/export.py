@@ -22,7 +22,7 @@ from stancekit.envs.scenes import Scene, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.writing import failure_of, replaced
+from stancekit.planners.files.writing import check_new_folder, failure_of, replaced
 from stancekit.planners.relaxation.envelope import Envelope
 
 from .dataset import Dataset, LabelledPosture
@@ -70,9 +70,7 @@ def export(
     minari = _minari()
     if not 0.0 < room <= 1.0:
         raise InvalidInput(f"room: expected a number between 0 and 1, got {room!r}")
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        found = "a file" if out.is_file() else "files in it"
-        raise InvalidInput(f"{out}: expected a new or empty folder, found {found}")
+    check_new_folder(out)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -172,8 +172,7 @@ class _Class:
         if row.row_key == key:
             return _as_score(method, row, {**notes, "kept": True})
         score = evaluate(
-            method, learned.selector, scenes, problem_class=test.problem_class,
-            projections=self._experiment.projections, boxes=learned.boxes,
+            method, learned, scenes, problem_class=test.problem_class, projections=self._experiment.projections,
             progress=self._told(f"evaluate {method}"), run=self._run,
         )  # fmt: skip
         self._write(method, _with_score(row, key, score))

@@ -19,13 +19,14 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import Projection, project
+from stancekit.planners.relaxation.joint import RelaxationName
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import Acceptance
 
 from ..data.dataset import Dataset
 from ..data.executor import Executor, gather, processes
 from ..selectors.own import ANY
-from ..selectors.selector import Selector
+from ..selectors.selector import Learned, Selector
 
 Progress = Callable[[int, int], None]
 CHUNK = 50
@@ -138,17 +139,16 @@ def rollout(
 
 def evaluate(
     name: str,
-    selector: Selector,
+    learned: Learned,
     scenes: Sequence[Scene],
     *,
     problem_class: str,
     projections: tuple[Projection, ...],
-    boxes: int = 1,
     progress: Progress | None = None,
     run: Executor | None = None,
 ) -> Score:
     """Roll a selector out over the scenes, through the environment. run: the executor; this process where None."""
-    play = partial(_played, selector, problem_class, boxes, projections)
+    play = partial(_played, learned, problem_class, projections)
     return _score(name, _everywhere(play, scenes, progress, run), projections)
 
 
@@ -181,24 +181,24 @@ def _everywhere(
 
 
 def _played(
-    selector: Selector,
-    problem_class: str,
-    boxes: int,
-    projections: tuple[Projection, ...],
-    scenes: Sequence[Scene],
+    learned: Learned, problem_class: str, projections: tuple[Projection, ...], scenes: Sequence[Scene]
 ) -> list[dict[str, Any]]:
-    env, source = _environment(SceneKind(name=problem_class, legs=scenes[0].problem.legs), boxes, projections)
+    kind = SceneKind(name=problem_class, legs=scenes[0].problem.legs)
+    env, source = _environment(kind, learned.boxes, learned.relaxation, projections)
     source.deal(scenes)
-    return [{k: v for k, v in info.items() if np.ndim(v) == 0} for info in rollout(selector, env, len(scenes))]
+    infos = rollout(learned.selector, env, len(scenes))
+    return [{k: v for k, v in info.items() if np.ndim(v) == 0} for info in infos]
 
 
 @cache
 def _environment(
-    kind: SceneKind, boxes: int, projections: tuple[Projection, ...]
+    kind: SceneKind, boxes: int, relaxation: RelaxationName, projections: tuple[Projection, ...]
 ) -> tuple[EnvelopeSelectionEnv, _Dealt]:
     """An environment of this process with its compiled models, for one chunk of scenes after the other."""
     source = _Dealt()
-    env = EnvelopeSelectionEnv(kind, boxes=boxes, projections=projections, scenes=source, timing=True)
+    env = EnvelopeSelectionEnv(
+        kind, boxes=boxes, relaxation=relaxation, projections=projections, scenes=source, timing=True
+    )
     return env, source
 
 

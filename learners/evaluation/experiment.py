@@ -13,7 +13,7 @@ from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.documents import read_yaml
 from stancekit.planners.files.validation import shown, validated
-from stancekit.planners.projection.project import Projection
+from stancekit.planners.projection.project import PROJECTIONS, Projection
 
 from ..data.quota import Quota
 from ..training.fit_settings import FitSettings
@@ -56,6 +56,8 @@ class Experiment:
         for name in ("problems", "methods", "projections"):
             if not getattr(self, name):
                 raise InvalidInput(f"{name}: expected one or more, got none")
+        for name in self.projections:
+            PROJECTIONS.get(name)
 
     @classmethod
     def from_yaml(

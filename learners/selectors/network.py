@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 import torch
@@ -27,6 +28,9 @@ CORNERS = 3
 TOKEN = 27
 """Numbers a contact besides the corners: the patch's middle, also from the shoulder, its second moments (6), the frame
 (9), the shoulder, friction, reach, and the vertical force that a unit normal force allows."""
+
+Boxes: TypeAlias = tuple[Tensor, Tensor, Tensor]
+"""(low, high, point), each of shape (B, N, 6); low ≤ point ≤ high."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,10 +145,11 @@ class Mirror:
         """Points [p, f], shape (B, N, 6), mirrored with their scenes."""
         return torch.where(flipped[:, None, None], points * self.flips, points)
 
-    def box(self, low: Tensor, high: Tensor, flipped: Tensor) -> tuple[Tensor, Tensor]:
-        """Boxes, each side (B, N, 6), mirrored with their scenes: a reflected side changes places with its opposite."""
+    def boxes(self, boxes: Boxes, flipped: Tensor) -> Boxes:
+        """Boxes mirrored with their scenes: a side changes places with its opposite."""
+        low, high, point = boxes
         first, second = self.points(low, flipped), self.points(high, flipped)
-        return torch.minimum(first, second), torch.maximum(first, second)
+        return torch.minimum(first, second), torch.maximum(first, second), self.points(point, flipped)
 
 
 class Encoder(nn.Module):
@@ -181,9 +186,9 @@ class Encoder(nn.Module):
 
 
 class BoxNetwork(nn.Module):
-    """Scenes to boxes: a head a contact gives a centre and a width to either side.
+    """Scenes to boxes: a head a contact gives a point and a width to either side of it.
 
-    The centre of p starts at the patch's middle relative to the nominal centre of mass; widths are positive, so that
+    The point's p starts at the patch's middle relative to the nominal centre of mass; widths are positive, so that
     low ≤ high holds for whatever weights. Boxes stay in the domain [−1, 1]. ``of_data`` sets the scales of inputs and
     outputs.
     """
@@ -210,12 +215,12 @@ class BoxNetwork(nn.Module):
         network.scale = rest.std(dim=(0, 1)).clamp(min=1e-3)
         return network
 
-    def forward(self, scenes: SceneTensors) -> tuple[Tensor, Tensor]:
-        """(low, high), each of shape (B, N, 6)."""
+    def forward(self, scenes: SceneTensors) -> Boxes:
+        """A box and a point in it for every contact."""
         raw = self.head(self.encoder(scenes))
-        centre = _nominal(scenes) + self.offset + self.scale * raw[..., :6]
+        point = _nominal(scenes) + self.offset + self.scale * raw[..., :6]
         below, above = self.scale * functional.softplus(raw[..., 6:12]), self.scale * functional.softplus(raw[..., 12:])
-        return (centre - below).clamp(-1.0, 1.0), (centre + above).clamp(-1.0, 1.0)
+        return (point - below).clamp(-1.0, 1.0), (point + above).clamp(-1.0, 1.0), point.clamp(-1.0, 1.0)
 
 
 class ChoiceNetwork(nn.Module):
@@ -266,9 +271,9 @@ def pinball(low: Tensor, high: Tensor, points: Tensor, share: float) -> Tensor:
     return (lower + upper).mean(dim=(1, 2))
 
 
-def as_arrays(low: Tensor, high: Tensor) -> tuple[Array, Array]:
-    """The sides in double precision, for the solver."""
-    return low.detach().numpy().astype(np.float64), high.detach().numpy().astype(np.float64)
+def as_arrays(*tensors: Tensor) -> tuple[Array, ...]:
+    """In double precision, for the solver."""
+    return tuple(tensor.detach().numpy().astype(np.float64) for tensor in tensors)
 
 
 def _nominal(scenes: SceneTensors) -> Tensor:

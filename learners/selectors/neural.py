@@ -20,7 +20,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.validation import validated
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.joint import RelaxationName, signed_margin
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
 
 from ..data.dataset import Dataset
@@ -34,7 +34,8 @@ FORMAT = "stancekit/neural/1"
 class NeuralSelector(MemorylessPolicy):
     """A trained network with its calibration, for one class of problems.
 
-    room: how far every side of the network's boxes is moved out, non-dimensional. provenance: how it was learned.
+    room: how far every side of the network's boxes is moved out, non-dimensional. relaxation: the P1 that its boxes are
+    for; for "joint" an action has a point in every box, too. provenance: how it was learned.
     """
 
     name = "neural"
@@ -48,6 +49,7 @@ class NeuralSelector(MemorylessPolicy):
         force_scale_n: float,
         length_scale_m: float,
         room: float = 0.0,
+        relaxation: RelaxationName = "p1",
         provenance: Mapping[str, Any] | None = None,
     ) -> None:
         self.network = network.eval()
@@ -56,17 +58,24 @@ class NeuralSelector(MemorylessPolicy):
         self.force_scale_n = force_scale_n
         self.length_scale_m = length_scale_m
         self.room = room
+        self.relaxation: RelaxationName = relaxation
         self.provenance = dict(provenance or {})
 
     def action(self, observation: Observation) -> NDArray[Any]:
-        """The box's bounds, shape (12N,), or (B, 12N) for a batch. Raises InvalidInput for another N."""
-        boxes = self._boxes(SceneTensors.of_observation(observation, len(self.legs)))
-        actions: NDArray[Any] = np.stack([box.to_vector() for box in boxes]).astype(np.float32)
+        """The box's bounds, shape (12N,), or (B, 12N) for a batch; for "joint" the point as well, 18N in all.
+
+        Raises InvalidInput for another N.
+        """
+        boxes, points = self._boxes(SceneTensors.of_observation(observation, len(self.legs)))
+        flat = np.stack([box.to_vector() for box in boxes])
+        if self.relaxation == "joint":
+            flat = np.concatenate([flat, points.reshape(len(flat), -1)], axis=1)
+        actions: NDArray[Any] = flat.astype(np.float32)
         return actions if np.ndim(observation["friction"]) == 2 else actions[0]
 
     def envelopes(self, problems: Sequence[Scaled]) -> list[Envelope]:
         """The boxes for these problems, for a planner."""
-        return self._boxes(SceneTensors.of_problems(problems))
+        return self._boxes(SceneTensors.of_problems(problems))[0]
 
     def save(self, path: str | Path) -> None:
         """Write the selector as one safetensors file."""
@@ -77,6 +86,7 @@ class NeuralSelector(MemorylessPolicy):
             "length_scale_m": self.length_scale_m,
             "architecture": asdict(self.network.architecture),
             "calibration": {"room": self.room},
+            "relaxation": self.relaxation,
             "provenance": self.provenance,
         }
         write_tensors(path, FORMAT, header, self.network.state_dict())
@@ -100,13 +110,14 @@ class NeuralSelector(MemorylessPolicy):
         load_weights(network, tensors, path)
         return cls(
             network, problem_class=raw.problem_class, legs=raw.legs, force_scale_n=raw.force_scale_n,
-            length_scale_m=raw.length_scale_m, room=raw.calibration.room, provenance=raw.provenance,
+            length_scale_m=raw.length_scale_m, room=raw.calibration.room, relaxation=raw.relaxation,
+            provenance=raw.provenance,
         )  # fmt: skip
 
-    def _boxes(self, scenes: SceneTensors) -> list[Envelope]:
+    def _boxes(self, scenes: SceneTensors) -> tuple[list[Envelope], Array]:
         with torch.no_grad():
-            lows, highs = as_arrays(*self.network(scenes))
-        return [roomy(low, high, self.room) for low, high in zip(lows, highs, strict=True)]
+            lows, highs, points = as_arrays(*self.network(scenes))
+        return [roomy(low, high, self.room) for low, high in zip(lows, highs, strict=True)], points
 
 
 def fit_neural(
@@ -135,7 +146,7 @@ def fit_neural(
     trainer = Trainer(feasible, infeasible, programs, settings, digest, checkpoint)
     network = trainer.run(progress)
     held = Rows.of(calibration, "feasible")
-    room = calibrated_room(network, held, programs, settings.target)
+    room = calibrated_room(network, held, programs, settings)
     first = feasible.problems[0]
     return NeuralSelector(
         network,
@@ -144,8 +155,9 @@ def fit_neural(
         force_scale_n=first.force_n,
         length_scale_m=first.length_m,
         room=room,
+        relaxation=settings.relaxation,
         provenance={
-            "method": "neural",
+            "method": "neural" if settings.relaxation == "p1" else settings.relaxation,
             "settings": asdict(settings),
             "rows": len(train),
             "calibration_rows": len(held),
@@ -156,21 +168,27 @@ def fit_neural(
 
 
 def calibrated_room(
-    network: BoxNetwork, rows: Rows, programs: Programs, target: float, *, least: float = -0.01, most: float = 0.1
+    network: BoxNetwork,
+    rows: Rows,
+    programs: Programs,
+    settings: NeuralSettings,
+    *,
+    least: float = -0.01,
+    most: float = 0.1,
 ) -> float:
-    """How far every side moves out (in, where negative) so that P1 admits ``target`` of these feasible problems.
+    """How far every side moves out (in, where negative) so that P1 admits the target's share of these problems.
 
     P1 is monotone in the box, so each bisection step solves only the problems that are not settled yet. Returns the
     smallest room found to reach the target, or ``most``.
     """
     with torch.no_grad():
-        lows, highs = as_arrays(*network(rows.scenes))
+        lows, highs, _ = as_arrays(*network(rows.scenes))
 
     def admits(index: int, room: float) -> bool:
         problem, box = rows.problems[index], roomy(lows[index], highs[index], room)
-        return programs.get(McCormick, problem.layout).solve(problem, box).margin <= FEASIBLE_MARGIN
+        return signed_margin(programs, problem, box, settings.relaxation).margin <= FEASIBLE_MARGIN
 
-    open_rows, admitted, needed = list(range(len(rows))), 0, math.ceil(target * len(rows))
+    open_rows, admitted, needed = list(range(len(rows))), 0, math.ceil(settings.target * len(rows))
     for _ in range(14):
         room = 0.5 * (least + most)
         inside = [index for index in open_rows if admits(index, room)]
@@ -203,4 +221,5 @@ class _Header(BaseModel):
     length_scale_m: float
     architecture: ArchitectureJson
     calibration: _Calibration
+    relaxation: RelaxationName = "p1"
     provenance: dict[str, Any]

@@ -22,10 +22,10 @@ from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import check_fields
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.mccormick import McCormick
+from stancekit.planners.relaxation.joint import RelaxationName, signed_margin
 
 from ..data.dataset import Dataset
-from .network import Architecture, BoxNetwork, Mirror, SceneTensors, as_arrays, pinball
+from .network import Architecture, Boxes, BoxNetwork, Mirror, SceneTensors, as_arrays, pinball
 from .tensors import load_weights, read_tensors, write_tensors
 
 Progress = Callable[[int, int], None]
@@ -43,7 +43,9 @@ class NeuralSettings:
     P1's answer turns from wrong to right in the loss σ(±t/τ), non-dimensional. caution: how much more a feasible
     problem lost counts than an infeasible one let in. anchor: weight of the first stage's loss in the second, which
     keeps the boxes around solutions and so projectable. target: share of the feasible calibration rows that P1 must
-    admit. calibration: share of the rows kept for that where no data set is given for it.
+    admit. relaxation: which P1 has the margins: "p1", or "joint", for which a point in every box is learned, too, the
+    median of the solutions, about which the gap is linearised (``relaxation.joint``). calibration: share of the rows
+    kept for that where no data set is given for it.
     """
 
     architecture: Architecture = field(default_factory=Architecture)
@@ -57,6 +59,7 @@ class NeuralSettings:
     softness: PositiveFloat = 5e-4
     caution: float = 2.0
     anchor: float = 30.0
+    relaxation: RelaxationName = "p1"
     target: Share = 0.985
     calibration: Share = 0.15
     seed: int = 0
@@ -95,33 +98,36 @@ class Margin(torch.autograd.Function):
     """P1's signed margin of each scene over its box, with the exact gradient that P1's multipliers give.
 
     low, high: shape (B, N, 6); returns shape (B,). Where P1 has no margin the value is 0 and nothing flows back.
+    relaxation: which P1.
     """
 
     @staticmethod
-    def forward(ctx: Any, low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs) -> Tensor:
+    def forward(
+        ctx: Any, low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs, relaxation: RelaxationName
+    ) -> Tensor:
         """Solve P1 once a scene."""
         lows, highs = as_arrays(low, high)
         margins, slopes = np.zeros(len(problems)), np.zeros((2, *lows.shape))
         for i, problem in enumerate(problems):
-            answer = programs.get(McCormick, problem.layout).solve(
-                problem, Envelope(low=lows[i], high=highs[i]), gradient=True
-            )
+            answer = signed_margin(programs, problem, Envelope(low=lows[i], high=highs[i]), relaxation, gradient=True)
             if answer.gradient is not None:
                 margins[i], slopes[:, i] = answer.margin, answer.gradient
         ctx.save_for_backward(torch.as_tensor(slopes, dtype=low.dtype))
         return torch.as_tensor(margins, dtype=low.dtype)
 
     @staticmethod
-    def backward(ctx: Any, *outputs: Tensor) -> tuple[Tensor, Tensor, None, None]:
+    def backward(ctx: Any, *outputs: Tensor) -> tuple[Tensor, Tensor, None, None, None]:
         """Chain rule."""
         (slopes,) = ctx.saved_tensors
         grown = outputs[0][:, None, None]
-        return slopes[0] * grown, slopes[1] * grown, None, None
+        return slopes[0] * grown, slopes[1] * grown, None, None, None
 
 
-def margins_of(low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs) -> Tensor:
+def margins_of(
+    low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs, relaxation: RelaxationName = "p1"
+) -> Tensor:
     """``Margin`` with types."""
-    found: Tensor = Margin.apply(low, high, problems, programs)  # type: ignore[no-untyped-call]
+    found: Tensor = Margin.apply(low, high, problems, programs, relaxation)  # type: ignore[no-untyped-call]
     return found
 
 
@@ -178,8 +184,7 @@ class Trainer:
             scenes, points = self._feasible.scenes[rows], self._feasible.points[rows]
             if self._mirror is not None:
                 scenes, points = self._mirror.scenes(scenes, flipped), self._mirror.points(points, flipped)
-            low, high = self.network(scenes)
-            loss = pinball(low, high, points, settings.share).mean()
+            loss = self._regression(self.network(scenes), points)
             total += self._step(loss) * len(rows)
         return total / len(self._feasible)
 
@@ -194,21 +199,29 @@ class Trainer:
         for step in range(steps):
             self._set_rate(settings.margin_rate, (epoch - settings.epochs + step / steps) / settings.margin_epochs)
             kept, lost = (order[step * size : (step + 1) * size] for order in orders)
-            low, high, margins = self._margins(self._feasible, kept, chance)
+            boxes, margins = self._margins(self._feasible, kept, chance)
             loss = settings.caution * torch.sigmoid(margins / settings.softness).mean()
-            loss = loss + settings.anchor * pinball(low, high, self._feasible.points[kept], settings.share).mean()
-            loss = loss + torch.sigmoid(-self._margins(self._infeasible, lost, chance)[2] / settings.softness).mean()
+            loss = loss + settings.anchor * self._regression(boxes, self._feasible.points[kept])
+            loss = loss + torch.sigmoid(-self._margins(self._infeasible, lost, chance)[1] / settings.softness).mean()
             total += self._step(loss)
         return total / steps
 
-    def _margins(self, rows: Rows, chosen: Tensor, chance: torch.Generator) -> tuple[Tensor, Tensor, Tensor]:
-        """(low, high, margin) of scenes; some are shown mirrored, and their boxes mirrored back."""
+    def _regression(self, boxes: Boxes, points: Tensor) -> Tensor:
+        """Quantile loss of the sides, and of the point as the median where it is of use."""
+        low, high, point = boxes
+        loss = pinball(low, high, points, self._settings.share).mean()
+        return loss + 0.5 * (points - point).abs().mean() if self._settings.relaxation == "joint" else loss
+
+    def _margins(self, rows: Rows, chosen: Tensor, chance: torch.Generator) -> tuple[Boxes, Tensor]:
+        """((low, high, point), margin) of scenes; some are shown mirrored, and their boxes mirrored back."""
         flipped = self._flipped(len(chosen), chance)
         scenes = rows.scenes[chosen]
-        low, high = self.network(scenes if self._mirror is None else self._mirror.scenes(scenes, flipped))
+        boxes = self.network(scenes if self._mirror is None else self._mirror.scenes(scenes, flipped))
         if self._mirror is not None:
-            low, high = self._mirror.box(low, high, flipped)
-        return low, high, margins_of(low, high, [rows.problems[int(i)] for i in chosen], self._programs)
+            boxes = self._mirror.boxes(boxes, flipped)
+        low, high, _ = boxes
+        problems = [rows.problems[int(i)] for i in chosen]
+        return boxes, margins_of(low, high, problems, self._programs, self._settings.relaxation)
 
     def _step(self, loss: Tensor) -> float:
         self._optimizer.zero_grad()

@@ -48,6 +48,7 @@ class OwnSelector:
         everything = any(one.kind is one.VAR_KEYWORD for one in parameters)
         self._takes = None if everything else {one.name for one in parameters}
         self.boxes = int(getattr(self._found, "boxes", 1))
+        self.relaxation = getattr(self._found, "relaxation", "p1")
 
     def predict(
         self, observation: Observation, state: Any = None, episode_start: Any = None, deterministic: bool = True

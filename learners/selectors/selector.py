@@ -14,6 +14,7 @@ from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import EnvelopeSet
+from stancekit.planners.relaxation.joint import RelaxationName
 
 
 class Selector(Protocol):
@@ -48,14 +49,15 @@ class FixedSelector(MemorylessPolicy):
 class Learned:
     """A selector and what it takes to roll it out and to keep it.
 
-    problem_class: what it was learned for; boxes: how many its action holds; write: writes its file; suffix: the
-    file's usual one.
+    problem_class: what it was learned for; boxes: how many its action holds; relaxation: the P1 that they are for;
+    write: writes its file; suffix: the file's usual one.
     """
 
     selector: Selector
     problem_class: str
     write: Callable[[Path], None]
     boxes: int = 1
+    relaxation: RelaxationName = "p1"
     suffix: str = ".safetensors"
 
     @classmethod
@@ -70,8 +72,8 @@ class Learned:
     def of(cls, found: Any, name: str, problem_class: str) -> Learned:
         """What a method of fitting or a file gave: envelopes, or a selector with ``predict``.
 
-        Its ``problem_class``, ``boxes`` (how many its action holds) and ``save(path)`` count where it has them; name:
-        what messages call it. Raises InvalidInput for anything else.
+        Its ``problem_class``, ``boxes`` (how many its action holds), ``relaxation`` and ``save(path)`` count
+        where it has them; name: what messages call it. Raises InvalidInput for anything else.
         """
         if isinstance(found, cls):
             return found
@@ -87,7 +89,10 @@ class Learned:
             found.save(path)
 
         of = getattr(found, "problem_class", problem_class)
-        return cls(selector=found, problem_class=of, write=write, boxes=getattr(found, "boxes", 1))
+        relaxation: RelaxationName = getattr(found, "relaxation", "p1")
+        return cls(
+            selector=found, problem_class=of, write=write, boxes=getattr(found, "boxes", 1), relaxation=relaxation
+        )
 
     @property
     def envelopes(self) -> EnvelopeSet:

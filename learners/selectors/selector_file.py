@@ -38,7 +38,7 @@ def _network(kind: str, path: Path) -> Learned:
         from .neural import NeuralSelector
 
         neural = NeuralSelector.load(path)
-        return Learned(selector=neural, problem_class=neural.problem_class, write=neural.save)
+        return Learned.of(neural, kind, neural.problem_class)
     if kind == "stancekit/chooser/1":
         from .chooser import Chooser
 

@@ -29,6 +29,7 @@ KNOBS: Mapping[str, tuple[str, ...]] = {
     "modes": ("share",),
     "chooser": ("share", "boxes", "steps", "batch", "seed", "chooser"),
     "neural": ("neural",),
+    "joint": ("neural",),
     "rl": ("rl",),
 }
 """Which settings concern which method."""
@@ -78,7 +79,7 @@ class FitSettings:
     def _check(self, method: str) -> None:
         if method == "ga":
             typed(GeneticSettings, self.genetic, "genetic")
-        elif method == "neural":
+        elif method in ("neural", "joint"):
             from ..selectors.neural_training import NeuralSettings
 
             typed(NeuralSettings, self.neural, "neural")

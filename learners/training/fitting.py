@@ -26,6 +26,7 @@ METHODS: Registry[Callable[[FitRequest], Any]] = Registry(
         "modes": f"{_BOXES}:modes",
         "chooser": f"{_NETWORKS}:chooser",
         "neural": f"{_NETWORKS}:neural",
+        "joint": f"{_NETWORKS}:joint",
         "rl": f"{_NETWORKS}:reinforcement",
     },
     expected="something to call with a FitRequest",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from ..data.scenes import scenes_of
@@ -15,6 +16,9 @@ from .envelope_methods import fit
 from .fit_settings import FitRequest
 from .reinforce import TrainingScenes, train
 
+JOINT_TARGET = 0.99
+"""Share of the feasible rows that the joint P1 must admit where nothing is said: chosen on validation rows."""
+
 
 def neural(request: FitRequest) -> NeuralSelector:
     """A network from terrain to box."""
@@ -22,6 +26,13 @@ def neural(request: FitRequest) -> NeuralSelector:
     return fit_neural(
         request.dataset, knobs, request.progress, calibration=request.calibration, checkpoint=request.checkpoint
     )
+
+
+def joint(request: FitRequest) -> NeuralSelector:
+    """A network from terrain to box and point, for the P1 that is joined with the lift."""
+    settings = request.settings
+    own = replace(settings, neural={"target": JOINT_TARGET, **settings.neural, "relaxation": "joint"})
+    return neural(replace(request, settings=own))
 
 
 def chooser(request: FitRequest) -> Chooser:

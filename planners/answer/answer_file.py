@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from ..errors import InvalidInput
+from ..files.arrays import plain_numbers
 from ..files.documents import parse_json, read_json
 from ..files.writing import write_text
 from ..problem import PostureProblem
@@ -121,7 +122,7 @@ def answer_from_json(data: Any) -> Posture | Certificate | None:
         raise InvalidInput(f"{missing[0]}: expected this key, got nothing")
     names += tuple(name for name in ("points_m", "point_forces_n") if name in data)
     try:
-        return Posture(**{name: data[name] for name in names})
+        return Posture(**{name: plain_numbers(data[name]) for name in names})
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(f"{', '.join(names)}: expected lists of numbers") from None
 

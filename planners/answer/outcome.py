@@ -8,11 +8,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..errors import InvalidInput
-
-Array = NDArray[np.float64]
+from ..files.arrays import Array, plain_numbers
 
 
 class Status(enum.StrEnum):
@@ -160,8 +158,7 @@ class Certificate:
         if not isinstance(data, Mapping) or set(data) != {"tree", "multipliers"}:
             raise InvalidInput("certificate: expected an object with the keys tree and multipliers")
         try:
-            tree = np.array(data["tree"], dtype=np.float64)
-            multipliers = np.array(data["multipliers"], dtype=np.float64)
+            tree, multipliers = plain_numbers(data["tree"]), plain_numbers(data["multipliers"])
         except (TypeError, ValueError, OverflowError):
             raise InvalidInput("certificate: expected two tables of numbers") from None
         return cls.from_arrays(tree, multipliers)

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ from ..files.embedded import embedded, extracted
 from ..files.validation import shown
 from ..files.writing import check_writable, write_text
 from ..problem.course import Course
+from ..problem.course_comparison import course_difference
 from ..problem.course_json import course_from_json, course_to_json
 from ..robot.urdf import joint_names
 from ..verify import Report, check_plan
@@ -31,7 +33,6 @@ from .plan import Plan
 
 if TYPE_CHECKING:
     from ..robot.robot_model import RobotModel
-    from ..verify.bodies import Way
 
 __all__ = ["FORMAT", "FileCheck", "check_file", "check_name", "is_plan_file", "plan_paths", "read_plan", "write_plan"]
 
@@ -43,22 +44,26 @@ PARTS: dict[str, dict[str, type]] = {
     "provenance": {},
 }
 """What the objects in the header hold at least."""
+OF_JOINTS = ("joints", "torque")
+"""Groups that ask for nothing but the file and pinocchio; bodies ask for meshes, too."""
 ARRAYS: dict[str, dict[str, type]] = {FORMAT: {"npz": str}, PAIRED: {"file": str, "sha256": str}}
 """And where the numbers are, by format."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FileCheck:
-    """What a second look at a plan file says. same: the verdict and digest in the file are those of this look."""
+    """What a second look at a plan file says. same: the verdict and digest in the file are those of this look.
+    unfounded: what the file lists as checked and nobody can check, by what the file itself says of its robot."""
 
     path: str
     report: Report
     same: bool
+    unfounded: tuple[str, ...] = ()
 
     @property
     def accepted(self) -> bool:
         """The plan is accepted, the file says so, too, and the robot can do it as far as that could be checked."""
-        return self.report.accepted and self.same
+        return self.report.accepted and self.same and not self.unfounded
 
     @property
     def message(self) -> str:
@@ -66,6 +71,8 @@ class FileCheck:
         parts = [self.report.message, *filter(None, [self.report.joints_message])]
         if not self.same:
             parts.append("the file claims another verdict")
+        if self.unfounded:
+            parts.append(f"the file lists as checked what nobody can check: {', '.join(self.unfounded)}")
         return "; ".join(parts)
 
     def to_json(self) -> dict[str, Any]:
@@ -163,32 +170,31 @@ def check_file(
     tolerance: float = 1e-6,
     joints: bool = True,
     robot: RobotModel | None = None,
-    way: Way | None = None,
-    motion: bool = False,
+    course: Callable[[int], Course] | None = None,
 ) -> FileCheck:
     """Verify a plan file anew, whatever it says of itself.
 
-    robot: whose legs the file's robot has to have; without it the file is believed what its robot is. way: see
-    ``check_plan``; taken where the file says that its motion was judged, or where ``motion`` asks for that. Raises
-    InvalidInput for a file that cannot be read, and for one of another robot.
+    robot: whose legs the file's robot has to have; without it the file is believed what its robot is. course: of so
+    many key frames, the one that the plan has to be of; without it the file is believed what was asked. Raises
+    InvalidInput for a file that cannot be read, and for one of another robot or course.
     """
     plan, header = read_plan(path)
     own = plan.course.robot.model
-    if robot is not None and (
-        own is None or own.digest != robot.digest or own.disabled_pairs != robot.disabled_pairs
-    ):
+    if robot is not None and (own is None or own.digest != robot.digest or own.disabled_pairs != robot.disabled_pairs):
         got = "legs or numbers of its own" if own is not None else "no legs in its file"
         raise InvalidInput(
             f"{path}: expected a plan for the robot {robot.name} as its file is, got one for {plan.course.robot.name} "
             f"with {got}"
         )
+    if course is not None and (other := course_difference(plan.course, course(plan.course.frames))):
+        raise InvalidInput(f"{path}: expected a plan of that course, got one of another: {other}")
     said = header["verdict"]
-    way = way if motion or "motion" in said.get("checked", ()) else None
-    report = check_plan(plan, tolerance=tolerance, joints=joints, way=way)
-    listed = [getattr(report, name) for name in WHOLE_BODY if name in said.get("checked", ())]
-    found = report.contacts and all(group["verdict"] != "failed" for group in listed)
+    report = check_plan(plan, tolerance=tolerance, joints=joints)
+    listed = {name: getattr(report, name)["verdict"] for name in WHOLE_BODY if name in said.get("checked", ())}
+    found = report.contacts and "failed" not in listed.values()
     same = found == said["accepted"] == header["verified"]
-    return FileCheck(path=str(path), report=report, same=same)
+    unfounded = [name for name in OF_JOINTS if listed.get(name) == "not checked"] if find_spec("pinocchio") else []
+    return FileCheck(path=str(path), report=report, same=same, unfounded=tuple(unfounded))
 
 
 def is_plan_file(path: str | Path) -> bool:

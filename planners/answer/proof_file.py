@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import Array, plain_numbers
 from ..files.documents import read_json
 from ..files.writing import write_text
 from ..problem import PostureProblem
@@ -122,9 +120,9 @@ def _is_posture(data: Any) -> bool:
 def _table(data: Mapping[str, Any], name: str) -> Array:
     """A table of numbers. Raises InvalidInput for anything else."""
     try:
-        found = np.array(data[name])
-        if found.ndim != 2 or found.dtype.kind not in "if":
+        found = plain_numbers(data[name])
+        if found.ndim != 2:
             raise ValueError
     except (ValueError, TypeError, OverflowError):
         raise InvalidInput(f"{name}: expected a table of numbers") from None
-    return found.astype(np.float64)
+    return found

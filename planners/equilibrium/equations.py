@@ -125,7 +125,18 @@ class Plan:
         }
         if moves and self._held is None:
             found["toe_step"] = cp.SOC(toe * np.ones(moves), self.toe_steps, axis=1)
+            found |= self.within_relative_reach()
         return found
+
+    def within_relative_reach(self) -> Terms:
+        """a·(p_other − p_limb) ≤ b of every limb that moves (``robot.reach``)."""
+        (row, which), (moved, other, _) = self.layout.relative_rows, self.layout.relative_pairs.T
+        if not len(row):
+            return {}
+        apart, its = cp.Variable((len(moved), 3), name="apart"), self.scaled.relative
+        along = cp.sum(cp.multiply(its.normals[row], apart[which]), axis=1)
+        is_apart = apart - self.toes[other] + self.toes[moved] == 0
+        return {"apart": is_apart, "relative_reach": along <= its.bounds[row]}
 
     def stays_at(self, point: Point) -> Terms:
         """c and Θ are those of the point."""
@@ -225,15 +236,19 @@ class Products:
         self.position = cp.Variable((contacts, 3), name="position")
         self.forces, self.moments = forces.forces, cp.Variable((contacts, 9), name="moments")
         self._sums: Terms = {"legs": self.position == plan.legs}
-        if axes == "world" or len(layout.candidate_footholds) > layout.footholds:
+        if axes == "world" or len(forces.contact) > contacts:
             self.forces = cp.Variable((contacts, 3), name="box_forces")
             total = added(forces.world, forces.contact, contacts)
             self._sums["turned"] = self.forces == rotated(self._axes.transpose(0, 2, 1), total)
         self.parts = (self.position, self.forces, self.moments)
         self.world = rotated(self._axes, self.forces)
 
+    def sums(self) -> Terms:
+        """p = p_w − c (E2), and f in its axes."""
+        return dict(self._sums)
+
     def terms(self) -> Terms:
-        """p = p_w − c (E2), f in its axes, and Σ m = 0 in every stance (E9)."""
+        """The sums, and Σ m = 0 in every stance (E9)."""
         by_p = [rotated(self._axes, self.moments[:, 3 * j : 3 * j + 3]) for j in range(3)]  # p_j F
         moment = cp.vstack([by_p[i][:, j] - by_p[j][:, i] for i, j in ((1, 2), (2, 0), (0, 1))]).T
         return {**self._sums, "moment": added(moment, self._layout.contacts[0], len(self._layout.stances)) == 0}

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..files.arrays import Array
 from ..problem import Contact
-from ..robot.model import Limb
+from ..robot.model import Limb, Robot
 from ..robot.reach import ReachRows, turned_most
 from .gather import Of
 from .layout import Index, Layout
@@ -106,3 +106,43 @@ def within_half_spaces(
     rows.put(at[:, None], own, Of("scaled.half_spaces.normals", row))
     rows.put(at[:, None], np.repeat(rotation, count, axis=0), Of(f"scaled.half_spaces.{levers}", row))
     rows.right(at, Of(f"scaled.half_spaces.{bounds}", row))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RelativeHalfSpaces:
+    """Non-dimensional numbers of half-spaces a·(p_other − p_limb) ≤ b, by pair of feet (``robot.reach``)."""
+
+    normals: Array  # (G, 3)
+    bounds: Array  # (G,)
+
+    @classmethod
+    def of(cls, robot: Robot, length_m: float) -> RelativeHalfSpaces:
+        """Those of a robot."""
+        rows = [each.rows for each in robot.relative_reach]
+        if not rows:
+            return cls.none()
+        bounds = np.concatenate([each.bounds_m for each in rows]) / length_m
+        return cls(normals=np.concatenate([each.normals for each in rows]), bounds=bounds)
+
+    @classmethod
+    def none(cls) -> RelativeHalfSpaces:
+        """No half-spaces."""
+        return cls(normals=np.zeros((0, 3)), bounds=np.zeros(0))
+
+    @staticmethod
+    def pairs(robot: Robot) -> tuple[tuple[int, int, int], ...]:
+        """``Layout.relative``."""
+        number = {name: index for index, name in enumerate(robot.limb_names)}
+        return tuple((number[e.limb], number[e.other], len(e.rows.bounds_m)) for e in robot.relative_reach)
+
+
+def within_relative_reach(rows: Rows[Any], layout: Layout, put_toes: Callable[[Index, Index, float], None]) -> None:
+    """a·(p_other − p_limb) ≤ b wherever the limb has moved; the difference has columns of its own."""
+    (half_space, which), (moved, other, _) = layout.relative_rows, layout.relative_pairs.T
+    apart, is_apart = rows.variable("apart", len(moved), 3), rows.equal("apart", len(moved), 3)
+    rows.put(is_apart, apart, 1.0)
+    put_toes(is_apart, other, -1.0)
+    put_toes(is_apart, moved, 1.0)
+    at = rows.at_most("relative_reach", len(half_space))
+    rows.put(at[:, None], apart[which], Of("scaled.relative.normals", half_space))
+    rows.right(at, Of("scaled.relative.bounds", half_space))

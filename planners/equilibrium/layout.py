@@ -29,6 +29,7 @@ class Layout:
     holds: the foothold under each limb at each frame, (M, N); stances: (frame, limbs) of each;
     corners: how many vertices each open candidate has, by foothold; reach_rows: how many half-spaces each limb's reach
     has, by limb; empty where none has any. points: how many each limb's foot has; empty where all are point feet.
+    relative: (limb, other, how many half-spaces) of every pair of feet whose distance is limited where the limb moves.
     """
 
     holds: tuple[tuple[int, ...], ...]
@@ -36,6 +37,7 @@ class Layout:
     corners: tuple[tuple[int, ...], ...]
     reach_rows: tuple[int, ...] = ()
     points: tuple[int, ...] = ()
+    relative: tuple[tuple[int, int, int], ...] = ()
 
     @property
     def frames(self) -> int:
@@ -93,6 +95,26 @@ class Layout:
         table = np.array(self.holds, dtype=np.int_)
         changed = np.argwhere(table[1:] != table[:-1])
         return np.array([(table[k, i], table[k + 1, i]) for k, i in changed], dtype=np.int_).reshape(-1, 2)
+
+    @cached_property
+    def relative_pairs(self) -> Index:
+        """(foothold of a limb that moved, foothold of the other, which pair of limbs), by frame; shape (pairs, 3)."""
+        table = np.array(self.holds, dtype=np.int_)
+        found = [
+            (table[k + 1, limb], table[k + 1, other], pair)
+            for k, i in np.argwhere(table[1:] != table[:-1]).tolist()
+            for pair, (limb, other, _) in enumerate(self.relative)
+            if limb == i
+        ]
+        return np.array(found, dtype=np.int_).reshape(-1, 3)
+
+    @cached_property
+    def relative_rows(self) -> tuple[Index, Index]:
+        """(number of its half-space, row in ``relative_pairs``) of every row of relative reach, each of shape (R,)."""
+        which, half_space = _expanded(
+            self.relative_pairs[:, 2], np.array([n for *_, n in self.relative], dtype=np.int_)
+        )
+        return half_space, which
 
     @cached_property
     def candidate_footholds(self) -> Index:

@@ -15,7 +15,7 @@ def multiplier_shapes(layout: Layout) -> dict[str, tuple[int, ...]]:
     return {
         "nu_F": stances, "nu_M": stances, "reach": (layout.frames, layout.limbs, 3), "com_step": (steps, 3),
         "rotation_step": (steps, 3), "progress": (steps,), "toe_step": (len(layout.moves), 3),
-        "reach_rows": (layout.frames, len(layout.row_limbs)),
+        "reach_rows": (layout.frames, len(layout.row_limbs)), "relative_reach": (len(layout.relative_rows[0]),),
     }  # fmt: skip
 
 
@@ -23,7 +23,7 @@ def multipliers(layout: Layout, solution: ConicSolution) -> Array:
     """A leaf's row of a ``Certificate``, in single precision, its largest entry ±1.
 
     ν_F, ν_M of the balances (zero where the program has none), then r of the reach, a, t and g of the steps of c and Θ
-    and the progress, b of the toes' steps, σ of half-spaces of reach (``verify.certificate``).
+    and the progress, b of the toes' steps, σ of half-spaces of reach and of feet (``verify.certificate``).
     """
     nothing = np.zeros((len(layout.stances), 3))
     groups = solution.groups
@@ -43,6 +43,10 @@ def multipliers(layout: Layout, solution: ConicSolution) -> Array:
     rows = np.zeros(0)
     if "reach_rows" in groups:  # of their inner sets, which are cones, the first of each
         rows = np.maximum(solution.dual("reach_rows").reshape(layout.frames * len(layout.row_limbs), -1)[:, 0], 0.0)
-    parts = (force, moment, cone("reach"), cone("com_step"), cone("rotation_step"), progress, cone("toe_step"), rows)
+    apart = np.maximum(solution.dual("relative_reach"), 0.0) if "relative_reach" in groups else np.zeros(0)
+    if not len(apart):  # toes that are held
+        apart = np.zeros(len(layout.relative_rows[0]))
+    steps = (cone("com_step"), cone("rotation_step"), progress, cone("toe_step"))
+    parts = (force, moment, cone("reach"), *steps, rows, apart)
     flat = np.concatenate([np.ravel(part) for part in parts])
     return np.asarray((flat / max(float(np.abs(flat).max()), 1e-300)).astype(np.float32).astype(np.float64))

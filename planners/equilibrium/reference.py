@@ -13,7 +13,7 @@ import cvxpy as cp
 import numpy as np
 
 from ..files.arrays import Array
-from .equations import Axes, Box, Forces, Plan, Products, cross, mccormick, within
+from .equations import Axes, Box, Forces, Plan, Products, added, cross, mccormick, rotated, within
 from .model import Model, Terms
 from .scaled import Point, Scaled
 
@@ -36,6 +36,35 @@ def p1(scaled: Scaled, box: Box, *, soft: bool, axes: Axes = "contact") -> Model
         return Model(plan.objective(), {**terms, **mccormick(products.parts, box)})
     margin = cp.Variable(1, name="margin")
     return Model(margin[0], {**terms, **mccormick(products.parts, box, margin=margin)})
+
+
+def joint(scaled: Scaled, box: Box, about: Point | None, *, price: float | None) -> Model:
+    """The lift and P1 over a box, linked in all nine components of Σ p fᵀ (``relaxation.joint``).
+
+    about, price: where the gap is linearised, and the price of the margin beside it; None: the signed margin alone.
+    """
+    scaled.layout.check_point_feet("envelopes")
+    plan = Plan(scaled)
+    layout, forces = plan.layout, Forces.of_vertices(plan)
+    stance, count = layout.contacts[0], len(layout.stances)
+    contact, vertex = layout.contact_vertices
+    products = Products(plan, forces, "contact")
+    margin = cp.Variable(1, name="margin")
+    up = scaled.weight * plan.com[layout.stance_frames]
+    linked = []
+    for j in range(3):  # of p; the rows are the axes of R f
+        lifted = added(cp.multiply(scaled.vertices[vertex][:, j : j + 1], forces.world), stance[contact], count)
+        relaxed = rotated(scaled.contact_frames, products.parts[2][:, 3 * j : 3 * j + 3])
+        linked.append(lifted - added(relaxed, stance, count) - cp.vstack([0 * up[:, j], 0 * up[:, j], up[:, j]]).T)
+    moment = plan.net(cross(scaled.bearing_vertices, forces.world), forces.stance)
+    terms = {
+        **_on_toes(plan), **_on_forces(forces), **products.sums(), "moment": moment == 0,
+        "linked": cp.hstack(linked) == 0, **mccormick(products.parts, box, margin=margin),
+    }  # fmt: skip
+    if about is None or price is None:
+        return Model(margin[0], terms)
+    gap, is_gap = _gap(plan, forces, about)
+    return Model(price * margin[0] + gap, {**terms, **is_gap, "margin_positive": -margin <= 0})
 
 
 def p1_of_modes(scaled: Scaled, boxes: Sequence[Box], allowed: Array, *, axes: Axes = "contact") -> Model:
@@ -62,6 +91,15 @@ def lift(scaled: Scaled, *, least_moment: bool) -> Model:
     forces = Forces.of_vertices(plan)
     moment = plan.net(cross(scaled.bearing_vertices, forces.world), forces.stance)
     return _with_moment(plan, moment, {**_on_toes(plan), **_on_forces(forces)}, least_moment)
+
+
+def least_gap(scaled: Scaled, about: Point) -> Model:
+    """The lift with the least gap Σ_u (v_u − p̂)(f_u − λ_u f̂)ᵀ of its products from p fᵀ, linearised at (p̂, f̂)."""
+    plan = Plan(scaled)
+    forces = Forces.of_vertices(plan)
+    moment = plan.net(cross(scaled.bearing_vertices, forces.world), forces.stance)
+    cost, terms = _gap(plan, forces, about)
+    return Model(cost, {**_on_toes(plan, inner=True), **_on_forces(forces), **terms, "moment": moment == 0})
 
 
 def fix_toes(scaled: Scaled, held: Point, *, hold_body: bool, least_moment: bool) -> Model:
@@ -119,6 +157,17 @@ def _on_toes(plan: Plan, *, inner: bool = False) -> Terms:
 
 def _on_forces(forces: Forces) -> Terms:
     return {**forces.balance(), **forces.in_cones(), **forces.in_boxes()}
+
+
+def _gap(plan: Plan, forces: Forces, about: Point) -> tuple[cp.Expression, Terms]:
+    """Σ g² and what g is, g_jk of a stance contact in the column 3j + k."""
+    layout = plan.layout
+    contact, vertex = layout.contact_vertices
+    arms = plan.scaled.vertices[vertex] - about.toes[layout.contacts[2][contact]]
+    off = forces.forces - cp.multiply(plan.weights[vertex][:, None], about.forces[contact])
+    products = cp.hstack([cp.multiply(arms[:, j : j + 1], off) for j in range(3)])
+    gap = cp.Variable((len(layout.contacts[0]), 9), name="gap")
+    return cp.sum_squares(gap), {"gap": added(products, contact, len(layout.contacts[0])) - gap == 0}
 
 
 def _with_moment(plan: Plan, moment: cp.Expression, terms: Terms, least_moment: bool) -> Model:

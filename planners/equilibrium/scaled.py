@@ -18,7 +18,7 @@ from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course, Weights
 from ..robot.reach import turned_most
-from .half_spaces import HalfSpaces
+from .half_spaces import HalfSpaces, RelativeHalfSpaces
 from .layout import Index, Layout, shared
 from .scaling import of_course, of_posture
 
@@ -49,8 +49,8 @@ class Scaled:
     options: most candidates of a foothold in the problem; which: the number, in the problem, of every open candidate,
     by foothold. vertices: v_u, shape (V, 3); a toe that
     already stands is a candidate of one vertex. frames: R_WC, columns n, y, z, shape (K, 3, 3); friction: (K,).
-    shoulders: (N, 3); reach: (N,); half_spaces: of reach. offsets: from the toe to the points of its foot, on
-    every candidate, with zeros after them, shape (K, points, 3); of point feet (0, 1, 3).
+    shoulders: (N, 3); reach: (N,); half_spaces: of reach; relative: of feet from one another. offsets: from the toe to
+    the points of its foot, on every candidate, with zeros after them, shape (K, points, 3); of point feet (0, 1, 3).
     force_min, force_max: on (f_n, f_y, f_z) of every stance contact, (B, 3).
     weight: m·g. com: nominal, (M, 3); com_radius: (M,). tilt: limit [rad]. steps: largest step of the COM, of a toe and
     of the rotation; direction: of the nominal steps, (M − 1, 3); progress: least along them, (M − 1,). goal: (3,).
@@ -80,6 +80,7 @@ class Scaled:
     force_n: float
     half_spaces: HalfSpaces = field(default_factory=HalfSpaces.none)
     offsets: Array = field(default_factory=lambda: np.zeros((0, 1, 3)))
+    relative: RelativeHalfSpaces = field(default_factory=RelativeHalfSpaces.none)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "layout", shared(self.layout))

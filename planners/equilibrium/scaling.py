@@ -10,7 +10,7 @@ import numpy as np
 from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course
-from .half_spaces import HalfSpaces
+from .half_spaces import HalfSpaces, RelativeHalfSpaces
 from .layout import Layout
 
 Scaled = TypeVar("Scaled")
@@ -68,6 +68,7 @@ def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
         corners=tuple(tuple(next(sizes) for _ in foothold.candidates) for foothold in course.footholds),
         reach_rows=HalfSpaces.counts(limbs),
         points=tuple(1 if limb.sole_m is None else len(limb.sole_m) for limb in limbs) if points else (),
+        relative=RelativeHalfSpaces.pairs(course.robot),
     )
     direction = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
     carrying = len(layout.contact_points)
@@ -95,6 +96,7 @@ def of_course(scaled: Callable[..., Scaled], course: Course) -> Scaled:
         force_n=course.weight_n,
         half_spaces=HalfSpaces.of(limbs, scale, course.tilt_limit_rad),
         offsets=offsets,
+        relative=RelativeHalfSpaces.of(course.robot, scale),
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..files.arrays import Array
 from .gather import Fill, Of
-from .half_spaces import within_half_spaces
+from .half_spaces import within_half_spaces, within_relative_reach
 from .layout import Index, Layout
 from .rows import Rows
 from .scaled import Point, Scaled, skew
@@ -163,6 +163,8 @@ class Body:
             toes.put(step[:, 1:], layout.moves[:, 1], -1.0)
             toes.put(step[:, 1:], layout.moves[:, 0], 1.0)
             rows.right(step[:, 0], Of("scaled.steps", 1))
+            if len(layout.relative_rows[0]):
+                within_relative_reach(rows, layout, toes.put)
 
 
 class Forces:

@@ -25,10 +25,7 @@ def read_only(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Ar
     Raises InvalidInput.
     """
     try:
-        raw = np.asarray(value)
-        if value is None or raw.dtype.kind not in "fiuO":  # no texts, truth values or complex numbers
-            raise TypeError
-        array = np.array(value, dtype=np.float64)
+        array = plain_numbers(value)
     except (TypeError, ValueError, OverflowError):
         raise InvalidInput(f"{where}: expected numbers of shape {_shape_text(shape)}, got {shown(value, 80)}") from None
     if array.ndim != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
@@ -40,6 +37,16 @@ def read_only(value: ArrayLike, shape: tuple[int | None, ...], where: str) -> Ar
         raise InvalidInput(f"{where}: expected magnitudes up to {LARGEST:g}, got {largest:g}")
     array.setflags(write=False)
     return array
+
+
+def plain_numbers(value: ArrayLike) -> Array:
+    """A float copy of numbers. Raises TypeError, ValueError or OverflowError for anything else: texts, which NumPy
+    reads as numbers in any script, truth values, nulls, complex numbers, rows of different lengths."""
+    raw = np.asarray(value)
+    large = raw.dtype.kind == "O" and all(type(each) in (int, float) for each in raw.flat)  # integers beyond 64 bits
+    if raw.dtype.kind not in "fiu" and not large:
+        raise TypeError
+    return np.array(raw, dtype=np.float64)
 
 
 def checked(

@@ -85,6 +85,13 @@ def remove_leftovers(folder: Path, of: Callable[[str], bool]) -> None:
                     _remove_unlocked(folder / name)
 
 
+def check_new_folder(path: Path) -> None:
+    """Raise InvalidInput where there is a file, or a folder with something in it."""
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        found = "a file" if path.is_file() else "files in it"
+        raise InvalidInput(f"{path}: expected a new or empty folder, found {found}")
+
+
 def check_writable(path: str | Path) -> Path:
     """The file behind a path, asked for before the work whose result goes there. Raises InvalidInput if none can be."""
     path = Path(path)

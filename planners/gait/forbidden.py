@@ -1,11 +1,14 @@
 """Walks that friction forbids, said before any program is written: arguments about impulses, without a solver.
 
-A foot on ground of normal n pushes with w·f ≥ 0 for every w that is nearer to n than 90° − atan ν. Where one such w
-suits all ground that feet can have, w·(Σ f) ≥ 0 whatever the feet do, and in flight, too. So
+A foot on ground of normal n pushes with w·f ≥ −s, s its suction, for every unit w that is nearer to n than
+90° − atan ν. Where one such w suits all ground that feet can have, w·(Σ f) ≥ −S whatever they do, and in flight, too;
+S is the suction of all feet that stick. So
 
-- at rest, Σ f = m g e_z, and a w that points below the horizon is a proof: no stance there carries the weight;
-- from rest to rest in T, w·Δp = ∫ (T − t) w·f / m dt − w_z g T²/2 and = w_z g T²/2 − ∫ t w·f / m dt, so that
-  |w·Δp| ≤ w_z g T²/2: the net impulse does not bring the body so far.
+- at rest, Σ f = m g e_z, and a w with −w_z m g > S is a proof: no stance there carries the weight;
+- for a way e along the ground and w = (∓e cos β, sin β), ±a_e ≤ A± + tan β± a_z, A = g tan β + S / (m cos β). From rest
+  to rest in T, e·Δp = ∫ (c − t) a_e dt ≤ A₊ c²/2 + A₋ (T − c)²/2 + rise (tan β₊ + tan β₋) for every c in [0, T]: what
+  pushes ahead until c has to brake thereafter. rise bounds how far the body is above either end at c. That is known
+  where some foot always stands; where none may, c = 0 and T alone are taken, where one of the ends is meant.
 
 The gradient of a cubic spline is within the hull of its derivatives' control points, cell by cell, and the normals that
 suit a w are a convex cone, so that the corners of each cell's box of gradients speak for all of its ground.
@@ -20,28 +23,30 @@ from ..files.arrays import Array
 from ..robot.single_body import GRAVITY_M_S2
 from ..terrain.heightfield import HeightField
 from .task import GaitSettings, GaitTask
+from .variables.phases import gait_named, schedule
 
 FRICTION_ROOM = 0.02
 """Friction is taken to be this much more than it is: nothing is forbidden that the verifier tolerates."""
 TURNS = np.deg2rad(5.0) * np.arange(72)
-BELOW = np.array([1e-3, 0.01, 0.05])
+BELOW = np.array([1e-3, 0.01, 0.05, 0.1, 0.15, 0.2, 0.3, 0.45, 0.6, 0.8, 1.0])
 """Directions about the vertical, and below the horizon, in which w is looked for [rad]."""
+LEAST, GREATEST = 1e-6, 0.5 * np.pi - 1e-6
+"""β that are taken, above the horizon [rad]."""
 
 
 def forbidden(task: GaitTask, settings: GaitSettings) -> str:
-    """Why there is no such walk, in one sentence; empty where this proves nothing, as with feet that stick."""
-    if any(task.adhesive):
-        return ""
+    """Why there is no such walk, in one sentence; empty where this proves nothing."""
     boxes = GradientBoxes(task.terrain)
     places = [("start", task.start_xy_m)] + [("goal", task.goal_xy_m)] * settings.still_end
     for name, xy in places:
         normals = boxes.normals(xy, _reach_m(task) + 3e-3)
-        if len(normals) and _tips_over(normals, task.friction + FRICTION_ROOM):
+        if len(normals) and _tips_over(normals, task.friction + FRICTION_ROOM, _pull(task)):
             return (
                 f"at rest at the {name} ({xy[0]:g}, {xy[1]:g}) no stance carries the weight: all ground within "
-                f"{_reach_m(task):.2f} m is steeper one way than friction {task.friction:g} holds"
+                f"{_reach_m(task):.2f} m is steeper one way than friction {task.friction:g}"
+                f"{_suction(task)} holds"
             )
-    return _too_far(task, boxes) if settings.still_end else ""
+    return _too_far(task, boxes, settings) if settings.still_end else ""
 
 
 class GradientBoxes:
@@ -86,28 +91,67 @@ def _suits(directions: Array, normals: Array, friction: float) -> Array:
     return np.asarray(least >= friction / np.hypot(1.0, friction))
 
 
-def _tips_over(normals: Array, friction: float) -> bool:
-    """Whether a direction below the horizon suits all normals."""
+def _pull(task: GaitTask) -> float:
+    """What all feet that stick can pull with, in units of the weight."""
+    assert task.suction_n is not None
+    return sum(task.adhesive) * task.suction_n / task.robot.weight_n
+
+
+def _suction(task: GaitTask) -> str:
+    """That, in words; empty where no foot sticks."""
+    return f" and suction of {_pull(task) * task.robot.weight_n:.0f} N" if any(task.adhesive) else ""
+
+
+def _tips_over(normals: Array, friction: float, pull: float) -> bool:
+    """Whether a direction below the horizon suits all normals, so far below that suction does not hold the weight."""
     level = np.column_stack([np.cos(TURNS), np.sin(TURNS)])
-    below = [np.column_stack([np.cos(angle) * level, np.full(len(level), -np.sin(angle))]) for angle in BELOW]
-    return bool(_suits(np.concatenate(below), normals, friction).any())
+    angles = BELOW[np.sin(BELOW) > pull]
+    below = [np.column_stack([np.cos(angle) * level, np.full(len(level), -np.sin(angle))]) for angle in angles]
+    return bool(len(below)) and bool(_suits(np.concatenate(below), normals, friction).any())
 
 
-def _too_far(task: GaitTask, boxes: GradientBoxes) -> str:
+def _too_far(task: GaitTask, boxes: GradientBoxes, settings: GaitSettings) -> str:
     """Whether the net impulse of all the ground there is does not bring the body to the goal in time."""
     ahead = task.goal_xy_m - task.start_xy_m
     away = float(np.linalg.norm(ahead))
     if away == 0.0:
         return ""
-    rises = np.linspace(1e-3, 0.5 * np.pi - 1e-3, 400)
+    normals, friction = boxes.normals(), task.friction + FRICTION_ROOM
+    slopes = np.array([_least(way * ahead / away, normals, friction) for way in (-1.0, 1.0)])
+    pulled = _pull(task) * np.hypot(1.0, slopes) if any(task.adhesive) else 0.0
+    most = GRAVITY_M_S2 * (slopes + pulled)  # A₊ and A₋ [m/s²]
     higher = float(np.ptp(task.terrain.heights_m)) + 2.0 * _reach_m(task)
-    room = higher + 0.5 * GRAVITY_M_S2 * task.duration_s**2
-    message = rises[away * np.cos(rises) > room * np.sin(rises)]
-    w = np.column_stack([np.outer(np.cos(message), -ahead / away), np.sin(message)])
-    normals = boxes.normals()
-    if not len(message) or not (_suits(w, normals, task.friction + FRICTION_ROOM)).any():
+    bounds = most * 0.5 * task.duration_s**2 + higher * slopes
+    if np.isfinite(most).all() and _always_stands(task, settings):
+        both = most.prod() / most.sum() * 0.5 * task.duration_s**2 + higher * slopes.sum()
+        bounds = np.append(bounds, both)
+    if away <= bounds.min():
         return ""
     return (
-        f"from rest to rest in {task.duration_s:g} s friction {task.friction:g} does not bring the body {away:.2f} m "
-        "far: what it can push ahead, it has to brake, too"
+        f"from rest to rest in {task.duration_s:g} s friction {task.friction:g}{_suction(task)} brings the body no "
+        f"farther than {bounds.min():.2f} m, the goal is {away:.2f} m away: what it can push ahead, it has to brake"
     )
+
+
+def _least(towards: Array, normals: Array, friction: float) -> float:
+    """tan of the least β at which (towards cos β, sin β) suits all normals; inf where none does.
+
+    For one normal that is R sin(β + φ) ≥ ν / √(1 + ν²), a range of β; a w within all of them suits all.
+    """
+    along, up = normals[:, :2] @ towards, normals[:, 2]
+    sine = friction / np.hypot(1.0, friction) / np.hypot(along, up)
+    if np.any(sine > 1.0):
+        return np.inf
+    ahead, half = np.arctan2(along, up), np.arcsin(sine)
+    least, most = max(LEAST, float((half - ahead).max())), float((np.pi - half - ahead).min())
+    return float(np.tan(least)) if least <= min(most, GREATEST) else np.inf
+
+
+def _always_stands(task: GaitTask, settings: GaitSettings) -> bool:
+    """Whether some foot is on the ground at every moment, as the timing has it."""
+    if task.timings != "fixed":
+        return False
+    feet = schedule(gait_named(task.gait), task.robot.foot_names, task.duration_s, settings.step_s)
+    edges = np.unique(np.concatenate([foot.edges_s for foot in feet]))
+    moments = np.concatenate([0.5 * (edges[1:] + edges[:-1]), edges])
+    return bool(np.any([foot.stands(moments) for foot in feet], axis=0).all())

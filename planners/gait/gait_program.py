@@ -81,6 +81,11 @@ class GaitProgram:
     def _violations(self, x: Array, parameters: Array) -> Mapping[str, float]:
         return self.nlp.violations(np.asarray(self.nlp.constraint(x, parameters), dtype=np.float64).ravel())
 
+    def build(self, *, costs: Costs | None = None, max_iterations: int | None = None, **_: Any) -> None:
+        """Build what ``solve`` needs with these options, so that child processes find it ready."""
+        limit = self.settings.max_iterations if max_iterations is None else max_iterations
+        self._ipopt.build(costs=(costs or Costs()).smooth, max_iterations=limit)
+
     def solve(
         self,
         guess: Array | None = None,
@@ -177,14 +182,14 @@ class GaitSolution:
         return sampled(self.program.structure, self.x, np.asarray(times_s, dtype=np.float64), self.height_factor)
 
     def trajectory(self, dt_s: float = STEP_S) -> Trajectory:
-        """The motion in the world frame on a grid of about dt_s, of three samples or more, whatever the chart was.
+        """The motion in the world frame on a grid of about dt_s, of four samples or more, whatever the chart was.
 
         Equal solves give equal trajectories: no clock is in the provenance. Raises InvalidInput for a dt_s that is not
         above 0 or goes beyond the duration.
         """
         task, settings = self.program.task, self.program.settings
         checked(dt_s, "dt_s", above=0.0, most=task.duration_s)
-        steps = max(2, round(task.duration_s / dt_s))
+        steps = max(3, round(task.duration_s / dt_s))
         at = self.samples(np.linspace(0.0, task.duration_s, steps + 1))
         return Trajectory(
             times_s=at.times_s,

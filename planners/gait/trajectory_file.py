@@ -11,7 +11,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,13 +20,18 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from ..errors import InvalidInput
 from ..files.archive import read_archive, unpacked
 from ..files.arrays import read_only
+from ..files.comparison import first_difference
 from ..files.documents import read_json
 from ..files.embedded import embedded, extracted
 from ..files.validation import shown, validated
 from ..files.writing import check_writable, write_text
+from ..robot.model_json import without_folders
 from ..terrain.heightfield import HeightField
 from ..verify.trajectories import GaitReport, check_trajectory
-from .trajectory import SAMPLES, Trajectory, robot_from_json
+from .trajectory import SAMPLES, Trajectory, robot_from_json, robot_to_json
+
+if TYPE_CHECKING:
+    from ..robot.single_body import GaitRobot
 
 FORMAT = "stancekit/gait/2"
 PAIRED = "stancekit/gait/1"
@@ -98,9 +103,24 @@ def read_trajectory(path: str | Path) -> Record:
     return Record(trajectory=trajectory, verified=header.verified, verdict=header.verdict)
 
 
-def check_file(path: str | Path) -> GaitReport:
-    """Read a trajectory and verify it again, by the usual limits, whatever the file says. Raises InvalidInput."""
-    return check_trajectory(read_trajectory(path).trajectory)
+def check_file(path: str | Path, *, robot: GaitRobot | None = None) -> GaitReport:
+    """Read a trajectory and verify it again, by the usual limits, whatever the file says.
+
+    robot: the one that the file's has to be; without it the file is believed what its robot is. Raises InvalidInput for
+    a file that cannot be read, and for one of another robot.
+    """
+    trajectory = read_trajectory(path).trajectory
+    if robot is not None and (other := _difference(trajectory.robot, robot)):
+        raise InvalidInput(
+            f"{path}: expected a walk of the robot {robot.name} as its file is, got one of {trajectory.robot.name} "
+            f"with numbers of its own: {other}"
+        )
+    return check_trajectory(trajectory)
+
+
+def _difference(robot: GaitRobot, expected: GaitRobot) -> str:
+    said, asked = (without_folders(robot_to_json(each)) for each in (robot, expected))
+    return first_difference(said, asked)
 
 
 def is_trajectory(data: Any) -> bool:

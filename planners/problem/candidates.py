@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.model import Limb
 from ..terrain.patch import Patch
@@ -19,13 +20,17 @@ TOUCH_M = 0.01
 """Terrain this close to a toe does not hide its place [m]."""
 
 
+class NoFooting(InvalidInput):
+    """A limb has nothing to stand on within its reach wherever the body may be: there is no plan."""
+
+
 class CandidatePatches:
     """The surfaces of a terrain that toes may stand on, with spheres about them to sort out the far ones."""
 
     def __init__(self, terrain: Terrain, margin_m: float) -> None:
-        each = [Surface(patch, margin_m) for patch in terrain.patches]
-        self.numbers = [i for i, surface in enumerate(each) if terrain.footing[i] and not surface.empty]
-        self.surfaces = [each[i] for i in self.numbers]
+        standing = [(name, Surface(patch, max(margin_m - terrain.inset_m, 0.0))) for name, patch in terrain.standing]
+        self.names = [name for name, surface in standing if not surface.empty]
+        self.surfaces = [surface for _, surface in standing if not surface.empty]
         corners = [surface.patch.vertices_m for surface in self.surfaces]
         self._centres = np.array([points.mean(axis=0) for points in corners]).reshape(-1, 3)
         self._radii = np.array([np.linalg.norm(points - points.mean(axis=0), axis=1).max() for points in corners])
@@ -35,6 +40,7 @@ class CandidatePatches:
         self._rooms = np.array(rooms).reshape(len(rooms), most, 2)
         self._origins = np.array([surface.patch.centre_m for surface in self.surfaces]).reshape(-1, 3)
         self._axes = np.array([surface.patch.frame[:, 1:] for surface in self.surfaces]).reshape(-1, 3, 2)
+        each = [Surface(patch, 0.0) for patch in terrain.patches]
         self._all = each
         self._all_normals = np.array([surface.patch.normal for surface in each]).reshape(-1, 3)
         self._all_offsets = np.array([surface.patch.normal @ surface.patch.centre_m for surface in each])
@@ -63,6 +69,24 @@ class CandidatePatches:
             if piece is not None:
                 pieces.append((index, piece))
         return pieces
+
+    def everywhere(self, shoulder_m: Array, slack_m: float, toe_m: Array, reach_m: float) -> list[tuple[int, Patch]]:
+        """All within reach of a shoulder that is somewhere within ``slack_m`` of here, the nearest to a toe first,
+        clipped to squares that hold it.
+
+        What faces away from all of these places is none; what other terrain hides is not left out.
+        """
+        reach_m += slack_m
+        pieces = list[tuple[float, int, Patch]]()
+        for index in np.flatnonzero(np.linalg.norm(shoulder_m - self._centres, axis=1) - self._radii <= reach_m):
+            surface = self.surfaces[index]
+            height = surface.height(shoulder_m)
+            if not -slack_m < height <= reach_m or np.linalg.norm(surface.nearest(shoulder_m) - shoulder_m) > reach_m:
+                continue
+            piece = surface.window(shoulder_m, 2.0 * float(np.sqrt(reach_m**2 - height**2)))
+            if piece is not None:
+                pieces.append((float(np.linalg.norm(surface.nearest(toe_m) - toe_m)), int(index), piece))
+        return [(index, piece) for _, index, piece in sorted(pieces, key=lambda each: each[:2])]
 
     def _places(self, limb: Limb, shoulder_m: Array, toe_m: Array) -> tuple[NDArray[np.int_], Array]:
         """The surfaces within reach, by index, and the place on each, shape (K, 3), for a wanted toe.
@@ -113,5 +137,5 @@ class CandidatePatches:
         place = ", ".join(f"{value:.3g}" for value in shoulder_m)
         return (
             f"{where}: expected a surface within its reach of {limb.reach_m:g} m of its shoulder at ({place}), the "
-            f"nearest is {gaps[best]:.3g} m away (terrain patch {self.numbers[best]}{message})"
+            f"nearest is {gaps[best]:.3g} m away ({self.names[best]}{message})"
         )

@@ -36,7 +36,7 @@ class Course:
     Arguments:
         name: of the course.
         robot: whose limbs are placed.
-        terrain: every surface there is, for worlds and pictures.
+        terrain: every surface there is; footholds have to be pieces of it, or no plan on them is accepted.
         footholds: toes put down, in order of frame, then limb; every limb has one at frame 0.
         lifts: the limbs that move between frame k − 1 and k, a tuple a frame, the first empty.
         next_lift: the limbs that would move after the last frame; what they leave behind must hold there, too.
@@ -96,8 +96,9 @@ class Course:
         )
         if np.any(self.com_radius_m < 0.0):
             raise InvalidInput(f"com_radius_m: expected no negative radius, got {self.com_radius_m.min():g}")
-        if np.any(self.force_min > np.minimum(self.force_max, 0.0)) or np.any(self.force_max < 0.0):
-            raise InvalidInput("force_min, force_max: expected bounds that admit no force at all (a limb in the air)")
+        across = slice(1, None)
+        if np.any(self.force_min[across] > 0.0) or np.any(self.force_max < np.maximum(self.force_min, 0.0)):
+            raise InvalidInput("force_min, force_max: expected bounds that admit forces along the normals alone")
         _ = self.holds  # every limb stands on something from the first frame on
         _ = self.regions
 

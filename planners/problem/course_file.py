@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from pydantic import ValidationError
 
@@ -16,21 +16,30 @@ from .course import Course
 from .course_json import course_from_json
 from .course_keys import MADE_UP, PLAIN, CourseSpec
 from .course_layout import build_course
+from .family_scene import family_keys, family_name
 from .posture import FORMAT as POSTURE
 from .posture import PostureProblem
+from .scene_file import read_scene
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
 
 
 def read_course(
-    course: str | Path, frames: int | None = None, robot: str | None = None, sets: Sets = "inner"
+    course: str | Path,
+    frames: int | None = None,
+    robot: str | None = None,
+    sets: Sets = "inner",
+    reach: str | Path | None = None,
 ) -> Course:
     """The course of a built-in name, of a YAML file, or of a JSON file that holds it, or one posture, explicitly.
 
+    A YAML file with surfaces is a published scene (``scene_keys``).
+
     frames: M, where another one is wanted than the file says; not for JSON files, whose footholds are fixed. robot: in
     place of the file's, a built-in name, a .urdf file or a .yaml file that names one; not for JSON files either.
-    sets: of the legs of a robot's file, what they surely reach, for plans, or what they might, for proofs.
+    sets: of the legs of a robot's file, what they surely reach, for plans, or what they might, for proofs. reach: a
+    folder of reach polytopes for the limbs, in place of their own (``robot.reach_file``); not for JSON files.
     Raises InvalidInput with every key that is wrong, or with the frame and the limb that have no place to stand.
     """
     if Path(course).suffix == ".json":
@@ -38,6 +47,8 @@ def read_course(
             raise InvalidInput(f"{course}: expected no other number of frames for a course whose footholds are fixed")
         if robot is not None:
             raise InvalidInput(f"{course}: expected no other robot for a course whose footholds are fixed")
+        if reach is not None:
+            raise InvalidInput(f"{course}: expected no other reach for a course whose footholds are fixed")
         data = read_json(course)
         try:
             if isinstance(data, Mapping) and data.get("format") == POSTURE:
@@ -45,11 +56,14 @@ def read_course(
             return course_from_json(data)
         except InvalidInput as error:
             raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
-    spec = read_spec(course, robot)
+    data = _described(course)
+    if "surfaces" in data:
+        return read_scene(course, data, frames, robot, sets, reach)
+    spec = _spec(course, data, robot)
     try:
-        return build_course(spec if frames is None else spec.with_frames(frames), Path(course).parent, sets)
+        return build_course(spec if frames is None else spec.with_frames(frames), Path(course).parent, sets, reach)
     except InvalidInput as error:
-        raise InvalidInput(f"{course}: {error}") from None
+        raise type(error)(f"{course}: {error}") from None
 
 
 def read_spec(course: str | Path, robot: str | None = None) -> CourseSpec:
@@ -57,20 +71,32 @@ def read_spec(course: str | Path, robot: str | None = None) -> CourseSpec:
 
     Raises InvalidInput with every key that is wrong.
     """
+    return _spec(course, _described(course), robot)
+
+
+def _described(course: str | Path) -> Mapping[str, Any]:
+    """The keys of a built-in name or a YAML file."""
     name = str(course)
-    if name in builtin_courses():
-        text = resources.files("stancekit.configs.courses").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
-        data = parse_yaml(text, name)
-    elif not Path(name).suffix and not Path(name).exists():
-        raise InvalidInput(f"course: expected one of {', '.join(builtin_courses())} or a YAML file, got {name!r}")
-    else:
-        data = read_yaml(course)
+    if family_name(name) and not Path(name).exists():
+        return family_keys(name)
+    for folder, names in (("courses", builtin_courses()), ("scenes", builtin_scenes())):
+        if name in names:
+            text = resources.files(f"stancekit.configs.{folder}").joinpath(f"{name}.yaml").read_text(encoding="utf-8")
+            return cast("Mapping[str, Any]", parse_yaml(text, name))
+    if not Path(name).suffix and not Path(name).exists():
+        known = ", ".join((*builtin_courses(), *builtin_scenes()))
+        raise InvalidInput(f"course: expected one of {known}, FAMILY:LEVEL:SEED or a YAML file, got {name!r}")
+    return cast("Mapping[str, Any]", read_yaml(course))
+
+
+def _spec(course: str | Path, data: Mapping[str, Any], robot: str | None) -> CourseSpec:
+    """The description in keys, with another robot where one is named."""
     if robot is not None:
         data = {**data, "robot": str(Path(robot).resolve()) if Path(robot).suffix else robot}
     try:
         return spec_from(data)
     except InvalidInput as error:
-        raise InvalidInput(f"{name}: {error}") from None
+        raise InvalidInput(f"{course}: {error}") from None
 
 
 def spec_from(data: Mapping[str, Any]) -> CourseSpec:
@@ -94,5 +120,14 @@ def _plain(text: str, data: Mapping[str, Any]) -> str:
 
 def builtin_courses() -> tuple[str, ...]:
     """Names of the courses that come with the package."""
-    files = resources.files("stancekit.configs.courses").iterdir()
+    return _names("courses")
+
+
+def builtin_scenes() -> tuple[str, ...]:
+    """Names of the published scenes that come with the package."""
+    return _names("scenes")
+
+
+def _names(folder: str) -> tuple[str, ...]:
+    files = resources.files(f"stancekit.configs.{folder}").iterdir()
     return tuple(sorted(path.name.removesuffix(".yaml") for path in files if path.name.endswith(".yaml")))

@@ -14,7 +14,7 @@ from ..files.arrays import read_only
 from ..files.validation import validated
 from ..robot.model import Limb, Robot
 from ..robot.model_json import ModelJson, model_from_json, model_to_json
-from ..robot.reach import ReachRows
+from ..robot.reach import ReachRows, RelativeReach
 from ..terrain.patch import Patch
 from .course import Course, Foothold, StepLimits, Weights
 from .posture_json import ReachRowsJson
@@ -37,6 +37,7 @@ def course_to_json(course: Course) -> dict[str, Any]:
             "name": course.robot.name,
             "mass_kg": course.robot.mass_kg,
             "limbs": [_limb_to_json(limb) for limb in course.robot.limbs],
+            **_relative_to_json(course.robot),
             **({"identity": course.robot.identity} if course.robot.identity and course.robot.model is None else {}),
             **({} if course.robot.model is None else {"model": model_to_json(course.robot.model)}),
         },
@@ -107,7 +108,21 @@ def _robot(raw: _RobotJson) -> Robot:
             model = model_from_json(raw.model, raw.name)
         except InvalidInput as error:
             raise InvalidInput(f"robot {raw.name}: {error}") from None
-    return Robot(name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, model=model, identity=raw.identity)
+    try:
+        relative = tuple(
+            RelativeReach(limb=each.limb, other=each.other, rows=ReachRows(**each.rows.model_dump()))
+            for each in raw.relative_reach
+        )
+    except InvalidInput as error:
+        raise InvalidInput(f"robot {raw.name}: relative_reach: {error}") from None
+    return Robot(
+        name=raw.name, mass_kg=raw.mass_kg, limbs=limbs, model=model, identity=raw.identity, relative_reach=relative
+    )
+
+
+def _relative_to_json(robot: Robot) -> dict[str, Any]:
+    pairs = [{"limb": e.limb, "other": e.other, "rows": e.rows.to_json()} for e in robot.relative_reach]
+    return {"relative_reach": pairs} if pairs else {}
 
 
 def _limb(raw: _LimbJson) -> Limb:
@@ -164,12 +179,19 @@ class _LimbJson(_Keys):
     sole_m: list[list[float]] | None = None
 
 
+class _RelativeReachJson(_Keys):
+    limb: str
+    other: str
+    rows: ReachRowsJson
+
+
 class _RobotJson(_Keys):
     name: str
     mass_kg: float
     limbs: list[_LimbJson]
     identity: str = ""
     model: ModelJson | None = None
+    relative_reach: list[_RelativeReachJson] = []
 
 
 class _PatchJson(_Keys):

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
     from ..robot.robot_model import RobotModel
 
+MOST_EVERYWHERE = 32
+"""Surfaces that a limb may reach in a scene of a family; elsewhere views may need another size."""
 Least = Annotated[float, Field(ge=0.0, le=LARGEST)]
 
 
@@ -140,12 +142,21 @@ class BodySpec(_Keys):
 class CandidateSpec(_Keys):
     """Which pieces of terrain a toe is offered: the ``count`` nearest surfaces, clipped to a square window about its
     nominal place, ``margin_m`` away from every border of the surface. A sole is offered each with every one of
-    ``yaws_rad`` that it has room for, a window being larger by as much as the sole."""
+    ``yaws_rad`` that it has room for, a window being larger by as much as the sole.
+
+    everywhere: in place of ``count`` and ``window_m``, all that a limb could reach wherever the body may be, so that a
+    proof that there is no plan is one for the whole terrain."""
 
     count: Annotated[int, Field(ge=1, le=16)] = 1
     window_m: Annotated[float, Field(ge=0.01, le=10.0)] = 0.26
     margin_m: Least = 0.02
     yaws_rad: Annotated[list[Length], Field(min_length=1, max_length=16)] = [0.0]
+    everywhere: bool = False
+
+    @property
+    def most(self) -> int:
+        """Of a toe's candidates, for views of a fixed size."""
+        return MOST_EVERYWHERE if self.everywhere else self.count
 
 
 class StepSpec(_Keys):

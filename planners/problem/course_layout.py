@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.model import Limb, Robot
+from ..robot.reach_file import read_reach
 from ..terrain.patch import Patch
 from ..terrain.polygon import STEEP, Surface
 from ..terrain.sole import sole_offsets, sole_region
-from .candidates import CandidatePatches
+from .candidates import CandidatePatches, NoFooting
 from .course import Course, Foothold, Weights
 from .course_keys import CourseSpec, StanceSpec
 
@@ -26,13 +27,18 @@ TOE_M = 0.02
 """Two toes do not fit on a patch that is nowhere wider than this [m]."""
 
 
-def build_course(spec: CourseSpec, folder: Path = Path(), reach: Sets = "inner") -> Course:
+def build_course(
+    spec: CourseSpec, folder: Path = Path(), sets: Sets = "inner", reach: str | Path | None = None
+) -> Course:
     """The course that a description means.
 
-    folder: where relative paths of files begin. reach: what legs do, see ``contact_robot``. Raises InvalidInput.
+    folder: where relative paths of files begin. sets: of legs, see ``contact_robot``. reach: a folder of polytopes in
+    place of the robot's reach. Raises InvalidInput.
     """
     model = spec.robot_model(folder)
-    robot = spec.make_robot(model, reach)
+    robot = spec.make_robot(model, sets)
+    if reach is not None:
+        robot = read_reach(reach, robot.limb_names).applied(robot)
     spec = spec if model is None else spec.standing(model, robot)
     spec = _started(spec, robot, folder)
     corners, way = _corners(spec)
@@ -41,15 +47,15 @@ def build_course(spec: CourseSpec, folder: Path = Path(), reach: Sets = "inner")
     radius[-1] = spec.body.com_radius_m if spec.body.last_radius_m is None else spec.body.last_radius_m
     radius[0] = spec.body.first_radius_m
     _check_way(com_m, radius, spec)
-    sets = _sets(spec.gait, robot)
-    lifts = ((), *(sets[(k - 1) % len(sets)] for k in range(1, spec.frames)))
+    turns = _sets(spec.gait, robot)
+    lifts = ((), *(turns[(k - 1) % len(turns)] for k in range(1, spec.frames)))
     terrain = spec.terrain.along(corners, folder)
     footholds, placed = _footholds(
-        spec, robot, lifts, com_m, passed, CandidatePatches(terrain, spec.candidates.margin_m)
+        spec, robot, lifts, com_m, radius, passed, CandidatePatches(terrain, spec.candidates.margin_m)
     )
     return Course(
         name=spec.name, robot=robot, terrain=terrain.patches, footholds=footholds, lifts=lifts,
-        next_lift=sets[(spec.frames - 1) % len(sets)], com_nominal_m=com_m, com_radius_m=radius, goal_m=com_m[-1],
+        next_lift=turns[(spec.frames - 1) % len(turns)], com_nominal_m=com_m, com_radius_m=radius, goal_m=com_m[-1],
         steps=spec.steps.limits(), weights=Weights(**spec.weights.model_dump()),
         tilt_limit_rad=spec.body.tilt_limit_rad, modes=_modes(placed, spec.frames),
     )  # fmt: skip
@@ -63,14 +69,10 @@ def _started(spec: CourseSpec, robot: Robot, folder: Path) -> CourseSpec:
     if len(spec.start_m) == 3:
         return spec
     start = np.array([*spec.start_m, 0.0])
-    toes = [start + limb.shoulder_m + _offset(limb, spec.stance) for limb in robot.limbs]
+    toes = [start + limb.shoulder_m + toe_offset(limb, spec.stance) for limb in robot.limbs]
     path = np.array([(*spec.start_m, spec.goal_m[2]), spec.goal_m])
     terrain = spec.terrain.along(path, folder)
-    grounds = [
-        Surface(patch, 0.0)
-        for patch, footing in zip(terrain.patches, terrain.footing, strict=True)
-        if footing and patch.normal[2] >= STEEP
-    ]
+    grounds = [Surface(patch, 0.0) for _, patch in terrain.standing if patch.normal[2] >= STEEP]
     heights = []
     for limb, toe in zip(robot.limbs, toes, strict=True):
         under = [height for height in (ground.under(toe[:2]) for ground in grounds) if height is not None]
@@ -88,6 +90,7 @@ def _footholds(
     robot: Robot,
     lifts: Sequence[Sequence[str]],
     com_m: Array,
+    radius_m: Array,
     passed: NDArray[np.int_],
     footing: CandidatePatches,
 ) -> tuple[tuple[Foothold, ...], list[tuple[int, Patch]]]:
@@ -99,9 +102,16 @@ def _footholds(
     alone = dict[str, int]()  # limbs that have one surface only, and its index
     for frame, limb, until in _schedule(robot, lifts):
         shoulder = com_m[frame:until].mean(axis=0) + limb.shoulder_m
-        toe = shoulder + _offset(limb, _stance(spec, int(passed[frame])))
+        toe = shoulder + toe_offset(limb, _stance(spec, int(passed[frame])))
         room = 0.0 if limb.sole_m is None else 2.0 * float(np.linalg.norm(limb.sole_m, axis=1).max())
-        found = footing.candidates(limb, shoulder, toe, spec.candidates.count, spec.candidates.window_m + room)
+        if spec.candidates.everywhere:
+            about, slack = com_m[frame] + limb.shoulder_m, _slack(limb, float(radius_m[frame]), spec)
+            found = footing.everywhere(about, slack, toe, limb.reach_m)
+            if not found:
+                said = footing.refusal(frame, limb, about)
+                raise NoFooting(f"{said}, and the shoulder moves by {slack:.3g} m at most")
+        else:
+            found = footing.candidates(limb, shoulder, toe, spec.candidates.count, spec.candidates.window_m + room)
         if not found:
             raise InvalidInput(footing.refusal(frame, limb, shoulder))
         alone.pop(limb.name, None)
@@ -109,7 +119,7 @@ def _footholds(
             if len(found) == 1 and index == found[0][0] and footing.surfaces[index].width_m < TOE_M:
                 raise InvalidInput(
                     f"frame {frame}, limbs {other} and {limb.name}: expected room for two toes, got nothing but "
-                    f"terrain patch {footing.numbers[index]}, {1e3 * footing.surfaces[index].width_m:.3g} mm wide"
+                    f"{footing.names[index]}, {1e3 * footing.surfaces[index].width_m:.3g} mm wide"
                 )
         if len(found) == 1:
             alone[limb.name] = found[0][0]
@@ -121,6 +131,11 @@ def _footholds(
             else _with_yaws(limb, limb.sole_m, frame, patches, spec.candidates.yaws_rad)
         )
     return tuple(footholds), placed
+
+
+def _slack(limb: Limb, radius_m: float, spec: CourseSpec) -> float:
+    """How far a shoulder may be from where it is nominally [m]: the COM's ball, and ‖Θ × s‖ ≤ √3 max|Θ_i| ‖s‖."""
+    return float(radius_m + np.sqrt(3.0) * spec.body.tilt_limit_rad * np.linalg.norm(limb.shoulder_m))
 
 
 def _with_yaws(limb: Limb, sole_m: Array, frame: int, patches: Sequence[Patch], yaws: Sequence[float]) -> Foothold:
@@ -203,11 +218,31 @@ def _sets(gait: str | Sequence[Sequence[str]], robot: Robot) -> tuple[tuple[str,
         return (names,)
     places = {limb.name: limb.shoulder_m for limb in robot.limbs}
     if gait == "wave":  # from the back to the front, left side first
-        return tuple((name,) for name in sorted(names, key=lambda name: (places[name][1] < 0.0, places[name][0])))
+        order = sorted(names, key=lambda name: (places[name][1] < 0.0, places[name][0]))
+        return _with_shifts([(name,) for name in order], places)
     if len(names) < 4 or len(names) % 2:
         raise InvalidInput(f"gait: expected an even number of limbs, four or more, for a tripod gait, got {len(names)}")
     around = sorted(names, key=lambda name: np.arctan2(places[name][1], places[name][0]))
     return tuple(tuple(name for name in names if name in around[first::2]) for first in (0, 1))
+
+
+def _with_shifts(sets: Sequence[tuple[str, ...]], places: Mapping[str, Array]) -> tuple[tuple[str, ...], ...]:
+    """A cycle with a frame in which nobody moves wherever the supports before and after it share a line alone: on all
+    of its feet the body comes from the one to the other. Of four feet these are those of diagonal neighbours.
+
+    places: of the limbs, for which side of a line they are on.
+    """
+    cycle = list[tuple[str, ...]]()
+    for moved, moving in zip(sets, [*sets[1:], *sets[:1]], strict=True):
+        cycle.append(moved)
+        shared = [name for name in places if name not in moved and name not in moving]
+        if len(shared) == 2:
+            first, along = places[shared[0]][:2], (places[shared[1]] - places[shared[0]])[:2]
+            sides = [np.sign(along[0] * off[1] - along[1] * off[0])
+                     for off in (places[name][:2] - first for name in (*moved, *moving))]  # fmt: skip
+            if len(set(sides)) > 1:
+                cycle.append(())
+    return tuple(cycle)
 
 
 def _schedule(robot: Robot, lifts: Sequence[Sequence[str]]) -> list[tuple[int, Limb, int]]:
@@ -227,7 +262,7 @@ def _stance(spec: CourseSpec, passed: int) -> StanceSpec:
     return stance
 
 
-def _offset(limb: Limb, stance: StanceSpec) -> Array:
+def toe_offset(limb: Limb, stance: StanceSpec) -> Array:
     """From the shoulder to where the limb likes its toe, body frame, shape (3,) [m]."""
     if limb.name in stance.limbs:
         return np.array(stance.limbs[limb.name])

@@ -6,8 +6,7 @@ is to go. Generators reach far enough beyond both ends for every toe.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,41 +14,26 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
-from ..files.arrays import LARGEST, Array
+from ..files.arrays import Array
 from ..terrain.patch import Patch
 from ..terrain.polygon import surface_patch
+from .family_scene import FamilyScene as FamilyScene
+from .file_terrain import FileTerrain as FileTerrain
+from .terrain_spec import MOST_PATCHES
+from .terrain_spec import Friction as Friction
+from .terrain_spec import Length as Length
+from .terrain_spec import Point as Point
+from .terrain_spec import Positive as Positive
+from .terrain_spec import Terrain as Terrain
+from .terrain_spec import TerrainSpec as TerrainSpec
 
 BEYOND_M = 0.6
 """How far a generated terrain goes on beyond the ends of the path [m]."""
-MOST_PATCHES = 5000
 
-Length = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Field(gt=0.0, le=LARGEST)]
-Friction = Annotated[float, Field(ge=0.0, le=10.0)]
 Lean = Annotated[float, Field(ge=-1.0, le=1.0)]
 PanelRow = Annotated[str, Field(pattern=r"^[#.]+$")]
-Point = tuple[Length, Length, Length]
 LEAST_RISE_M = 1e-3
 """A step lower than this has no riser [m]."""
-
-
-@dataclass(frozen=True)
-class Terrain:
-    """Every patch there is, in order, and which of them a toe may stand on (risers, for one, are only in the way)."""
-
-    patches: tuple[Patch, ...]
-    footing: tuple[bool, ...]
-
-
-class TerrainSpec(BaseModel, ABC):
-    """What all kinds of terrain share: friction μ, and the answer to a path."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
-    friction: Friction = 1.0
-
-    @abstractmethod
-    def along(self, path_m: Array, folder: Path) -> Terrain:
-        """The terrain along a path, shape (L, 3) [m]; folder: where relative paths of files begin."""
 
 
 class PolygonSpec(BaseModel):
@@ -92,22 +76,6 @@ class Polygons(TerrainSpec):
         return patch
 
 
-class MeshFile(TerrainSpec):
-    """A mesh file (STL, OBJ, PLY), its coplanar facets merged. unit_m: length of the file's unit; 0.001 for mm."""
-
-    kind: Literal["mesh"]
-    file: str
-    unit_m: Positive = 1.0
-    offset_m: Point = (0.0, 0.0, 0.0)
-
-    def along(self, path_m: Array, folder: Path) -> Terrain:
-        """The patches of the mesh, wherever the path goes."""
-        from ..terrain.mesh import read_mesh
-
-        patches = read_mesh(folder / self.file, unit_m=self.unit_m, offset_m=self.offset_m, friction=self.friction)
-        return Terrain(patches, (True,) * len(patches))
-
-
 class Flat(TerrainSpec):
     """Level ground at z = 0. width_m: to each side of the path."""
 
@@ -126,7 +94,7 @@ class Stairs(TerrainSpec):
     kind: Literal["stairs"]
     first_m: Length = 0.30
     run_m: Positive = 0.26
-    rises_m: Annotated[list[Length], Field(min_length=1)] = [0.06]
+    rises_m: Annotated[list[Length], Field(min_length=1)] = [0.06]  # noqa: RUF012
     width_m: Positive = 0.5
 
     def along(self, path_m: Array, folder: Path) -> Terrain:
@@ -215,7 +183,7 @@ class Tube(TerrainSpec):
     sides: Annotated[int, Field(ge=3, le=64)] = 6
     ring_m: Positive = 0.25
     first_azimuth_rad: Length = np.pi / 6.0
-    leans_rad: Annotated[list[Lean], Field(min_length=1)] = [0.15, -0.1, 0.05, -0.15, 0.1]
+    leans_rad: Annotated[list[Lean], Field(min_length=1)] = [0.15, -0.1, 0.05, -0.15, 0.1]  # noqa: RUF012
 
     def along(self, path_m: Array, folder: Path) -> Terrain:
         """Rings from the bottom up, each facet a rectangle tangent to the tube at its middle."""
@@ -256,7 +224,8 @@ class GroundToWall(Walls):
 
 
 AnyTerrain = Annotated[
-    Polygons | MeshFile | Flat | Stairs | Walls | IcyWalls | Tube | GroundToWall, Field(discriminator="kind")
+    Polygons | FileTerrain | Flat | Stairs | Walls | IcyWalls | Tube | GroundToWall | FamilyScene,
+    Field(discriminator="kind"),
 ]
 
 

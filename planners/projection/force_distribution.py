@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +18,18 @@ from ..answer.plan import Plan
 from ..equilibrium.rows import Rows
 from ..files.arrays import Array
 from ..problem.course import Course
+from ..robot.rotation import rotation_of
 from ..terrain.patch import Patch
+
+if TYPE_CHECKING:
+    from ..robot.kinematics import Kinematics
 
 RESERVES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98)
 """Shares of μ that are tried, the safest first."""
 TIES = 1e-4
 """Of Σ‖f‖² beside the largest torque's share, forces in units of the weight."""
+EASY = 0.8
+"""Forces that ask for no more than this share of any joint's torque are left as they are."""
 LEAST = 0.02
 """Every limb that carries presses on its patch with this share of the weight or more, so that it stays there."""
 
@@ -87,12 +94,18 @@ class ForceDistribution:
             rows.right(below, lambda d: d.rest)
             rows.linear(share, 1.0)
 
-    def solve(self, plan: Plan, stance: int) -> Array | None:
-        """Forces of a plan's stance, world frame, shape (N, 3) [N]; None where even the whole cones leave no room."""
+    def solve(
+        self, plan: Plan, stance: int, *, reserves: Sequence[float] = RESERVES, least: float = LEAST
+    ) -> Array | None:
+        """Forces of a plan's stance, world frame, shape (N, 3) [N]; None where even the whole cones leave no room.
+
+        reserves, least: as ``forces``.
+        """
         course, of = plan.course, plan.course.stances[stance]
         patches = [course.patch(int(index), plan.choice) for index in course.holds[of.frame]]
         bears = np.isin(np.arange(self._contacts), of.limbs)
-        return self.forces(course, plan.toes_at(of.frame) - plan.com_m[of.frame], patches, bears)
+        arms_m = plan.toes_at(of.frame) - plan.com_m[of.frame]
+        return self.forces(course, arms_m, patches, bears, reserves=reserves, least=least)
 
     def forces(
         self,
@@ -131,11 +144,23 @@ class ForceDistribution:
         return None
 
 
-def distribute_forces(plan: Plan) -> Array:
-    """Forces of all stances with a reserve of friction, the plan's own where there is none, shape (S, N, 3) [N]."""
+def distribute_forces(plan: Plan, kinematics: Kinematics | None = None) -> Array:
+    """Forces of all stances with a reserve of friction, the plan's own where there is none, shape (S, N, 3) [N].
+
+    kinematics: of its robot; where the plan has joint angles its own forces are kept, too, in stances in which others
+    would take more of a joint than the plan does anywhere, and more than ``EASY`` of what the joint has.
+    """
     distribution = ForceDistribution(len(plan.course.robot.limbs))
     found = [distribution.solve(plan, index) for index in range(len(plan.course.stances))]
-    return np.array([plan.forces_n[i] if forces is None else forces for i, forces in enumerate(found)])
+    forces = np.array([plan.forces_n[i] if forces is None else forces for i, forces in enumerate(found)])
+    if kinematics is None or plan.joints_rad is None:
+        return forces
+    limit_nm = np.minimum(kinematics.torque_nm, float(plan.provenance.get("torque_nm", np.inf)))
+    own, other = (np.array([
+        np.abs(kinematics.torques(plan.joints_rad[of.frame], rotation_of(plan.rotation_rad[of.frame]), each)) / limit_nm
+        for of, each in zip(plan.course.stances, those, strict=True)
+    ]).max(axis=1) for those in (plan.forces_n, forces))  # fmt: skip
+    return np.where((other > max(EASY, own.max()))[:, None, None], plan.forces_n, forces)
 
 
 def _skew(v: Array) -> Array:

@@ -77,7 +77,8 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
 
     x = (c, Θ, λ, f), frame by frame, vertex by vertex, contact by contact; parameters as ``parameters`` packs them.
     Rows: Σ λ_u − 1 (P), net force and net moment (6 a stance), = 0; cones (B), reach (M·N, and its half-spaces as they
-    are, bilinear in Θ and p_w − c), ball of c (M), steps of c and Θ and progress (3 a step), steps of toes.
+    are, bilinear in Θ and p_w − c), ball of c (M), steps of c and Θ and progress (3 a step), steps of
+    toes, and reach from the other feet.
     """
     frames, limbs, footholds, (stance, _, foothold) = layout.frames, layout.limbs, layout.footholds, layout.contacts
     steps, vertices, contacts = frames - 1, len(layout.vertex_footholds), len(stance)
@@ -87,6 +88,7 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
         "limits": (3, 1), "direction": (3, steps), "progress": (1, steps), "goal": (3, 1), "aim": (4, 1),
         "offsets": (3, len(stance) if layout.points else 0),
         "row_normals": (3, len(layout.row_limbs)), "row_bounds": (1, len(layout.row_limbs)),
+        "apart_normals": (3, len(layout.relative_rows[0])), "apart_bounds": (1, len(layout.relative_rows[0])),
     }  # fmt: skip
     data = {name: cs.SX.sym(name, *size) for name, size in sizes.items()}
     com, rotation = cs.SX.sym("com", 3, frames), cs.SX.sym("rotation", 3, frames)
@@ -118,6 +120,10 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
     limits += [cs.sumsqr(turned[:, k]) - data["limits"][2] ** 2 for k in range(steps)]
     limits += [data["progress"][k] - cs.dot(data["direction"][:, k], moved[:, k]) for k in range(steps)]
     limits += [cs.sumsqr(step) - data["limits"][1] ** 2 for step in walked]
+    for row, which in enumerate(layout.relative_rows[1].tolist()):
+        moved_one, other, _ = layout.relative_pairs[which].tolist()
+        apart = toes[other] - toes[moved_one]
+        limits.append(cs.dot(data["apart_normals"][:, row], apart) - data["apart_bounds"][row])
     x = cs.vertcat(*(cs.vec(part) for part in (com, rotation, shares, forces)))
     start = cs.SX.sym("start", x.numel())
     cost = 0.5 * (PULL if least_moment else PULL_BESIDE) * cs.sumsqr(x - start)
@@ -145,7 +151,9 @@ def parameters(scaled: Scaled, start: Array) -> Array:
         scaled.shoulders.ravel(), scaled.reach, scaled.com.ravel(), scaled.com_radius, scaled.steps,
         scaled.direction.ravel(), scaled.progress, scaled.goal, aim,
         scaled.bearing_points(np.zeros((scaled.layout.footholds, 3))).ravel() if scaled.layout.points else [],
-        scaled.half_spaces.normals.ravel(), scaled.half_spaces.bounds, start,
+        scaled.half_spaces.normals.ravel(), scaled.half_spaces.bounds,
+        scaled.relative.normals[scaled.layout.relative_rows[0]].ravel(),
+        scaled.relative.bounds[scaled.layout.relative_rows[0]], start,
     ])  # fmt: skip
 
 

@@ -8,24 +8,40 @@ fix-f      f                                     toes, c, Θ              paper 
 fix-toes   toes in the world                     f, c, Θ                 convex as Σ f is fixed (``terms.Moments``)
 scp        nothing, starts at the toes           all                     fix-toes, then some linearised steps
 nlp        nothing, starts at the point          all                     paper E §IV-A, ``nlp``
+lift-fix-p nothing, then as fix-p                all, then f             the lift of least gap about the point, fix-p
 ========== ===================================== ======================= ==============================================
 
 A posture is projected to the least moment residual; a course, whose plans have an objective, to residual zero.
+One of one's own is one function, called as these are; what it says is verified as whatever a planner found.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal, get_args
 
 import numpy as np
 
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
+from ..errors import InvalidInput
+from ..plugins import Registry, foreign, takes
+from ..relaxation.least_gap import LeastGap
 from .held import FixForces, FixToes, Linearised
 
-Projection = Literal["fix-p", "fix-f", "fix-toes", "scp", "nlp"]
-PROJECTIONS: tuple[Projection, ...] = get_args(Projection)
+Projection = str
+"""A name of ``PROJECTIONS``, or "FILE.py:NAME"."""
+PROJECTIONS: Registry[Callable[[Programs, Scaled, Point, int], Point]] = Registry(
+    "projection", "stancekit.projections",
+    {
+        name: f"{__name__}:_{name.replace('-', '_')}"
+        for name in ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p")
+    },
+    expected="something to call with programs, a scaled problem, a point and a number of steps",
+    accepts=lambda it: takes(it, 4),
+)  # fmt: skip
+"""All of them: called with the programs of this process, a problem with one candidate a foothold, the point to start
+from and the most linearised steps, a function gives a point, its residual inf where there is none."""
 SURFACE = 1e-7
 """A point this close to the bilinear surface (non-dimensional moment residual) needs no further step."""
 STEPS = 6
@@ -35,19 +51,44 @@ STEPS = 6
 def project(programs: Programs, projection: Projection, scaled: Scaled, start: Point, *, steps: int = STEPS) -> Point:
     """Project ``start`` on the bilinear surface, one candidate a foothold; the residual is inf without an answer.
 
-    steps: most linearised steps of "scp".
+    steps: most linearised steps of "scp". Raises InvalidInput for an unknown name, and what one of another package or
+    of a file raises.
     """
-    least = scaled.weights is None
-    if projection == "fix-p":
-        return programs.get(FixToes, scaled.layout, True, True).solve(scaled, start)
-    if projection == "fix-f":
-        return programs.get(FixForces, scaled.layout).solve(scaled, start)
-    if projection == "fix-toes":
-        return programs.get(FixToes, scaled.layout, False, least).solve(scaled, start)
-    if projection == "nlp":
-        from .nlp import NlpProgram  # CasADi is slow to import
+    make = PROJECTIONS.get(projection)
+    if getattr(make, "__module__", "") == __name__:
+        return make(programs, scaled, start, steps)
+    with foreign(f"projection {projection}"):
+        point = make(programs, scaled, start, steps)
+    if not isinstance(point, Point):
+        raise InvalidInput(f"projection {projection}: expected a Point, got a {type(point).__name__}")
+    return point
 
-        return programs.get(NlpProgram, scaled.layout, least).solve(programs, scaled, start)
+
+def _fix_p(programs: Programs, scaled: Scaled, start: Point, _: int) -> Point:
+    return programs.get(FixToes, scaled.layout, True, True).solve(scaled, start)
+
+
+def _fix_f(programs: Programs, scaled: Scaled, start: Point, _: int) -> Point:
+    return programs.get(FixForces, scaled.layout).solve(scaled, start)
+
+
+def _fix_toes(programs: Programs, scaled: Scaled, start: Point, _: int) -> Point:
+    return programs.get(FixToes, scaled.layout, False, scaled.weights is None).solve(scaled, start)
+
+
+def _nlp(programs: Programs, scaled: Scaled, start: Point, _: int) -> Point:
+    from .nlp import NlpProgram  # CasADi is slow to import
+
+    return programs.get(NlpProgram, scaled.layout, scaled.weights is None).solve(programs, scaled, start)
+
+
+def _lift_fix_p(programs: Programs, scaled: Scaled, start: Point, _: int) -> Point:
+    near = programs.get(LeastGap, scaled.layout).solve(scaled, start)
+    point = programs.get(FixToes, scaled.layout, True, True).solve(scaled, near if near.residual == 0.0 else start)
+    return replace(point, solves=2, seconds=near.seconds + point.seconds)
+
+
+def _scp(programs: Programs, scaled: Scaled, start: Point, steps: int) -> Point:
     return scp(programs, scaled, start, steps=steps)
 
 

@@ -55,7 +55,7 @@ class Restoration:
         self, plan: Plan, scaled: Scaled, solver: Kinematics, limit_nm: Array, *, friction_share: float = 1.0
     ) -> None:
         self._plan, self._scaled, self._solver, self._limit_nm = plan, scaled, solver, limit_nm
-        self._friction_share, self._holds = friction_share, np.array(scaled.layout.holds)
+        self.friction_share, self._holds = friction_share, np.array(scaled.layout.holds)
         self._legs_of = [solver.joints_of(i) for i in range(scaled.layout.limbs)]
         self._first = np.flatnonzero(np.diff(scaled.layout.contacts[0], prepend=-1))  # contacts come by stance
         self._distribution = ForceDistribution(scaled.layout.limbs, solver.legs.tolist())
@@ -152,7 +152,7 @@ class Restoration:
         world = self._distribution.forces(
             self._plan.course, arms, self._patches[frame], np.isin(np.arange(scaled.layout.limbs), limbs),
             loads=Loads(weight_nm=weight, levers_m=levers, limit_nm=self._limit_nm),
-            reserves=(self._friction_share,), least=0.0,
+            reserves=(self.friction_share,), least=float(scaled.force_min[:, 0].max(initial=0.0)),
         )  # fmt: skip
         if world is None:
             return None

@@ -1,13 +1,16 @@
-"""From a plan of contacts to one of the whole body: joint angles, and no joint asked for more torque than it has.
+"""From a plan of contacts to one of the whole body: joint angles, no joint asked for more torque than it has, and no
+link through another one or the terrain, at key frames and on the way between them.
 
-Three things are tried, each where the one before leaves a torque above its limit:
+Three things are tried, each where the one before leaves a torque above its limit, or bodies that collide:
 
 * forces that spare the joints, with toes, body and joints held: stance by stance, exact (``restoration``);
-* steps of the whole plan, body, toes, joints and forces at once (``whole_body_step``), each restored to an exact plan;
+* steps of the whole plan, body, toes, joints and forces at once (``whole_body_step``), each restored to an exact plan
+  whose path is looked at anew (``clearance``);
 * both again with all of the friction, where the plan keeps a reserve of it.
 
-What is found takes the plan's place only where the verifier accepts it and its largest torque, as a share of what the
-joint has, is lower. Nothing is proved where it is not: that a torque stays too large says nothing of the course.
+What is found takes the plan's place only where the verifier accepts it, and it is better: neither its largest torque,
+as a share of what the joint has, nor the deepest collision is worse, as far as they are too much. Nothing is proved
+where it is not: that a torque stays too large says nothing of the course.
 """
 
 from __future__ import annotations
@@ -18,78 +21,125 @@ import numpy as np
 
 from ..answer.plan import Plan
 from ..equilibrium.programs import Programs
-from ..equilibrium.scaled import Scaled
+from ..equilibrium.scaled import Point, Scaled
+from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..motion.joints import STRAY_M
+from ..robot.bodies import TOUCH_M
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.plan_joints import plan_angles
 from ..verify import check_plan
+from .clearance import APART_M, CLEAR_PRICE, Nearness, PathClearance
+from .force_distribution import EASY
 from .restoration import Restoration, Restored
-from .torque_limits import TorqueLimits
-from .whole_body_step import WholeBody, WholeBodyStep
+from .support_margin import pressing
+from .whole_body_limits import WholeBodyLimits
+from .whole_body_step import TORQUE_PRICE, WholeBody, WholeBodyStep
 
-EASY = 0.8
-"""Forces that ask for no more than this share of any joint's torque are left as they are."""
 AIM, SPARE = 0.97, 0.02
 """Steps aim at this share of what is wanted, and leave this share of the friction, times the radius: what a step is
 wrong by falls with its square."""
 WIDER, NARROWER, NARROWEST, WIDEST = 1.4, 0.4, 0.02, 2.0
 """Of the trust region's radius: after a step that was one, after one that was none, and its bounds."""
-GAIN = 1e-4
-"""A step lowers the largest share by so much, or is none."""
+GAIN = 3e-4
+"""A step lowers the price of what is too much by so much, or is none."""
+ENOUGH = 0.5
+"""Of the distance that bodies should keep: steps end where all have as much."""
 PATIENCE, HEADWAY = 6, 0.02
 """So many steps together cover this part of what is left to what is wanted, or no more are tried."""
+ATTEMPTS_M = (np.inf, APART_M, APART_M / 3.0)
+"""How far apart moments are that steps keep clear: none while nothing collides, and more where that does not do."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Measured:
+    """share, torque_nm: of the torque that has the largest share of its limit. depth_m: how deep a link is in something
+    at most, or how far a foot stays from its path; nan where nobody can look."""
+
+    share: float
+    torque_nm: float
+    depth_m: float
+
+    @property
+    def excess(self) -> tuple[float, float]:
+        """What is too much: of a share above 1, of a depth above what only touches."""
+        return max(self.share - 1.0, 0.0), max(self.depth_m - TOUCH_M, 0.0) if self.depth_m > 0.0 else 0.0
+
+    def better(self, other: Measured) -> bool:
+        """Nothing is worse as far as it is too much, and something is better."""
+        mine, its = self.excess, other.excess
+        return mine[0] <= its[0] and mine[1] <= its[1] and (mine != its or self.share < other.share)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class WholeBodyPlan:
-    """A plan with joint angles, and what it took. steps: of the whole plan. before, after: (share, Nm) of the torque
-    that has the largest share of its limit, of the plan as it came and of this one."""
+    """A plan with joint angles, and what it took. steps: of the whole plan. before, after: of the plan as it came, and
+    of this one."""
 
     plan: Plan
     steps: int
-    before: tuple[float, float]
-    after: tuple[float, float]
+    before: Measured
+    after: Measured
 
     @property
     def details(self) -> dict[str, float]:
         """The same by name."""
-        (share, torque), (less, lower) = self.before, self.after
+        before, after = self.before, self.after
         return {
-            "torque_steps": float(self.steps), "torque_nm_before": torque, "torque_nm": lower,
-            "torque_share_before": share, "torque_share": less,
+            "torque_steps": float(self.steps), "torque_nm_before": before.torque_nm, "torque_nm": after.torque_nm,
+            "torque_share_before": before.share, "torque_share": after.share,
+            "depth_m_before": before.depth_m, "depth_m": after.depth_m,
         }  # fmt: skip
 
 
 def with_joints(plan: Plan, kinematics: Kinematics | None = None) -> Plan:
     """The same plan with the joint angles of every key frame, and with forces within torque limits where it finds some.
 
-    Joints and torques may still be beyond what the robot has: that is the verifier's to say. Raises InvalidInput
-    without pinocchio.
+    Joints and torques may still be beyond what the robot has, and bodies may collide: that is the verifier's to say.
+    Raises InvalidInput without pinocchio.
     """
-    return whole_body(plan, TorqueLimits(steps=0), kinematics).plan
+    return whole_body(plan, WholeBodyLimits(steps=0), kinematics).plan
 
 
 def whole_body(
-    plan: Plan, limits: TorqueLimits = TorqueLimits(), kinematics: Kinematics | None = None
+    plan: Plan, limits: WholeBodyLimits = WholeBodyLimits(), kinematics: Kinematics | None = None
 ) -> WholeBodyPlan:
-    """The plan with joint angles and with torques within the limits where such a plan is found; never a worse one.
+    """The plan with joint angles, with torques within the limits and bodies apart where such a plan is found; never a
+    worse one.
 
     Raises InvalidInput without pinocchio, and for a robot whose legs are not known.
     """
     solver = kinematics or Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
-    limit_nm = limits.of(solver)
     angles = np.array([answer.angles for answer in plan_angles(plan, solver)])
     said = {} if limits.torque_nm is None else {"torque_nm": limits.torque_nm}  # what the verifier holds it to
     plan = replace(plan, joints_rad=angles, provenance={**plan.provenance, **said})
-    before = largest(plan, solver, limit_nm)
+    clearance = _clearance(plan, solver) if limits.steps else None
+
+    def measured(one: Plan) -> Measured:
+        depth_m = np.nan if clearance is None else clearance.deepest(one)
+        share, torque_nm = largest(one, solver, limits.of(solver))
+        return Measured(share=share, torque_nm=torque_nm, depth_m=depth_m)
+
+    before = measured(plan)
     best, after, taken = plan, before, 0
-    if before[0] > EASY:
-        found, steps = _Stage(plan, solver, limits).run()
-        if found is not None and check_plan(found).accepted:
-            share = largest(found, solver, limit_nm)
-            if share[0] < before[0]:
-                best, after, taken = found, share, steps
+    for apart_m in ATTEMPTS_M:
+        if after.share <= (EASY if best is plan else 1.0) and not after.excess[1]:
+            break
+        if np.isinf(apart_m) and after.excess[1]:
+            continue
+        looks = None if np.isinf(apart_m) else clearance
+        found, steps = _Stage(best, solver, limits, looks, apart_m).run(collides=after.excess[1] > 0.0)
+        if found is not None and check_plan(found).accepted and (its := measured(found)).better(after):
+            best, after, taken = found, its, taken + steps
     return WholeBodyPlan(plan=best, steps=taken, before=before, after=after)
+
+
+def _clearance(plan: Plan, solver: Kinematics) -> PathClearance | None:
+    """None where coal is not installed, or nobody can move so."""
+    try:
+        return PathClearance(plan, solver)
+    except InvalidInput:
+        return None
 
 
 def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, float]:
@@ -104,71 +154,107 @@ def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, flo
     return float((torques / limit_nm)[at]), float(torques[at])
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _State:
+    """An exact plan on the way, and what is near to each other in it; price: of what is too much. too_near: something
+    has less than half of the distance that it should keep."""
+
+    at: Restored
+    near: Nearness | None
+    price: float
+    too_near: bool = False
+
+
 class _Stage:
-    """One plan on its way."""
+    """One plan on its way. apart_m: how far apart the moments are that it looks at."""
 
-    def __init__(self, plan: Plan, solver: Kinematics, limits: TorqueLimits) -> None:
+    def __init__(
+        self, plan: Plan, solver: Kinematics, limits: WholeBodyLimits, clearance: PathClearance | None, apart_m: float
+    ) -> None:
         self._plan, self._solver, self._limits, self._limit_nm = plan, solver, limits, limits.of(solver)
+        self._clearance, self._apart_m = clearance, apart_m
         self._bounds = solver.lowest_rad, solver.highest_rad
-        self._scaled, self._programs = Scaled.of(plan.course).chosen(plan.choice), Programs()
+        pressed = pressing(plan.course, float(plan.provenance.get("press_share", 0.0)))
+        self._scaled, self._programs = Scaled.of(pressed).chosen(plan.choice), Programs()
 
-    def run(self) -> tuple[Plan | None, int]:
+    def run(self, *, collides: bool) -> tuple[Plan | None, int]:
         """The best plan that was met, None where not even the first was one, and how many steps it took."""
         kept, taken = float(self._plan.provenance.get("friction_share", 1.0)), 0
         best, wanted, angles = None, EASY, np.asarray(self._plan.joints_rad)
         for share in dict.fromkeys((kept, 1.0)):  # a reserve of friction goes only where torque needs it
             scaled = replace(self._scaled, friction=share * self._scaled.friction)
             restoration = Restoration(self._plan, scaled, self._solver, self._limit_nm, friction_share=share)
-            start = (restoration.point(), angles) if best is None else (best[0].point, best[0].angles)
-            state = restoration.restore(*start, wanted=wanted)
-            if state is None:
+            start = (restoration.point(), angles) if best is None else (best[0].at.point, best[0].at.angles)
+            found = restoration.restore(*start, wanted=wanted)
+            if found is None:
                 continue
-            if state.share > 1.0:
-                state, steps = self._stepped(scaled, restoration, state)
+            if found.share > 1.0 or collides:
+                state, steps = self._stepped(scaled, restoration, self._state(found, share))
                 taken += steps
-            if best is None or state.share < best[0].share:
+            else:
+                state = _State(at=found, near=None, price=0.0)
+            if best is None or (state.price, state.at.share) < (best[0].price, best[0].at.share):
                 best = state, share
-            if state.share <= 1.0:
+            if state.at.share <= 1.0:
                 break
             wanted = 1.0
-        return (None if best is None else self._as_plan(*best)), taken
+        return (None if best is None else self._as_plan(best[0].at, best[1])), taken
 
-    def _stepped(self, scaled: Scaled, restoration: Restoration, state: Restored) -> tuple[Restored, int]:
-        """After steps that each lower the largest share, until it is what is wanted, or none does; and how many."""
+    def _state(self, found: Restored, friction_share: float) -> _State:
+        """With what is near to each other along its path."""
+        near, too_near, price = None, False, TORQUE_PRICE * max(found.share - self._limits.share, 0.0)
+        if self._clearance is not None:
+            plan = self._as_plan(found, friction_share)
+            near = self._clearance.nearness(plan, self._limits.clearance_m, self._apart_m)
+            missing_m = near.missing(self._limits.clearance_m).sum() + near.astray_m
+            price += CLEAR_PRICE * float(missing_m) / self._scaled.length_m
+            too_near = near.astray_m > STRAY_M or bool(near.missing(ENOUGH * self._limits.clearance_m).any())
+        return _State(at=found, near=near, price=price, too_near=too_near)
+
+    def _stepped(self, scaled: Scaled, restoration: Restoration, state: _State) -> tuple[_State, int]:
+        """After steps that each lower the price, until nothing is too much, or none does; and how many."""
         radius, taken, before = 1.0, 0, list[float]()
         for _ in range(self._limits.steps):
-            before.append(state.share - self._limits.share)
+            before.append(state.price)
             stalled = len(before) > PATIENCE and before[-1] > (1.0 - HEADWAY) * before[-1 - PATIENCE]
-            if before[-1] <= 0.0 or stalled or radius < NARROWEST:
+            enough = state.at.share <= self._limits.share and not state.too_near
+            if enough or stalled or radius < NARROWEST:
                 break
-            other = self._step(scaled, restoration, state, radius)
-            if other is not None and other.share < state.share - GAIN:
+            found = self._step(scaled, restoration, state, radius)
+            other = None if found is None else self._state(found, restoration.friction_share)
+            if other is not None and other.price < state.price - GAIN:
                 state, radius, taken = other, min(WIDER * radius, WIDEST), taken + 1
             else:
                 radius *= NARROWER
         return state, taken
 
-    def _step(self, scaled: Scaled, restoration: Restoration, state: Restored, radius: float) -> Restored | None:
+    def _step(self, scaled: Scaled, restoration: Restoration, state: _State, radius: float) -> Restored | None:
         """An exact plan after a step; None where there is none.
 
         Where the forces of the step cannot be mended alone, body and joints are found once more for its toes.
         """
-        layout, leg_of = scaled.layout, tuple(self._solver.legs.tolist())
         inside = replace(scaled, friction=(1.0 - SPARE * min(radius, 1.0)) * scaled.friction)
         at = WholeBody(
-            inside, state.point, solver=self._solver, angles=state.angles, limit_nm=self._limit_nm,
-            wanted=AIM * self._limits.share, radius=radius,
+            inside, state.at.point, solver=self._solver, angles=state.at.angles, limit_nm=self._limit_nm,
+            wanted=AIM * self._limits.share, radius=radius, near=state.near, clearance_m=self._limits.clearance_m,
         )  # fmt: skip
-        found = self._programs.get(WholeBodyStep, layout, leg_of, False).solve(at)
+        found = self._solved(at, hold_toes=False)
         if found is None:
             return None
         other = restoration.restore(*found, wanted=self._limits.share)
         if other is None:
             point, angles = found
-            at = replace(at, scaled=scaled, about=point, angles=np.clip(angles, *self._bounds))
-            found = self._programs.get(WholeBodyStep, layout, leg_of, True).solve(at)
+            at = replace(at, scaled=scaled, about=point, angles=np.clip(angles, *self._bounds), near=None)
+            found = self._solved(at, hold_toes=True)
             other = None if found is None else restoration.restore(*found, wanted=self._limits.share)
         return other
+
+    def _solved(self, at: WholeBody, *, hold_toes: bool) -> tuple[Point, Array] | None:
+        """One program; that of a problem whose bodies are near is for it alone."""
+        layout, leg_of = at.scaled.layout, tuple(self._solver.legs.tolist())
+        if at.near is not None and len(at.near.distance_m):
+            return WholeBodyStep(layout, leg_of, hold_toes, at).solve(at)
+        return self._programs.get(WholeBodyStep, layout, leg_of, hold_toes).solve(at)
 
     def _as_plan(self, state: Restored, friction_share: float) -> Plan:
         """With its units back."""

@@ -6,9 +6,10 @@ About a plan that is exact in its kinematics and balances (bars), to first order
     Σ f = w e_z,  Σ p̄ × f + (p − p̄) × f̄ = c × w e_z    balances (E5, E6) with a residual that costs
     ±(ḡ + ∂g − l̄ · f − ∂l · f̄) ≤ limit · share          torque of every joint of a leg that carries, l its lever
 
-with cones (E10), reach and steps (E11), bounds of joints, and a box about the bars in which this is to be believed. The
-objective is the course's own, and a price on the largest share of a torque limit where it is above what is wanted: a
-hinge. What a solution leaves of second order is the restoration's to mend (``restoration``).
+with cones (E10), reach and steps (E11), bounds of joints, distances of bodies (``clearance``), and a box about the bars
+in which this is to be believed. The objective is the course's own, and a price on the largest share of a torque limit
+where it is above what is wanted, and on what is missing to distances: hinges. What a solution leaves of second order is
+the restoration's to mend (``restoration``).
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Toes
 from ..files.arrays import Array, cross
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.leg_slopes import LegSlopes, turning
+from .clearance import Nearness, keep_clear
 from .held import held_moments, linearised_moments, toes_of
 
 TORQUE_PRICE = 3.0
@@ -84,6 +86,8 @@ class WholeBody(Given):
     limit_nm: Array
     wanted: float = 1.0
     radius: float = 1.0
+    near: Nearness | None = None
+    clearance_m: float = 0.0
 
     @cached_property
     def rotations(self) -> Array:
@@ -131,6 +135,14 @@ class WholeBody(Given):
     def room(self, name: str) -> float:
         """Half the side of the trust region's box, non-dimensional."""
         return self.radius * TRUST[name] / (1.0 if name in ("rotation", "joints") else self.scaled.length_m)
+
+    def close(self, near: Nearness) -> Nearness:
+        """Those bodies alone that this step may bring nearer to each other than they are to keep."""
+        sizes = {"com": self.held.com.size, "rotation": self.held.rotation.size}
+        sizes |= {"joints": self.angles.size, "toes": self.held.toes.size}
+        units = {"com": self.scaled.length_m, "toes": self.scaled.length_m}
+        rooms = [self.room(name) * units.get(name, 1.0) for name in sizes]
+        return near.within(self.clearance_m, np.repeat(rooms, list(sizes.values())))
 
     @cached_property
     def above(self) -> dict[str, Array]:
@@ -188,10 +200,10 @@ class WholeBodyStep:
     """The program; one candidate a foothold, point feet.
 
     leg_of: the leg of every joint. hold_toes: they stay where the point has them; then balances are linear (E6) and
-    hold exactly.
+    hold exactly. at: a problem whose bodies that are near it is to keep apart: a program for this one alone.
     """
 
-    def __init__(self, layout: Layout, leg_of: tuple[int, ...], hold_toes: bool) -> None:
+    def __init__(self, layout: Layout, leg_of: tuple[int, ...], hold_toes: bool, at: WholeBody | None = None) -> None:
         layout.check_point_feet("whole body")
         self.rows = rows = Rows[Given](keep=layout.frames == 1)
         body, forces = Body(rows, layout), Forces.of_contacts(rows, layout)
@@ -218,6 +230,9 @@ class WholeBodyStep:
                 near = rows.at_most(f"{name}_{side}", *its.shape)
                 rows.put(near, its, sign)
                 rows.right(near, _bound(side, name, sign))
+        if at is not None and at.near is not None:
+            points = None if free is None else free.points
+            keep_clear(rows, (body.com, body.rotation, joints, points), at, at.close(at.near), at.clearance_m)
         objective(rows, layout, body, free)
         rows.square(joints, None, lambda _: STILL)
         rows.square(forces.columns, None, lambda _: EVEN)

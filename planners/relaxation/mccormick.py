@@ -86,7 +86,7 @@ class McCormick:
         self._balance(first)
         if boxes == 1:
             whole = np.concatenate([self._position, self._box_forces], axis=1)
-            _envelope(rows, whole, self._moments, margin=margin)
+            envelope_rows(rows, whole, self._moments, margin=margin)
         else:
             self._hull(boxes)
         if margin is not None:
@@ -107,7 +107,7 @@ class McCormick:
         solution = self.rows.solve(Boxed(scaled, boxes=(box,)))
         answer = self._answer(solution, scaled)
         if gradient and answer.at is not None:
-            return replace(answer, gradient=_gradient(solution, answer.at, box))
+            return replace(answer, gradient=margin_gradient(solution, answer.at, box))
         return answer
 
     def solve_hull(self, scaled: Scaled, boxes: Sequence[Envelope], allowed: Array) -> RelaxationAnswer:
@@ -205,7 +205,7 @@ class McCormick:
         for e in range(boxes):
             copy = rows.variable(f"copy_{e}", *whole.shape)
             rows.put(added, copy, 1.0)
-            _envelope(rows, copy[:, :6], copy[:, 6:], share=modes[stance, e], e=e)
+            envelope_rows(rows, copy[:, :6], copy[:, 6:], share=modes[stance, e], e=e)
         one = rows.equal("one_mode", stances)
         rows.put(one[:, None], modes, 1.0)
         rows.right(one, 1.0)
@@ -221,9 +221,7 @@ def moment_axes(scaled: Scaled) -> Array:
     return np.asarray(across.transpose(2, 0, 1, 3).reshape(3, -1))
 
 
-def _terms(
-    rows: Rows[Given], layout: Layout, *, explicit: bool, inner: bool = False
-) -> tuple[Body, FreeToes, Forces]:
+def _terms(rows: Rows[Given], layout: Layout, *, explicit: bool, inner: bool = False) -> tuple[Body, FreeToes, Forces]:
     """Every term but m = p f and the objective."""
     body, toes = Body(rows, layout), FreeToes(rows, layout, explicit=explicit)
     forces = Forces.of_candidates(rows, layout, toes)
@@ -236,7 +234,7 @@ def _terms(
     return body, toes, forces
 
 
-def _envelope(
+def envelope_rows(
     rows: Rows[Given],
     whole: Index,
     moments: Index,
@@ -284,7 +282,7 @@ def _relaxed(solution: ConicSolution, scaled: Scaled, forces: Forces) -> Relaxed
     )
 
 
-def _gradient(solution: ConicSolution, at: Array, box: Envelope) -> tuple[Array, Array]:
+def margin_gradient(solution: ConicSolution, at: Array, box: Envelope) -> tuple[Array, Array]:
     """∂t/∂low and ∂t/∂high: the envelope theorem, row by row of the envelope; at: [p, f], shape (B, 6)."""
     signed = solution.dual("envelope") * SIGNS
     p_ends, f_ends = box.corners.p, box.corners.f

@@ -16,17 +16,16 @@ from numpy.typing import NDArray
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..terrain.obstacles import Obstacles
+from ..terrain.obstacles import Ground, Obstacles
 from .kinematics import Kinematics
+from .links_in_ground import LinksInGround
 from .shapes import Shape
-from .solids import shape_points, solid_shapes
+from .solids import link_shapes
 from .urdf_reader import pinocchio
 
 TOUCH_M = 1e-3
 """Bodies this deep inside each other only touch: shapes are drawn to a millimetre, and joint angles, corners and coal's
 depths are ten times as exact."""
-LONG_M = 0.05
-"""A part of a leg that is longer than this has a shape, or is said to have none."""
 POSTURES = 256
 """In so many postures two links touch before they are taken for drawn so."""
 ALIGNED, ON_M = 1.0 - 1e-6, 1e-4
@@ -58,6 +57,23 @@ class Overlap:
     depth_m: float
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Near:
+    """A shape of a link near to another one, or to a part of the terrain.
+
+    shape, other: numbers of the shapes, other −1 for the terrain; name: of what it is near to. distance_m: negative
+    inside. points_m: of both where they are nearest, in the world, shape (2, 3); normal: unit vector from the other to
+    the shape, along which the distance grows.
+    """
+
+    shape: int
+    other: int
+    name: str
+    distance_m: float
+    points_m: Array
+    normal: Array
+
+
 class Bodies:
     """A robot's links and a terrain. Not for use by several threads at once.
 
@@ -71,22 +87,24 @@ class Bodies:
         self.model = kinematics.model
         known = kinematics.known
         self._data, self._terrain = known.createData(), terrain
-        shapes, self.missing = _found(kinematics)
+        shapes, self.missing = link_shapes(kinematics.model)
         self.links = [shape.link for shape, _ in shapes]
         frames = [known.getFrameId(link, self._pin.FrameType.BODY) for link in self.links]
         self._frames, joints = frames, [known.frames[frame].parentJoint for frame in frames]
         self._turns = np.array([shape.rotation for shape, _ in shapes]).reshape(-1, 3, 3)
         self._origins = np.array([shape.origin_m for shape, _ in shapes]).reshape(-1, 3)
         self._geometry = [self._made(shape, points) for shape, points in shapes]
+        points = [each for _, each in shapes]
         boxes = np.array([_box(geometry) for geometry in self._geometry]).reshape(-1, 2, 3)
         self._middles, self._halves = boxes[:, 0], boxes[:, 1]
         self._solids = [self._hull(each.solid.corners) for each in terrain.convex]
         spans = [(each.solid.corners.min(axis=0), each.solid.corners.max(axis=0)) for each in terrain.convex]
         self._spans = np.array(spans).reshape(-1, 2, 3)
         self._request, self._here = self._coal.DistanceRequest(), self._coal.Transform3s()
-        self._request.enable_signed_distance = True
+        self._request.enable_signed_distance, self._result = True, self._coal.DistanceResult()
         feet = {leg.foot: i for i, leg in enumerate(self.model.legs)}
         self._foot = [feet.get(link, -1) for link in self.links]
+        self._in_ground = None if terrain.ground is None else LinksInGround(terrain.ground, points, self._foot)
         disabled = self.model.disabled_pairs
         self._pairs = np.array(
             [
@@ -100,17 +118,65 @@ class Bodies:
     def overlaps(self, body: WholeBody, *, beyond_m: float = TOUCH_M) -> tuple[Overlap, ...]:
         """What is deeper than ``beyond_m`` inside something else, the deepest first; a foot may be in the surface that
         it stands on."""
-        turns, origins = self._placed(body.angles)
-        turns, origins = body.rotation @ turns, body.origin_m + origins @ body.rotation.T
+        turns, origins = self._in_world(body)
         found = [
-            Overlap(link=self.links[i], other=self.links[j], depth_m=depth)
-            for i, j, depth in self._among_links(turns, origins, self._pairs)
+            Overlap(link=self.links[i], other=self.links[j], depth_m=-self._distance(turns, origins, i, j))
+            for i, j in self._meeting(turns, origins, self._pairs, 0.0)
         ]
-        found += self._in_terrain(turns, origins, body)
+        found += [
+            Overlap(
+                link=self.links[i], other=self._terrain.convex[part].name,
+                depth_m=-self._distance(turns, origins, i, part, terrain=True),
+            )
+            for i, part in self._in_terrain(turns, origins, body, 0.0)
+        ]  # fmt: skip
+        middles = origins + np.einsum("sij,sj->si", turns, self._middles)
+        if self._in_ground is not None:
+            reach = np.einsum("sij,sj->si", np.abs(turns), self._halves)
+            below = self._in_ground.depths(turns, origins, middles - reach, middles + reach, body.stands)
+            found += [Overlap(link=self.links[i], other=Ground.name, depth_m=depth) for i, depth in below]
+        for surface in self._terrain.closed:
+            for i in np.flatnonzero(surface.holds(middles)):
+                found.append(Overlap(link=self.links[i], other=surface.name, depth_m=surface.depth(middles[i])))
         return tuple(sorted((each for each in found if each.depth_m > beyond_m), key=lambda each: -each.depth_m))
 
-    def _among_links(self, turns: Array, origins: Array, pairs: NDArray[np.int_]) -> Iterator[tuple[int, int, float]]:
-        """Pairs of shapes whose boxes meet, and how deep one is inside the other, negative outside."""
+    def near(self, body: WholeBody, within_m: float) -> Iterator[Near]:
+        """What is nearer to each other than this, of the pairs that ``overlaps`` looks at; of the terrain's convex
+        parts alone."""
+        turns, origins = self._in_world(body)
+        for terrain, pairs in (
+            (False, self._meeting(turns, origins, self._pairs, within_m)),
+            (True, self._in_terrain(turns, origins, body, within_m)),
+        ):
+            for i, j in pairs:
+                distance = self._distance(turns, origins, i, j, terrain=terrain)
+                if distance < within_m:
+                    found = self._result
+                    yield Near(
+                        shape=i, other=-1 if terrain else j,
+                        name=self._terrain.convex[j].name if terrain else self.links[j], distance_m=distance,
+                        points_m=np.array([found.getNearestPoint1(), found.getNearestPoint2()]),
+                        normal=-np.array(found.normal),
+                    )  # fmt: skip
+
+    def depth(self, overlap: Overlap, body: WholeBody) -> float:
+        """How deep the link of an overlap is inside the same other thing in another posture, negative outside [m]; of
+        the terrain the ground alone."""
+        turns, origins = self._in_world(body)
+        own, others = ([k for k, link in enumerate(self.links) if link == n] for n in (overlap.link, overlap.other))
+        if self._in_ground is not None and overlap.other == Ground.name:
+            return max(self._in_ground.depth(turns, origins, i) for i in own)
+        return max(-self._distance(turns, origins, i, j) for i in own for j in others)
+
+    def _in_world(self, body: WholeBody) -> tuple[Array, Array]:
+        """R_WS and p_WS of every shape."""
+        turns, origins = self._placed(body.angles)
+        return body.rotation @ turns, body.origin_m + origins @ body.rotation.T
+
+    def _meeting(
+        self, turns: Array, origins: Array, pairs: NDArray[np.int_], within_m: float
+    ) -> Iterator[tuple[int, int]]:
+        """Pairs of shapes that no axis of either's box keeps farther apart than this."""
         first, second = pairs.T
         middles = origins + np.einsum("sij,sj->si", turns, self._middles)
         between = (middles[second] - middles[first])[:, None]
@@ -119,28 +185,22 @@ class Bodies:
         ha, hb = self._halves[first], self._halves[second]
         along_a = np.abs(between @ a)[:, 0] - ha - np.einsum("pij,pj->pi", across, hb)
         along_b = np.abs(between @ b)[:, 0] - hb - np.einsum("pij,pi->pj", across, ha)
-        for k in np.flatnonzero(np.maximum(along_a.max(axis=1), along_b.max(axis=1)) < 0.0):
-            i, j = pairs[k].tolist()
-            yield i, j, -self._distance(self._at(turns, origins, i), self._at(turns, origins, j))
+        yield from pairs[np.maximum(along_a.max(axis=1), along_b.max(axis=1)) < within_m].tolist()
 
-    def _in_terrain(self, turns: Array, origins: Array, body: WholeBody) -> Iterator[Overlap]:
-        """Shapes whose boxes meet a part of the terrain, or whose middles are inside a closed surface."""
+    def _in_terrain(self, turns: Array, origins: Array, body: WholeBody, within_m: float) -> Iterator[tuple[int, int]]:
+        """Shapes and parts of the terrain that no axis of the shape's box, and no face of the part, keeps farther
+        apart than this."""
         middles = origins + np.einsum("sij,sj->si", turns, self._middles)
-        reach = np.einsum("sij,sj->si", np.abs(turns), self._halves)
+        reach = np.einsum("sij,sj->si", np.abs(turns), self._halves) + within_m
         low, high = middles - reach, middles + reach
         near = np.all((low[:, None] < self._spans[:, 1]) & (high[:, None] > self._spans[:, 0]), axis=2)
-        for part in np.flatnonzero(near.any(axis=0)):
-            obstacle, its = self._terrain.convex[part], np.flatnonzero(near[:, part])
-            solid = obstacle.solid
+        for part in np.flatnonzero(near.any(axis=0)).tolist():
+            solid, its = self._terrain.convex[part].solid, np.flatnonzero(near[:, part])
             support = np.vecdot(np.abs(solid.normals @ turns[its]), self._halves[its][:, None])
             gap = (middles[its] @ solid.normals.T - solid.offsets_m - support).max(axis=1)
-            for i in its[gap < 0.0]:
-                if not self._stands_on(self._foot[i], obstacle.solid, body):
-                    depth = -self._distance(self._at(turns, origins, i), (self._solids[part], self._here))
-                    yield Overlap(link=self.links[i], other=obstacle.name, depth_m=depth)
-        for surface in self._terrain.closed:
-            for i in np.flatnonzero(surface.holds(middles)):
-                yield Overlap(link=self.links[i], other=surface.name, depth_m=surface.depth(middles[i]))
+            for i in its[gap < within_m].tolist():
+                if not self._stands_on(self._foot[i], solid, body):
+                    yield i, part
 
     def _stands_on(self, limb: int, solid: Any, body: WholeBody) -> bool:
         """Whether the limb's foot stands on a face of the solid."""
@@ -164,7 +224,8 @@ class Bodies:
         spread = lower + (upper - lower) * _spread(POSTURES, len(lower))
         always = self._pairs
         for angles in [np.concatenate([leg.stance_rad for leg in self.model.legs]), *spread]:
-            touching = [(i, j) for i, j, depth in self._among_links(*self._placed(angles), always) if depth > 0.0]
+            placed = self._placed(angles)
+            touching = [pair for pair in self._meeting(*placed, always, 0.0) if self._distance(*placed, *pair) < 0.0]
             always = np.array(touching, dtype=int).reshape(-1, 2)
             if not touching:
                 return ()
@@ -173,14 +234,15 @@ class Bodies:
         self._pairs = np.array(kept, dtype=int).reshape(-1, 2)
         return tuple((self.links[i], self.links[j]) for i, j in sorted(drawn))
 
-    def _at(self, turns: Array, origins: Array, shape: int) -> tuple[Any, Any]:
-        """A shape and where it is, as coal has them."""
-        return self._geometry[shape], self._coal.Transform3s(turns[shape], origins[shape])
-
-    def _distance(self, one: tuple[Any, Any], other: tuple[Any, Any]) -> float:
-        """Between two bodies, negative where one is inside the other [m]."""
-        found = self._coal.distance(*one, *other, self._request, self._coal.DistanceResult())
-        return float(found)
+    def _distance(self, turns: Array, origins: Array, shape: int, other: int, *, terrain: bool = False) -> float:
+        """Between a shape and another one, or a part of the terrain, negative where one is inside the other [m]."""
+        one = self._geometry[shape], self._coal.Transform3s(turns[shape], origins[shape])
+        two = (
+            (self._solids[other], self._here) if terrain
+            else (self._geometry[other], self._coal.Transform3s(turns[other], origins[other]))
+        )  # fmt: skip
+        self._result.clear()
+        return float(self._coal.distance(*one, *two, self._request, self._result))
 
     def _made(self, shape: Shape, points: Array) -> Any:
         """A shape as coal has it."""
@@ -207,27 +269,6 @@ def _coal() -> Any:
         message = "bodies: expected coal for collisions, it is not installed: pip install 'stancekit[kin]'"
         raise InvalidInput(message) from None
     return coal
-
-
-def _found(kinematics: Kinematics) -> tuple[list[tuple[Shape, Array]], tuple[str, ...]]:
-    """Shapes of links and points whose hulls they are; and what has none: meshes that cannot be had, long parts of
-    legs."""
-    model, found, missing = kinematics.model, list[tuple[Shape, Array]](), dict[str, list[str]]()
-    for shape in solid_shapes(model.shapes):
-        points = shape_points(shape)
-        if points is not None:
-            found.append((shape, points))
-        elif shape.link not in missing.setdefault("link|: no mesh", []):
-            missing["link|: no mesh"].append(shape.link)
-    feet = {leg.foot for leg in model.legs if np.linalg.norm(model.mounts[leg.foot].origin_m) > LONG_M}
-    mounts = [model.mounts[shape.link] for shape, _ in found if shape.link not in feet]
-    shaped = {(mount.leg, mount.joint) for mount in mounts}
-    for i, leg in enumerate(model.legs):
-        ends = [*leg.chain.origins[1:], leg.chain.tip_m]
-        bare = [k for k, end in enumerate(ends) if np.linalg.norm(end) > LONG_M and (i, k) not in shaped]
-        missing.setdefault("joint|: no shape of what they carry", []).extend(leg.joint_names[k] for k in bare)
-    lines = [(*key.split("|"), names) for key, names in missing.items() if names]
-    return found, tuple(f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names)}{why}" for kind, why, names in lines)
 
 
 def _spread(count: int, dimension: int) -> Array:

@@ -20,7 +20,7 @@ from ..terrain.prism import Solid
 from .inverse_kinematics import EXACT_M, REACHED_M, InverseKinematics, seeds_of
 from .joint_answer import JointAnswer
 from .leg_ik import limb_postures
-from .legged import foot_radii, legged_model
+from .legged import foot_radii, legged_model, rotor_kg_m2
 from .model import Robot
 from .rotation import rotation_of
 from .urdf import Servo
@@ -40,8 +40,9 @@ class Kinematics:
 
     joints: names, J of them. radii_m: of the feet, shape (N,). lower_rad, upper_rad, torque_nm, velocity_rad_s: limits
     of the joints, shape (J,); torque is inf where the robot's own file has none that can be believed, velocity 0 where
-    it has none. legs: the number of the leg of every joint, shape (J,). known: pinocchio's model. Raises InvalidInput
-    where pinocchio is not installed, and for a robot whose legs are not known.
+    it has none. rotor_kg_m2: inertia of every joint's rotor, behind its gears. legs: the number of the leg of every
+    joint, shape (J,). known: pinocchio's model; columns: where it has the joints' velocities, shape (J,). Raises
+    InvalidInput where pinocchio is not installed, and for a robot whose legs are not known.
     """
 
     def __init__(self, robot: Robot, servo: Servo = Servo(), *, gravity_m_s2: float = GRAVITY_M_S2) -> None:
@@ -50,6 +51,7 @@ class Kinematics:
         self.model = legged_model(robot, servo)
         own, joints = self.model.legs, [joint for leg in self.model.legs for joint in leg.joints]
         self.joints, self.radii_m = self.model.joint_names, foot_radii(robot)
+        self.rotor_kg_m2 = rotor_kg_m2(robot, servo, self.model)
         self.lower_rad, self.upper_rad = (np.array([getattr(j, n) for j in joints]) for n in ("lower_rad", "upper_rad"))
         self.torque_nm, self.velocity_rad_s = (
             np.array([getattr(j, name) for j in joints]) for name in ("torque_nm", "velocity_rad_s")
@@ -71,9 +73,9 @@ class Kinematics:
             for leg in own
         ]  # fmt: skip
         self._data = self.known.createData()
-        self._rest, rows, self._column = self._places()
+        self._rest, rows, self.columns = self._places()
         self._row = _slice_or(rows)
-        self._own = [_slice_or(self._column[self.legs == i]) for i in range(len(own))]
+        self._own = [_slice_or(self.columns[self.legs == i]) for i in range(len(own))]
         self._even = bool(np.all(np.bincount(self.legs) == self._most))
 
     def _places(self) -> tuple[Array, NDArray[np.int_], NDArray[np.int_]]:
@@ -245,7 +247,7 @@ class Kinematics:
         self.known.gravity.linear = rotation.T @ np.array([0.0, 0.0, -self.gravity_m_s2])
         weight = self._pin.computeGeneralizedGravity(self.known, self._data, self.configuration(angles))
         _, jacobian = self._feet_and_jacobian(angles)
-        return np.array(weight)[self._column], jacobian[self.legs, :, self._nth] @ rotation.T
+        return np.array(weight)[self.columns], jacobian[self.legs, :, self._nth] @ rotation.T
 
     def gravity_slopes(self, angles: Array, rotation: Array) -> tuple[Array, Array]:
         """Derivatives of the g of ``loads``: in the angles, shape (J, J), and in a small rotation of the base about the
@@ -257,16 +259,16 @@ class Kinematics:
             along[:, axis] = pin.computeGeneralizedGravity(known, self._data, q)
         known.gravity.linear = rotation.T @ down
         slopes = pin.computeGeneralizedGravityDerivatives(known, self._data, q)
-        turned = along[self._column] @ rotation.T @ np.cross(down, np.eye(3)).T  # δ(Rᵀ g) = Rᵀ (g × δ)
-        return np.array(slopes[np.ix_(self._column, self._column)]), turned
+        turned = along[self.columns] @ rotation.T @ np.cross(down, np.eye(3)).T  # δ(Rᵀ g) = Rᵀ (g × δ)
+        return np.array(slopes[np.ix_(self.columns, self.columns)]), turned
 
     def inertial_torques(self, angles: Array, velocity: Array, acceleration: Array) -> Array:
         """What the legs' own masses take while the base is still and nothing weighs, shape (J,) [Nm]."""
         known, pin = self.known, self._pin
         rates, pushed = np.zeros(known.nv), np.zeros(known.nv)
-        rates[self._column], pushed[self._column] = velocity, acceleration
+        rates[self.columns], pushed[self.columns] = velocity, acceleration
         known.gravity.linear = np.zeros(3)
-        return np.asarray(pin.rnea(known, self._data, self.configuration(angles), rates, pushed)[self._column])
+        return np.asarray(pin.rnea(known, self._data, self.configuration(angles), rates, pushed)[self.columns])
 
     def _feet_and_jacobian(self, angles: Array) -> tuple[Array, Array]:
         """Centres of the feet, shape (N, 3), and their derivatives in their own limb's joints, shape (N, 3, n)."""

@@ -6,10 +6,13 @@ import numpy as np
 
 from ..files.arrays import Array
 from .leg_ik import limb_posture
-from .model import Robot
-from .robot_model import RobotModel, model_of
+from .model import Limb, Robot
+from .robot_model import GRAVITY_M_S2, RobotModel, model_of
 from .urdf import FOOT_RADIUS_M, Servo, hexapod_urdf, joint_names, link_lengths
 
+ROTOR_S2 = 2e-4
+"""A rotor's inertia behind its gears, of joints that a robot's file says nothing of [kg m²], in units of what holds the
+robot's weight at a leg's length [Nm]."""
 OUTWARD, DOWN = 0.15 / 0.35, 0.2 / 0.35
 """Where the feet of legs that are drawn up stand, as shares of their reach."""
 
@@ -29,6 +32,27 @@ def legged_model(robot: Robot, servo: Servo = Servo()) -> RobotModel:
         posture_rad=dict(zip(joint_names(robot), _stance(robot), strict=True)),
         name=robot.name,
     )
+
+
+def carried_nm(model: RobotModel) -> float:
+    """What holds the robot's weight at the length of a leg: the unit of what its joints' drives are guessed by."""
+    length_m = float(np.mean([leg.chain.length_m for leg in model.legs]))
+    return model.body.mass_kg * GRAVITY_M_S2 * length_m
+
+
+def rotor_kg_m2(robot: Robot, servo: Servo, model: RobotModel) -> float:
+    """Inertia of every rotor, seen behind its gears, where no file of actuators says it: the servo's at joints that are
+    drawn up, else ``ROTOR_S2``. The verifier, the runner and the worlds of simulation have it from here."""
+    return servo.rotor_kg_m2 if robot.model is None else ROTOR_S2 * carried_nm(model)
+
+
+def robot_of(model: RobotModel) -> Robot:
+    """A robot of this model's legs, each reaching as far as it is long, from the centre of mass as it stands."""
+    limbs = tuple(
+        Limb(name=leg.name, shoulder_m=leg.hip_m - model.body.com_m, reach_m=leg.chain.length_m + leg.radius_m)
+        for leg in model.legs
+    )
+    return Robot(name=model.name, mass_kg=model.body.mass_kg, limbs=limbs, model=model)
 
 
 def foot_radii(robot: Robot) -> Array:

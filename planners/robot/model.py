@@ -11,7 +11,7 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_name, read_only
 from ..terrain.sole import checked_sole
-from .reach import ReachRows
+from .reach import ReachRows, RelativeReach
 
 if TYPE_CHECKING:
     from .robot_model import RobotModel
@@ -66,6 +66,7 @@ class Robot:
         limbs: one or more, of different names.
         model: the robot's own legs, joint by joint, from its file; None where no more is known than its limbs.
         identity: name and digest of the model that it is of; empty where there is none, as of the default hexapod.
+        relative_reach: where feet may be from a foot that is put down, in order of limb, then of the other.
     Raises:
         InvalidInput: for a mass that is not positive, no limbs, two of one name, or a model of another mass or of other
             legs.
@@ -83,6 +84,7 @@ class Robot:
     limbs: tuple[Limb, ...]
     model: RobotModel | None = field(default=None, repr=False)
     identity: str = ""
+    relative_reach: tuple[RelativeReach, ...] = ()
 
     def __post_init__(self) -> None:
         checked_name(self.name, "robot name")
@@ -90,6 +92,10 @@ class Robot:
         names = [limb.name for limb in self.limbs]
         if len(set(names)) != len(names) or not names:
             raise InvalidInput(f"robot {self.name}: expected one or more limbs of different names, got {names}")
+        pairs = [(each.limb, each.other) for each in self.relative_reach]
+        self.select([name for pair in pairs for name in pair])
+        if pairs != sorted(set(pairs), key=lambda pair: (names.index(pair[0]), names.index(pair[1]))):
+            raise InvalidInput(f"robot {self.name}: relative_reach: expected each pair once, in order of the limbs")
         if self.model is not None:
             self._check(self.model)
             object.__setattr__(self, "identity", self.model.identity)

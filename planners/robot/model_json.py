@@ -6,6 +6,7 @@ meshes are is kept for pictures alone.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -67,6 +68,14 @@ def model_to_json(model: RobotModel) -> dict[str, Any]:
         "mesh_folders": [str(folder) for folder in model.mesh_folders],
         "digest": model.digest,
     }  # fmt: skip
+
+
+def without_folders(robot: Mapping[str, Any]) -> dict[str, Any]:
+    """JSON-ready values of a robot with, of its model, what makes it this robot on every machine: legs and links that
+    may touch, not where its meshes are."""
+    model = robot.get("model")
+    own = {} if model is None else {"model": {name: model[name] for name in ("digest", "disabled_pairs")}}
+    return {**robot, **own}
 
 
 def model_from_json(raw: ModelJson, name: str) -> RobotModel:

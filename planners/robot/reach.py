@@ -63,6 +63,24 @@ class ReachRows:
         return np.array(_centre(self.normals.tobytes(), self.bounds_m.tobytes()))
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class RelativeReach:
+    """Where one foot may be from another: normals · (p_other − p_limb) ≤ bounds_m, the toes in the world's axes.
+
+    It holds where ``limb`` has just been put down, for the other where it then stands; of a stance that is given it
+    says nothing. Raises InvalidInput for one limb twice.
+    Source: Tonneau et al., "SL1M: Sparse L1-norm Minimization for contact planning on uneven terrain" (2020), §IV.
+    """
+
+    limb: str
+    other: str
+    rows: ReachRows
+
+    def __post_init__(self) -> None:
+        if self.limb == self.other:
+            raise InvalidInput(f"relative_reach: expected two limbs, got {self.limb} twice")
+
+
 @lru_cache(maxsize=256)
 def _centre(normals: bytes, bounds: bytes) -> tuple[float, ...]:
     """``ReachRows.centre_m``, remembered: the rows of a data set's problems are those of one robot again and again."""

@@ -20,6 +20,7 @@ from ..files.arrays import Array, checked_name
 from ..files.validation import shown
 from .leg import Leg
 from .leg_search import legs_of
+from .round_feet import round_feet
 from .shapes import Shape, disabled_pairs, shapes_of
 from .stance import standing
 from .urdf_reader import JointCorrection, at_rest, built, corrected, matching, parsed, pinocchio, turned
@@ -177,6 +178,11 @@ def model_of(
         order = [joint.get("name", "") for joint in root.findall("joint")]
         named = feet if isinstance(feet, Mapping) else {foot: foot for foot in feet}
         found = legs_of(model, shapes, order, named)
+        rounded, balls = round_feet(root, found.legs, shapes)
+        if balls:
+            kept: dict[str, Any] = {"where": where, "folder": folder, "packages": packages, "srdf": srdf, "name": name}
+            again = model_of(rounded, feet=feet, posture_rad=posture_rad, **kept)
+            return replace(again, remarks=(Remark(kind="guess", text=f"balls for {', '.join(balls)}"), *again.remarks))
         _check_mimics(root, found.legs)
         semantics = parsed(srdf, "srdf") if srdf else None
         legs, guesses = _stand(found.legs, posture_rad, semantics)

@@ -46,6 +46,12 @@ class Foot:
             )
 
 
+SAME = 1e-6
+"""Of a walker's numbers against its model's: what rounding makes of them."""
+DEEPEST = 0.5
+"""How deep a robot may crouch, as a share of its height."""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GaitRobot:
     """A torso with mass and inertia, and its feet; the legs weigh nothing apart from it (paper W §III-A).
@@ -79,6 +85,22 @@ class GaitRobot:
         if self.model is not None and self.model.leg_names != self.foot_names:
             legs = ", ".join(self.model.leg_names)
             raise InvalidInput(f"{where}: expected feet as its model has legs, {legs}, got {', '.join(names)}")
+        if self.model is not None:
+            self._check_model(self.model, where)
+
+    def _check_model(self, model: RobotModel, where: str) -> None:
+        """Raise InvalidInput for numbers that are not its model's. It may stand lower, crouched, and not higher."""
+        mass_kg, inertia = model.body.mass_kg, model.body.inertia_kgm2
+        if abs(self.mass_kg - mass_kg) > SAME * mass_kg:
+            raise InvalidInput(f"{where}: expected the mass of its model, {mass_kg:.8g} kg, got {self.mass_kg:.8g}")
+        if not float(np.abs(self.inertia_kgm2 - inertia).max()) <= SAME * float(np.abs(inertia).max()):
+            raise InvalidInput(f"{where}: expected the inertia of its model as it stands, got another one")
+        low_m, high_m = (1.0 - DEEPEST) * model.stand_height_m, model.stand_height_m
+        if not (1.0 - SAME) * low_m <= self.stand_height_m <= (1.0 + SAME) * high_m:
+            raise InvalidInput(
+                f"{where}: expected to stand as high as its model, {high_m:.6g} m, or crouched down to {low_m:.6g} m, "
+                f"got {self.stand_height_m:.6g}"
+            )
 
     @property
     def foot_names(self) -> tuple[str, ...]:

@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import product
+from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
 from ..files.arrays import Array
 from .shapes import Shape
+
+if TYPE_CHECKING:
+    from .robot_model import RobotModel
 
 HEAVIEST_MESH = 3_000_000
 """Bytes of a mesh that is still loaded for its hull."""
 MOST_POINTS = 4000
 CORNERS = 24
 """Of the polygon that stands for a circle."""
+LONG_M = 0.05
+"""A part of a leg that is longer than this has a shape, or is said to have none."""
 RINGS = 10
 """Of a sphere, from pole to pole."""
 
@@ -23,6 +30,27 @@ def solid_shapes(shapes: Sequence[Shape]) -> list[Shape]:
     """For each link the shapes that it collides with, or where there are none what it looks like."""
     bodies = {shape.link for shape in shapes if shape.collides}
     return [shape for shape in shapes if shape.collides or shape.link not in bodies]
+
+
+def link_shapes(model: RobotModel) -> tuple[list[tuple[Shape, Array]], tuple[str, ...]]:
+    """Shapes of links and points whose hulls they are; and what has none: meshes that cannot be had, long parts of
+    legs."""
+    found, missing = list[tuple[Shape, Array]](), dict[str, list[str]]()
+    for shape in solid_shapes(model.shapes):
+        points = shape_points(shape)
+        if points is not None:
+            found.append((shape, points))
+        elif shape.link not in missing.setdefault("link|: no mesh", []):
+            missing["link|: no mesh"].append(shape.link)
+    feet = {leg.foot for leg in model.legs if np.linalg.norm(model.mounts[leg.foot].origin_m) > LONG_M}
+    mounts = [model.mounts[shape.link] for shape, _ in found if shape.link not in feet]
+    shaped = {(mount.leg, mount.joint) for mount in mounts}
+    for i, leg in enumerate(model.legs):
+        ends = [*leg.chain.origins[1:], leg.chain.tip_m]
+        bare = [k for k, end in enumerate(ends) if np.linalg.norm(end) > LONG_M and (i, k) not in shaped]
+        missing.setdefault("joint|: no shape of what they carry", []).extend(leg.joint_names[k] for k in bare)
+    lines = [(*key.split("|"), names) for key, names in missing.items() if names]
+    return found, tuple(f"{kind}{'s' if len(names) > 1 else ''} {', '.join(names)}{why}" for kind, why, names in lines)
 
 
 def shape_points(shape: Shape) -> Array | None:
@@ -42,6 +70,23 @@ def shape_points(shape: Shape) -> Array | None:
         for angle in np.linspace(-0.5 * np.pi, 0.5 * np.pi, RINGS)
     ]
     return np.vstack(rings)
+
+
+def surface_points(points: Array, apart_m: float) -> Array:
+    """Points all over the hull of others, shape (K, 3), not much farther apart than this, shape (P, 3) [m]."""
+    hull = ConvexHull(points)
+    found = [points[hull.vertices]]
+    corners = points[hull.simplices]
+    sides = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    for pieces in np.unique(np.ceil(sides / apart_m)).astype(int):
+        if pieces > 1:
+            own = corners[np.ceil(sides / apart_m) == pieces]
+            i, j = np.triu_indices(pieces + 1)
+            shares = np.stack([i, j - i, pieces - j], axis=1) / pieces
+            found.append(np.einsum("sk,tkj->tsj", shares, own).reshape(-1, 3))
+    every = np.concatenate(found)  # its corners first, which no other point near them takes the place of
+    _, kept = np.unique(np.round(every / (0.5 * apart_m)), axis=0, return_index=True)
+    return np.asarray(every[np.union1d(kept, np.arange(len(found[0])))])
 
 
 def _mesh_points(shape: Shape) -> Array | None:

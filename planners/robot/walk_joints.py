@@ -2,10 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
+import numpy as np
+
 from ..errors import InvalidInput
+from ..files.arrays import Array
 from ..gait.trajectory import Trajectory
 from .inverse_kinematics import LegPostures
+from .kinematics import Kinematics
+from .legged import robot_of
+from .robot_model import RobotModel
 from .toes import ToeKinematics
+
+ROUNDS = 6
+"""The centre of mass moves in the body as legs do, which moves the legs: every round leaves a fifth of it."""
 
 
 def walk_joints(trajectory: Trajectory) -> LegPostures:
@@ -13,8 +24,46 @@ def walk_joints(trajectory: Trajectory) -> LegPostures:
 
     Raises InvalidInput for a robot that is but boxes.
     """
-    model, toes = trajectory.robot.model, trajectory.feet_m
-    if model is None:
+    model, normals = _model(trajectory), _normals(trajectory)
+    return ToeKinematics(model).solve(trajectory.torso_m, trajectory.rotation, trajectory.feet_m, normals)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WalkPostures:
+    """A walk of K samples as a robot of N legs and J joints has it, whose legs weigh something.
+
+    angles: shape (K, J) [rad]. origin_m: p_WB of the base's frame, shape (K, 3): it is where the whole robot's centre
+    of mass is at the walk's. normals: of the ground under every foot, shape (K, N, 3). kinematics: of the robot.
+    """
+
+    angles: Array
+    origin_m: Array
+    normals: Array
+    kinematics: Kinematics
+
+
+def walk_postures(trajectory: Trajectory) -> WalkPostures:
+    """The posture at every sample, found as ``walk_joints`` finds it. Raises InvalidInput as that does."""
+    model, normals = _model(trajectory), _normals(trajectory)
+    kinematics, solver = Kinematics(robot_of(model)), ToeKinematics(model)
+    rotation, angles = trajectory.rotation, None
+    origin = trajectory.torso_m - rotation @ model.body.com_m
+    for _ in range(ROUNDS):
+        standing = origin + rotation @ model.body.com_m
+        found = solver.solve(standing, rotation, trajectory.feet_m, normals, near=angles)
+        angles = np.concatenate(found.angles, axis=1)
+        shift = np.array([kinematics.com_offset(posture) for posture in angles])
+        origin = trajectory.torso_m - np.einsum("kij,kj->ki", rotation, shift)
+    assert angles is not None
+    return WalkPostures(angles=angles, origin_m=origin, normals=normals, kinematics=kinematics)
+
+
+def _model(trajectory: Trajectory) -> RobotModel:
+    if trajectory.robot.model is None:
         raise InvalidInput(f"robot {trajectory.robot.name}: expected one that has a model of its legs, got boxes")
-    normals = trajectory.terrain.normal(toes[..., :2].reshape(-1, 2)).reshape(toes.shape)
-    return ToeKinematics(model).solve(trajectory.torso_m, trajectory.rotation, toes, normals)
+    return trajectory.robot.model
+
+
+def _normals(trajectory: Trajectory) -> Array:
+    toes = trajectory.feet_m
+    return np.asarray(trajectory.terrain.normal(toes[..., :2].reshape(-1, 2)).reshape(toes.shape))

@@ -22,7 +22,7 @@ from .contact_robot import contact_robot, standing_toes
 from .polytope import Polytope
 from .robot_file import YAML, model_of_keys, named_robot, read_keys
 from .robot_model import RobotModel
-from .single_body import Foot, GaitRobot, anymal, half_sides, hexapod_walker
+from .single_body import DEEPEST, Foot, GaitRobot, anymal, half_sides, hexapod_walker
 from .solids import shape_points, solid_shapes
 from .workspace import Workspace
 from .workspace_cache import workspaces_of
@@ -30,8 +30,8 @@ from .workspace_cache import workspaces_of
 BUILT_IN = {"anymal": anymal, "hexapod": hexapod_walker}
 ROOM = 0.05
 """Of the leg's length: a foot stands so far inside what it reaches, or farther."""
-DEEPEST, CROUCHES = 0.5, 101
-"""How deep a robot may crouch for that, as a share of its height, and how many heights are tried."""
+CROUCHES = 101
+"""How many heights are tried."""
 UP = np.array([0.0, 0.0, 1.0])
 UP.setflags(write=False)
 

@@ -8,7 +8,7 @@ import os
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,8 +18,10 @@ from ..files.writing import write_bytes
 from .leg import Leg
 from .outer import OuterSet
 from .polytope import Polytope
-from .robot_model import RobotModel
 from .workspace import Workspace, workspace_of
+
+if TYPE_CHECKING:
+    from .robot_model import RobotModel
 
 VERSION = "workspace/1"
 """Part of every digest: a change of method changes it, and older files are no longer found."""

@@ -20,7 +20,6 @@ from ..answer.plan import PlanOutcome
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
-from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.course import Course
 from ..projection.project import PROJECTIONS, SURFACE, Projection, project
@@ -60,8 +59,7 @@ class EnvelopeCoursePlanner:
         time_limit_s: float = 60.0,
         programs: Programs | None = None,
     ) -> None:
-        if projection not in PROJECTIONS:
-            raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
+        PROJECTIONS.get(projection)
         self.envelopes = envelopes
         self.axes: Axes = "world" if isinstance(envelopes, Modes) else "contact"
         self.projection: Projection = projection

@@ -78,6 +78,7 @@ class FarkasCuts:
             - com_step * norm(parts["com_step"], axis=1).sum()
             - rotation_step * norm(parts["rotation_step"], axis=1).sum()
             - toe_step * norm(parts["toe_step"], axis=1).sum()
+            - parts["relative_reach"] @ scaled.relative.bounds[layout.relative_rows[0]]
             + parts["progress"] @ scaled.progress
         )
 
@@ -97,6 +98,10 @@ class FarkasCuts:
         np.add.at(pull, np.array(layout.holds).ravel(), self._pulls(parts).reshape(-1, 3))
         np.add.at(pull, layout.moves[:, 1], parts["toe_step"])
         np.add.at(pull, layout.moves[:, 0], -parts["toe_step"])
+        row, which = layout.relative_rows
+        apart = parts["relative_reach"][:, None] * scaled.relative.normals[row]
+        np.add.at(pull, layout.relative_pairs[which, 1], apart)
+        np.add.at(pull, layout.relative_pairs[which, 0], -apart)
         value = np.sum(scaled.vertices * pull[layout.vertex_footholds], axis=1)
         contact, vertex = layout.contact_vertices
         stance, candidate = layout.contacts[0][contact], layout.vertex_candidates[vertex]

@@ -1,18 +1,22 @@
 """Plans that keep a reserve of friction: found on a course that is made more slippery than it is.
 
-A plan for less friction is one for more, as cones only grow; executed, its feet have something in hand.
+A plan for less friction is one for more, as cones only grow; executed, its feet have something in hand. So have those
+of a plan that does not balance on an edge (``support_margin``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import replace
 from functools import cache
 
 from ..answer.plan import Plan, PlanOutcome
 from ..problem.course import Course
+from ..projection.support_margin import PRESSES, pressing, steady
 from ..terrain.patch import Patch
 from .answer import CoursePlanner
+from .two_stage import TwoStageCoursePlanner
 
 SHARES = (0.8, 0.9, 1.0)
 """Shares of the friction that are planned with, the most cautious first."""
@@ -34,17 +38,44 @@ def slippery(course: Course, share: float) -> Course:
     return replace(course, terrain=tuple(dulled(patch) for patch in course.terrain), footholds=footholds)
 
 
-def plan_with_reserve(planner: CoursePlanner, course: Course, shares: Sequence[float] = SHARES) -> PlanOutcome:
+def plan_with_reserve(
+    planner: CoursePlanner, course: Course, shares: Sequence[float] = SHARES, presses: Sequence[float] = PRESSES
+) -> PlanOutcome:
     """The answer for the most cautious share that has a plan; the plan is one of the course itself.
 
-    Where none has, the answer for the last share, by default the course as it is: only that one proves anything of it.
-    ``provenance`` says which share it was. Raises InvalidInput where the planner is not made for the course.
+    Where that plan balances on an edge, one in which every foot that carries presses with such a share of the weight is
+    taken, the first of ``presses`` that has one. Where no share has a plan, the answer for the last one, by default the
+    course as it is: only that one proves anything of it. ``provenance`` says which shares of friction and of weight it
+    was. Raises InvalidInput where the planner is not made for the course.
     """
     for share in shares:
-        outcome = planner.solve(slippery(course, share))
+        dulled = slippery(course, share)
+        outcome = planner.solve(dulled)
         if outcome.plan is not None:
+            outcome, press = _firmer(planner, dulled, outcome, presses)
+            assert outcome.plan is not None
             provenance = {**outcome.plan.provenance, "friction_share": share}
+            if press > 0.0:
+                provenance["press_share"] = press
             plan: Plan = replace(outcome.plan, course=course, provenance=provenance)
-            bound = outcome.bound if share >= 1.0 else float("nan")  # of the slippery course, it bounds nothing here
-            return replace(outcome, plan=plan, bound=bound)
+            exact = share >= 1.0 and press == 0.0  # a bound of another course bounds nothing here
+            return replace(outcome, plan=plan, bound=outcome.bound if exact else float("nan"))
     return outcome
+
+
+def _firmer(
+    planner: CoursePlanner, course: Course, outcome: PlanOutcome, presses: Sequence[float]
+) -> tuple[PlanOutcome, float]:
+    """The same, or where its plan balances on an edge one that does not, and with how much of the weight its feet
+    press at least: 0 for no such demand."""
+    assert outcome.plan is not None
+    if not presses or steady(outcome.plan, min(presses)):
+        return outcome, 0.0
+    if isinstance(planner, TwoStageCoursePlanner):
+        planner = copy(planner)
+        planner.cuts = False  # nobody waits half a minute for a plan that is only better to have
+    for press in presses:
+        firmer = planner.solve(pressing(course, press))
+        if firmer.plan is not None:
+            return firmer, press
+    return outcome, 0.0

@@ -60,8 +60,7 @@ class MicpPlanner:
         if util.find_spec(SOLVERS[solver][0]) is None:
             raise InvalidInput(f"solver: {solver} is not installed: pip install stancekit[exact]")
         cones_of(grid, solver)
-        if projection not in PROJECTIONS:
-            raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
+        PROJECTIONS.get(projection)
         if isinstance(envelope, EnvelopeSet) and len(envelope.envelopes) > 1:
             raise InvalidInput(f"envelopes: expected one for micp, got {len(envelope.envelopes)}")
         self.solver, self.grid, self.envelope = solver, grid, envelope

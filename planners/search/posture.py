@@ -9,7 +9,6 @@ import numpy as np
 from ..answer.outcome import Certificate, Outcome, Posture
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
-from ..errors import InvalidInput
 from ..problem import PostureProblem
 from ..projection.project import PROJECTIONS, Projection, project
 from ..relaxation.envelope import EnvelopeSet
@@ -36,8 +35,8 @@ class TwoStagePlanner:
         acceptance: Acceptance = Acceptance(),
         programs: Programs | None = None,
     ) -> None:
-        if projection is not None and projection not in PROJECTIONS:
-            raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
+        if projection is not None:
+            PROJECTIONS.get(projection)
         self.envelopes = envelopes
         self.projection = projection
         self.acceptance = acceptance

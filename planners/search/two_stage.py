@@ -18,7 +18,6 @@ from ..answer.plan import PlanOutcome
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
-from ..errors import InvalidInput
 from ..files.arrays import checked
 from ..problem.course import Course
 from ..projection.descent import improved
@@ -55,8 +54,7 @@ class TwoStageCoursePlanner:
         cuts: bool = True,
         programs: Programs | None = None,
     ) -> None:
-        if projection not in PROJECTIONS:
-            raise InvalidInput(f"projection: expected one of {', '.join(PROJECTIONS)}, got {projection!r}")
+        PROJECTIONS.get(projection)
         self.projection: Projection = projection
         self.acceptance = acceptance
         self.gap = None if gap is None else checked(gap, "gap", above=0.0)

@@ -44,19 +44,7 @@ class VerifiedPlanner:
         """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, and a planner that
         raises."""
         begin, where = time.perf_counter(), f"method {self.name}"
-        with foreign(where):
-            found = self._planner.solve(deepcopy(problem))
-            if found is not None and not isinstance(found, Outcome | Posture | Certificate):
-                kinds = "an Outcome, a Posture, a Certificate or None"
-                raise InvalidInput(f"{where}: expected {kinds}, got {_a(found)}")
-            posture, certificate, rest = found, found, dict[str, Any]()
-            if isinstance(found, Outcome):
-                posture, certificate = found.posture, found.certificate
-                rest = {**_told(found, where), "solves": int(found.solves)}
-                rest["details"] = {_text(key, where): float(value) for key, value in found.details.items()}
-            elif found is not None:
-                posture, certificate = (found, None) if isinstance(found, Posture) else (None, found)
-            posture, certificate = _taken(Posture, posture, where), _taken(Certificate, certificate, where)
+        posture, certificate, rest = _asked(self._planner, problem, where, Outcome, Posture)
         return self._acceptance.outcome(
             problem, method=self.name, begin=begin, posture=posture, certificate=certificate, **rest
         )
@@ -72,23 +60,36 @@ class VerifiedCoursePlanner:
         self._planner, self.name, self._acceptance = _solving(planner, f"planner {name}"), name, acceptance
 
     def solve(self, course: Course) -> PlanOutcome:
-        """Ask, and have the evidence verified. Raises InvalidInput for an answer of another kind, and a planner that
-        raises."""
+        """As ``VerifiedPlanner.solve``."""
         clock, where = Clock.start(), f"planner {self.name}"
-        with foreign(where):
-            found = self._planner.solve(deepcopy(course))
-            if found is not None and not isinstance(found, PlanOutcome | Plan | Certificate):
-                kinds = "a PlanOutcome, a Plan, a Certificate or None"
-                raise InvalidInput(f"{where}: expected {kinds}, got {_a(found)}")
-            plan, certificate, rest = found, found, dict[str, Any]()
-            if isinstance(found, PlanOutcome):
-                plan, certificate, rest = found.plan, found.certificate, _told(found, where)
-            elif found is not None:
-                plan, certificate = (found, None) if isinstance(found, Plan) else (None, found)
-            plan, certificate = _taken(Plan, plan, where, course=course), _taken(Certificate, certificate, where)
+        plan, certificate, rest = _asked(self._planner, course, where, PlanOutcome, Plan, course=course)
         return self._acceptance.plan_outcome(
             course, method=self.name, clock=clock, plan=plan, certificate=certificate, **rest
         )
+
+
+def _asked(
+    planner: Any, subject: Any, where: str, whole: type[Outcome | PlanOutcome], kind: type[Evidence], **given: Any
+) -> tuple[Evidence | None, Certificate | None, dict[str, Any]]:
+    """What a planner answers: evidence of a kind, a certificate, and what an outcome says of itself.
+
+    whole: the kind of outcome that holds them. given: what the evidence is made with. Raises InvalidInput.
+    """
+    with foreign(where):
+        found, rest = planner.solve(deepcopy(subject)), dict[str, Any]()
+        if found is not None and not isinstance(found, whole | kind | Certificate):
+            names = f"{'an' if whole is Outcome else 'a'} {whole.__name__}, a {kind.__name__}, a Certificate or None"
+            raise InvalidInput(f"{where}: expected {names}, got {_a(found)}")
+        evidence: Any
+        certificate: Any
+        evidence, certificate = (None, found) if isinstance(found, Certificate) else (found, None)
+        if isinstance(found, Outcome):
+            evidence, certificate = found.posture, found.certificate
+            rest = {**_told(found, where), "solves": int(found.solves)}
+            rest["details"] = {_text(key, where): float(value) for key, value in found.details.items()}
+        elif isinstance(found, PlanOutcome):
+            evidence, certificate, rest = found.plan, found.certificate, _told(found, where)
+        return _taken(kind, evidence, where, **given), _taken(Certificate, certificate, where), rest
 
 
 def _solving(planner: Any, where: str) -> Any:

@@ -6,29 +6,38 @@ from dataclasses import replace
 
 from ..answer.outcome import Status
 from ..answer.plan import PlanOutcome
-from ..projection.torque_limits import TorqueLimits
+from ..errors import InvalidInput
 from ..projection.whole_body import whole_body
+from ..projection.whole_body_limits import WholeBodyLimits
+from ..robot.kinematics import Kinematics
 from ..verify import check_plan
-from ..verify.joints import joint_report
 from .answer import objective_of
 
 
-def with_whole_body(outcome: PlanOutcome, limits: TorqueLimits = TorqueLimits()) -> PlanOutcome:
-    """The outcome with joint angles in its plan, and with torques within the limits where such a plan is found.
+def with_whole_body(outcome: PlanOutcome, limits: WholeBodyLimits = WholeBodyLimits()) -> PlanOutcome:
+    """The outcome with joint angles in its plan, with torques within the limits where such a plan is found.
 
-    Where the joints cannot do it the course is undecided, with the reason and the plan: nothing is proved of others.
-    The outcome as it is where there is no plan. Raises InvalidInput without pinocchio.
+    Where the joints cannot do it, or bodies collide, the course is undecided, with the reason and the plan: nothing is
+    proved of others. The outcome as it is where there is no plan, and, where no torque is asked for, for a robot
+    without a file whose legs are not known, or without pinocchio. Raises InvalidInput where these are needed.
     """
     if outcome.plan is None:
         return outcome
-    found = whole_body(outcome.plan, limits)
-    said = joint_report(found.plan).message
+    course = outcome.plan.course
+    try:
+        solver = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
+    except InvalidInput:
+        if limits.concern(course.robot):
+            raise
+        return outcome
+    found = whole_body(outcome.plan, limits, solver)
+    report = check_plan(found.plan, joints=True, between=False)
     return replace(
         outcome,
-        status=Status.UNDECIDED if said else outcome.status,
-        message=said or outcome.message,
+        status=Status.UNDECIDED if report.failures else outcome.status,
+        message=report.failures or outcome.message,
         plan=found.plan,
         objective=objective_of(found.plan),
-        residual=check_plan(found.plan, between=False).worst,
+        residual=report.worst,
         details={**outcome.details, **found.details},
     )

@@ -1,4 +1,4 @@
-"""Mesh files (STL, OBJ, PLY, OFF, GLB), read by trimesh in bounds: what a file declares is held against its size."""
+"""Mesh files (STL, OBJ, PLY, DAE, OFF, GLB), read by trimesh in bounds: their headers are held against their size."""
 
 from __future__ import annotations
 
@@ -17,36 +17,35 @@ from ..files.documents import decoded, parse_json, read_bytes
 
 MOST_BYTES = 128_000_000
 MOST_TRIANGLES = 3_000_000
+"""Of any mesh, a robot's or a terrain's, unless fewer are wanted."""
+SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".off", ".glb")
 PLY_HEAD = 65_536
 """Bytes within which a PLY file's header ends."""
 
 Triangles = NDArray[np.int_]
 
 
-def read_corners(path: str | Path) -> tuple[Array, Triangles]:
+def read_corners(path: str | Path, most_triangles: int = MOST_TRIANGLES) -> tuple[Array, Triangles]:
     """Corners, shape (V, 3), in the file's unit, and triangles, shape (T, 3), of corners' numbers.
 
+    most_triangles: more are refused, by the header where the format has one that counts them.
     Raises InvalidInput for a file that is missing or damaged, that declares more than it can hold, whose triangles name
     corners that it does not have, and for one without triangles or with corners that are not finite.
     """
-    try:
-        import trimesh
-    except ImportError:
-        raise InvalidInput(f"{path}: meshes need trimesh: pip install 'stancekit[viz]'") from None
     suffix = Path(path).suffix.lower()
     content = read_bytes(path, MOST_BYTES)
+    _check_count(declared_triangles(content, suffix), most_triangles, path)
     try:
-        _check_declared(content, suffix)
+        check_declared(content, suffix)
         with np.errstate(all="ignore"):
-            mesh: Any = trimesh.load(
-                io.BytesIO(content), file_type=suffix[1:], force="mesh", process=False, skip_materials=True
-            )
+            mesh = loaded(content, suffix, path)
             corners, triangles = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces)
     except InvalidInput as error:
         raise InvalidInput(f"{path}: expected a mesh: {error}") from None
     except Exception as error:  # trimesh's readers raise whatever struck them
         message = " ".join(str(error).split()) or type(error).__name__
         raise InvalidInput(f"{path}: expected a mesh, which trimesh cannot read: {message:.120}") from None
+    _check_count(len(triangles), most_triangles, path)
     if len(triangles) == 0:
         raise InvalidInput(f"{path}: expected a mesh with triangles, got an empty one")
     if corners.ndim != 2 or corners.shape[1] != 3 or triangles.ndim != 2 or triangles.shape[1] != 3:
@@ -60,11 +59,48 @@ def read_corners(path: str | Path) -> tuple[Array, Triangles]:
     return corners, triangles.astype(np.int_)
 
 
-def _check_declared(content: bytes, suffix: str) -> None:
+def loaded(content: bytes, suffix: str, path: str | Path) -> Any:
+    """What trimesh makes of a file, a mesh or points, its corners as they are. Raises InvalidInput without trimesh."""
+    try:
+        import trimesh
+
+        if suffix == ".dae":
+            import collada  # noqa: F401
+    except ImportError as error:
+        raise InvalidInput(f"{path}: meshes need {error.name}: pip install 'stancekit[terrain]'") from None
+    force = None if suffix == ".ply" else "mesh"
+    return trimesh.load(io.BytesIO(content), file_type=suffix[1:], force=force, process=False, skip_materials=True)
+
+
+def declared_triangles(content: bytes, suffix: str) -> int:
+    """How many triangles a file says, or shows at a glance, to have; 0 where only reading it tells."""
+    if suffix == ".stl" and len(content) >= 84:
+        (count,) = struct.unpack("<I", content[80:84])
+        if len(content) == 84 + 50 * count:
+            return int(count)
+    if suffix == ".stl":
+        return content.count(b"endfacet")
+    if suffix == ".obj":
+        return content.count(b"\nf ")
+    if suffix == ".ply":
+        found = re.search(rb"^element\s+face\s+(\d{1,18})", _ply_head(content), re.MULTILINE)
+        return int(found[1]) if found else 0
+    return 0
+
+
+def _check_count(count: int, most: int, path: str | Path) -> None:
+    if count > most:
+        raise InvalidInput(f"{path}: expected {most} triangles or fewer (most_triangles), got {count}; simplify it")
+
+
+def _ply_head(content: bytes) -> bytes:
+    return content[:PLY_HEAD].partition(b"end_header")[0]
+
+
+def check_declared(content: bytes, suffix: str) -> None:
     """Raise InvalidInput where a header asks for more than the bytes behind it can hold."""
     if suffix == ".ply":
-        head = content[:PLY_HEAD].partition(b"end_header")[0]
-        counts = [int(count) for count in re.findall(rb"^element\s+\S+\s+(\d{1,18})", head, re.MULTILINE)]
+        counts = [int(count) for count in re.findall(rb"^element\s+\S+\s+(\d{1,18})", _ply_head(content), re.MULTILINE)]
         if sum(counts) > len(content):
             raise InvalidInput(f"its header declares {sum(counts)} elements in {len(content)} bytes")
     elif suffix == ".glb":

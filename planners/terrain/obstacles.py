@@ -16,6 +16,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
 from ..files.arrays import Array
+from .heightfield import HeightField
 from .patch import Patch
 from .prism import Solid
 
@@ -64,12 +65,43 @@ class ClosedSurface:
         return float(behind[behind > 0.0].min(initial=np.inf))
 
 
+class Ground:
+    """Heights that are solid below. name: for people."""
+
+    name = "the ground"
+
+    def __init__(self, terrain: HeightField) -> None:
+        self.terrain = terrain
+        (self._control,), self._knots = terrain.spline
+
+    def near(self, low: Array, high: Array) -> NDArray[np.bool_]:
+        """Which boxes, corners of shape (S, 3) [m], may be in it: a spline is below its control points. Shape (S,)."""
+        (x0, x1), (y0, y1) = (
+            [np.clip(np.searchsorted(knots, at[:, k], side="right") - 4, 0, len(knots) - 8) for at in (low, high)]
+            for k, knots in enumerate(self._knots)
+        )
+        tops = [self._control[a : b + 4, c : d + 4].max() for a, b, c, d in zip(x0, x1, y0, y1, strict=True)]
+        return np.asarray(low[:, 2] < np.array(tops))
+
+    def depth(self, points: Array) -> Array:
+        """How deep points are in it, along the normal where it is even, negative above, shape (…, 3) to (…) [m]."""
+        height, slope = self.terrain.height_and_gradient(points[..., :2])
+        return np.asarray((height - points[..., 2]) / np.sqrt(1.0 + np.vecdot(slope, slope)))
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacles:
-    """All of a terrain. convex: bodies; closed: surfaces whose inside is solid, too."""
+    """All of a terrain. convex: bodies; closed: surfaces whose inside is solid, too; ground: heights that are solid
+    below."""
 
     convex: tuple[Obstacle, ...]
     closed: tuple[ClosedSurface, ...]
+    ground: Ground | None = None
+
+    @classmethod
+    def under(cls, terrain: HeightField) -> Obstacles:
+        """A terrain of heights."""
+        return cls(convex=(), closed=(), ground=Ground(terrain))
 
     @classmethod
     def of(cls, patches: Sequence[Patch]) -> Obstacles:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -17,8 +16,9 @@ from scipy.ndimage import gaussian_filter
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from ..plugins import Registry, takes
-from .grid_file import read_heights
 from .heightfield import HeightField
+from .import_options import ImportOptions
+from .terrain_file import read_heights
 
 HALF_WIDTH_M = 4.0
 LEVEL_M = 0.6
@@ -244,11 +244,11 @@ def _noise(deviation_m: float, length_m: float, rng: np.random.Generator) -> Sha
     return lambda x, y: field.height(np.stack([x, y], axis=-1))
 
 
-def named_terrain(name: str, **options: Any) -> HeightField:
+def named_terrain(name: str, options: ImportOptions = ImportOptions(), smooth_m: float = 0.0) -> HeightField:
     """The terrain of a name: one of ``TERRAINS``, ``FILE.py:NAME``, a draw ``family:difficulty:seed`` as in
     ``rough:0.5:7``, or a file of heights.
 
-    options: those of ``grid_file.read_heights``, for files. Raises InvalidInput.
+    options, smooth_m: of files, see ``terrain_file.read_heights``. Raises InvalidInput.
     """
     if name in TERRAINS.names() or ".py:" in name or name.endswith(".py"):
         return reference_terrain(name)
@@ -269,4 +269,4 @@ def named_terrain(name: str, **options: Any) -> HeightField:
             f"terrain: expected a file, one of {', '.join(TERRAINS.names())}, FILE.py:NAME, "
             f"or FAMILY:DIFFICULTY:SEED with {', '.join(FAMILIES)}, got {name!r}"
         )
-    return read_heights(name, **options)
+    return read_heights(name, options, smooth_m=smooth_m)

@@ -1,12 +1,13 @@
 """Judging bodies: does a link go through another one, or through the terrain?
 
-Key frames are judged with the angles that joints are judged with, and any other postures of a motion in the same way.
-Links are the shapes of the robot's file, the terrain is ``Obstacles``; a foot may be in the surface it stands on.
+Key frames are judged with the angles that joints are judged with, and the path between them at moments a centimetre
+apart (``planners.motion``), on which the runner drives the joints. Links are the shapes of the robot's file, the
+terrain is ``Obstacles``; a foot may be in the surface it stands on.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,12 +16,15 @@ import numpy as np
 from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..motion.path import APART_M
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from ..robot.bodies import Bodies, Overlap, WholeBody
     from ..robot.kinematics import Kinematics
 
-    Way = Callable[[Plan, Kinematics], Iterable[tuple[float, WholeBody]]]
+NO_ANGLES = "the plan has no joint angles that the motion could go through"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +33,8 @@ class BodyReport:
 
     postures: how many were judged; hit: how many of them a link is too deep in something in. worst: the deepest
     overlap; place: of it, for people, and frame, its key frame or progress between two. missing: what has no shape and
-    was not judged. drawn_so: pairs of links that are inside each other in every posture, and are left out.
+    was not judged. drawn_so: pairs of links that are inside each other in every posture, and are left out. astray: of
+    a foot that cannot follow its path; empty where all do.
     """
 
     postures: int
@@ -38,13 +43,15 @@ class BodyReport:
     frame: float
     missing: tuple[str, ...]
     drawn_so: tuple[tuple[str, str], ...]
+    astray: str = ""
 
     @property
     def message(self) -> str:
         """What is wrong, in one line; empty where nothing is."""
         if self.worst is None:
-            return ""
+            return self.astray
         more = f", the deepest of {self.hit} of {self.postures} postures" if self.hit > 1 else ""
+        more += f"; {self.astray}" if self.astray else ""
         where = f"frame {self.frame:.3g}" if self.frame % 1.0 else f"frame {self.frame:.0f}"
         return f"{where}: {self.worst.link} is {1e3 * self.worst.depth_m:.3g} mm inside {self.worst.other}{more}"
 
@@ -53,7 +60,7 @@ class BodyReport:
         worst = None
         if self.worst is not None:
             worst = {"frame": self.frame, "link": self.worst.link, "other": self.worst.other}
-        verdict = "failed" if self.worst is not None else "not checked" if self.missing else "checked"
+        verdict = "failed" if self.message else "not checked" if self.missing else "checked"
         return {
             "verdict": verdict,
             "message": self.message or "; ".join(self.missing),
@@ -65,8 +72,20 @@ class BodyReport:
         }
 
 
-def bodies_report(bodies: Bodies, postures: Iterable[tuple[float, WholeBody]]) -> BodyReport:
-    """Judge postures, each with its key frame or its progress between two.
+def spaced(points_m: Array) -> NDArray[np.intp]:
+    """As few samples of a motion as are not farther apart than ``APART_M``, with the first and the last.
+
+    points_m: feet and body's origin at every sample, shape (K, P, 3) [m].
+    """
+    chosen = [0]
+    for k in range(1, len(points_m) - 1):
+        if np.linalg.norm(points_m[k + 1] - points_m[chosen[-1]], axis=1).max() > APART_M:
+            chosen.append(k)
+    return np.unique([*chosen, len(points_m) - 1])
+
+
+def bodies_report(bodies: Bodies, postures: Iterable[tuple[float, WholeBody]], astray: str = "") -> BodyReport:
+    """Judge postures, each with its key frame or its progress between two; astray: as of ``BodyReport``.
 
     Whether postures are near enough to each other to stand for the motion between them is their maker's to see to.
     """
@@ -79,43 +98,35 @@ def bodies_report(bodies: Bodies, postures: Iterable[tuple[float, WholeBody]]) -
         if found and (deepest is None or found[0].depth_m > deepest.depth_m):
             deepest, at = found[0], frame
     return BodyReport(
-        postures=count, hit=hit, worst=deepest, frame=at, missing=bodies.missing, drawn_so=bodies.drawn_so
-    )
+        postures=count, hit=hit, worst=deepest, frame=at, missing=bodies.missing, drawn_so=bodies.drawn_so,
+        astray=astray,
+    )  # fmt: skip
 
 
-def check_bodies(
-    plan: Plan, angles: Array, solver: Kinematics, way: Way | None = None
-) -> dict[str, Mapping[str, Any]]:
-    """The group ``bodies``: every key frame of a plan, with these angles, shape (M, J) [rad].
-
-    way: who moves the robot from one to the next; with it the group ``motion``, of postures so near to each other that
-    they stand for the motion, each with its progress in key frames. Raises InvalidInput without coal.
-    """
-    from ..robot.bodies import Bodies  # slow to import
+def check_bodies(plan: Plan, angles: Array, solver: Kinematics) -> dict[str, Mapping[str, Any]]:
+    """The groups ``bodies``, of every key frame of a plan with these angles, shape (M, J) [rad], and ``motion``, of the
+    path through them where they are the plan's own. Raises InvalidInput without coal."""
+    from ..motion.joints import STRAY_M, JointPath, key_postures, path_bodies  # slow to import
+    from ..motion.path import PlanPath
+    from ..robot.bodies import Bodies
     from ..terrain.obstacles import Obstacles
 
     bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
-    found: dict[str, Mapping[str, Any]] = {
-        "bodies": bodies_report(bodies, enumerate(_key_frames(plan, angles))).to_json()
-    }
-    if way is not None:
-        try:
-            found["motion"] = bodies_report(bodies, way(plan, solver)).to_json()
-        except InvalidInput as error:
-            found["motion"] = {"verdict": "not checked", "message": str(error)}
-    return found
+    keys = bodies_report(bodies, enumerate(key_postures(plan, angles)))
+    found: dict[str, Mapping[str, Any]] = {"bodies": keys.to_json()}
+    if plan.joints_rad is None:
+        return found | {"motion": {"verdict": "not checked", "message": NO_ANGLES}}
+    try:
+        path = PlanPath(plan)
+        moments, postures = JointPath(path, solver).judged()
+    except InvalidInput as error:
+        return found | {"motion": {"verdict": "not checked", "message": str(error)}}
+    astray = _astray(plan, moments.frame, postures.error_m) if postures.error_m.max() > STRAY_M else ""
+    return found | {"motion": bodies_report(bodies, path_bodies(path, moments, postures), astray).to_json()}
 
 
-def _key_frames(plan: Plan, angles: Array) -> Iterable[WholeBody]:
-    """The postures of the key frames, rotations taken exactly."""
-    from ..robot.bodies import WholeBody
-    from ..robot.plan_joints import normals_at
-    from ..robot.rotation import rotation_of
-
-    robot = plan.course.robot
-    for frame, its in enumerate(angles):
-        turn = rotation_of(plan.rotation_rad[frame])
-        yield WholeBody(
-            rotation=turn, origin_m=plan.com_m[frame] - turn @ robot.origin_m, angles=its, toes_m=plan.toes_at(frame),
-            normals=normals_at(plan, frame), stands=np.ones(len(robot.limbs), dtype=bool),
-        )  # fmt: skip
+def _astray(plan: Plan, frames: Array, error_m: Array) -> str:
+    """Of the foot that is farthest from its path."""
+    row, limb = (int(i) for i in np.unravel_index(int(np.argmax(error_m)), error_m.shape))
+    name = plan.course.robot.limb_names[limb]
+    return f"frame {frames[row]:.3g}: the foot of {name} stays {1e3 * error_m[row, limb]:.3g} mm from its path"

@@ -211,6 +211,7 @@ def _lengths(course: Course, numbers: Numbers, leaf: Leaves, m: Multipliers, val
         (float(reach.sum()), "reach of all limbs", min(limb.reach_m for limb in course.robot.limbs), unit_m, "m"),
         (float(length(m.com_step).sum()), "steps.com_m", steps.com_m, unit_m, "m"),
         (float(length(m.toe_step).sum()), "steps.toe_m", steps.toe_m, unit_m, "m"),
+        (float(m.relative_reach.sum()), "reach between feet", 0.0, unit_m, "m"),
         (float(length(m.rotation_step).sum()), "steps.rotation_rad", steps.rotation_rad, 1.0, "rad"),
         (float(pull[worst]), f"com_radius_m at frame {worst}", float(course.com_radius_m[worst]), unit_m, "m"),
         (float(m.progress.sum()), "steps.progress_m", steps.progress_m, unit_m, "m"),

@@ -32,6 +32,16 @@ def length(vectors: Array) -> Array:
     return np.asarray(np.sqrt(np.vecdot(vectors, vectors)))
 
 
+def exact_and_linear(rotation: Array, vectors: Array) -> tuple[Array, Array]:
+    """exp([Θ]×) v by Rodrigues' formula and (I + [Θ]×) v; shapes (..., 3) each that go together."""
+    angle = length(rotation)
+    flat = np.maximum(angle, 1e-12)
+    sine = np.where(angle < 1e-12, 1.0, np.sin(angle) / flat)
+    versine = np.where(angle < 1e-6, 0.5, (1.0 - np.cos(angle)) / flat**2)
+    once = cross(rotation, vectors)
+    return vectors + sine[..., None] * once + versine[..., None] * cross(rotation, once), vectors + once
+
+
 def contact_frames(normals: Array, references: Array) -> Array:
     """R_WC of every contact, columns n, y = z × n, z with z the shear reference in the patch (E3).
 

@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..files.arrays import Array
 from ..problem import Contact
-from ..robot.model import Limb
+from ..robot.model import Limb, Robot
 from .geometry import cross, length
 
 Limbs = Sequence[Limb | Contact]
@@ -83,6 +84,31 @@ def scaled_half_spaces(limbs: Sequence[Limbs], lengths: Array) -> dict[str, Arra
     bounds = np.array([np.concatenate([part.bounds_m for part in own]) for own in rows])
     normals = np.array([np.concatenate([part.normals for part in own]) for own in rows])
     return {"row_normals": normals, "row_bounds": bounds / lengths[:, None]}
+
+
+def relative_rows(robot: Robot, holds: NDArray[np.intp]) -> tuple[NDArray[np.intp], Array, Array]:
+    """Half-spaces a·(p_other − p_limb) ≤ b of feet, wherever the limb has just been put down.
+
+    holds: the foothold under each limb at each frame, (M, N). Returns of each row the footholds of the limb and of the
+    other, (L, 2), and a, (L, 3), and b, (L,) [m].
+    """
+    names, feet, normals, bounds = robot.limb_names, [], [np.zeros((0, 3))], [np.zeros(0)]
+    for before, after in pairwise(holds):
+        for pair in robot.relative_reach:
+            limb, other = names.index(pair.limb), names.index(pair.other)
+            if before[limb] != after[limb]:
+                feet += [(after[limb], after[other])] * len(pair.rows.bounds_m)
+                normals.append(pair.rows.normals)
+                bounds.append(pair.rows.bounds_m)
+    return np.array(feet, dtype=np.intp).reshape(-1, 2), np.concatenate(normals), np.concatenate(bounds)
+
+
+def relative_pulls(feet: NDArray[np.intp], normals: Array, sigma: Array, footholds: int) -> Array:
+    """What multipliers σ of such half-spaces add to the slope in every toe, shape (L, P, 3); sigma: (L, rows)."""
+    signs = np.zeros((len(feet), footholds))
+    signs[np.arange(len(feet)), feet[:, 1]] = 1.0
+    signs[np.arange(len(feet)), feet[:, 0]] = -1.0
+    return np.asarray(np.einsum("ij,jk,jp->ipk", sigma, normals, signs, optimize=True))
 
 
 def half_space_pulls(row_limb: NDArray[np.intp], normals: Array, sigma: Array, limbs: int) -> Array | None:

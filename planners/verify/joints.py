@@ -23,7 +23,6 @@ from .report import WHOLE_BODY
 
 if TYPE_CHECKING:
     from ..robot.kinematics import Kinematics
-    from .bodies import Way
 
 REACHED_M = 1e-5
 """A foot farther than this from its toe is not there."""
@@ -91,10 +90,10 @@ class JointReport:
         return joints, torque
 
 
-def check_whole_body(plan: Plan, way: Way | None = None) -> dict[str, Mapping[str, Any]]:
-    """Can the robot do it? Groups ``joints``, ``torque`` and ``bodies``, each with a verdict (checked, failed or not
-    checked), a message, and what was measured; with a ``way``, as ``check_bodies`` has it, ``motion``, too. Nothing is
-    checked without pinocchio, or where the legs are not known, and no bodies without coal."""
+def check_whole_body(plan: Plan) -> dict[str, Mapping[str, Any]]:
+    """Can the robot do it? Groups ``joints``, ``torque``, ``bodies`` and ``motion``, each with a verdict (checked,
+    failed or not checked), a message, and what was measured. Nothing is checked without pinocchio, or where the legs
+    are not known, and no bodies without coal."""
     from ..robot.kinematics import Kinematics  # slow to import
 
     found = dict[str, Mapping[str, Any]]()
@@ -102,10 +101,10 @@ def check_whole_body(plan: Plan, way: Way | None = None) -> dict[str, Mapping[st
         solver = Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
         report = joint_report(plan, solver=solver)
         found["joints"], found["torque"] = report.to_json()
-        found |= check_bodies(plan, report.angles, solver, way)
+        found |= check_bodies(plan, report.angles, solver)
     except InvalidInput as error:
         unchecked = {"verdict": "not checked", "message": str(error)}
-        found = {name: found.get(name, unchecked) for name in WHOLE_BODY if name != "motion" or way is not None}
+        found = {name: found.get(name, unchecked) for name in WHOLE_BODY}
     return found
 
 

@@ -12,7 +12,7 @@ balances of moments, whose largest component is off by ε, has
       + Σ_steps a·(c' − c) − Δ_c‖a‖ + t·(Θ' − Θ) − Δ_Θ‖t‖ + g (progress − d·(c' − c)) + Σ_toes b·(q' − q) − Δ_p‖b‖
       ≤  Σ_stances ‖ν_M‖₁ ε.
 
-Half-spaces of reach add terms of the form of r (``half_spaces``).
+Half-spaces of reach add terms of the form of r (``half_spaces``), those of feet Σ σ (a·(q' − q) − b), σ ≥ 0.
 
 (The moment about c is Σ q × C f − c × w e_z because Σ C f = w e_z; q and c are in the world frame; g ≥ 0.) Where the
 least value ℓ of the left side is positive, ε ≥ ℓ / Σ ‖ν_M‖₁. It separates: a ball for each c, a box for each Θ, and for
@@ -33,7 +33,7 @@ the sum of these sizes over M frames. Ten times that, ``GUARD`` M of the sum, is
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 
 from ..files.arrays import Array
 from .geometry import cross, length
-from .half_spaces import bending
+from .half_spaces import bending, relative_pulls
 from .multipliers import Multipliers
 from .stances import Index, Schedule
 from .work import SLACK, least_works, misses_cone
@@ -80,6 +80,8 @@ class Numbers:
     row_normals: Array  # (Q, H, 3), of the half-spaces of reach
     row_bounds: Array  # (Q, H)
     offsets: Array | None = None  # (Q, T, points, 3), from the toe to where a sole's forces act
+    apart_normals: Array = field(default_factory=lambda: np.zeros((0, 3)))  # of ``half_spaces.relative_rows``
+    apart_bounds: Array = field(default_factory=lambda: np.zeros(0))
 
     @cached_property
     def first_candidate(self) -> Index:
@@ -147,6 +149,8 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
     gripped = m.gripped(who, numbers.row_normals[q])
     pulls = m.reach if gripped is None else m.reach + gripped
     toes = toe_pulls(who, pulls, m)
+    if len(who.apart):
+        toes += relative_pulls(who.apart, numbers.apart_normals, m.relative_reach, toes.shape[1])
     pull, twist = body_pulls(numbers, q, pulls, m)
     com, weight, shoulders, tilt = numbers.com[q], numbers.weight[q], numbers.shoulders[q], numbers.tilt[q]
     far_com = length(com) + numbers.com_radius[q] + SLACK  # ‖c‖, (L, M)
@@ -185,6 +189,12 @@ def _least(numbers: Numbers, leaves: Leaves, sizes: Index) -> tuple[Array, NDArr
         terms += used @ numbers.steps + (used[:, 0] + gained) * most_com
         terms += used[:, 1] * 2.0 * (tilt + SLACK) + used[:, 2] * 2.0 * far.max(axis=1)
         value = np.where((m.progress < 0.0).any(axis=1), -np.inf, value)
+    if len(who.apart):
+        value -= m.relative_reach @ numbers.apart_bounds  # a·(q' − q) ≤ b
+        used = m.relative_reach.sum(axis=1)
+        loose += used
+        terms += m.relative_reach @ np.abs(numbers.apart_bounds) + 2.0 * used * far.max(axis=1)
+        value = np.where((m.relative_reach < 0.0).any(axis=1), -np.inf, value)
     if gripped is not None:
         used, bounds, bent = m.reach_rows.sum(axis=1), numbers.row_bounds[q], length(gripped).sum(axis=1)
         value = value - np.vecdot(used, bounds)  # (a + Θ × a)·(q − c) ≤ b

@@ -22,6 +22,7 @@ class Multipliers:
     progress: Array  # (L, M − 1)
     toe_step: Array  # (L, moves, 3)
     reach_rows: Array  # (L, M, H)
+    relative_reach: Array  # (L, rows of ``relative_rows``)
 
     @classmethod
     def of(cls, who: Schedule, rows: Array) -> Multipliers:
@@ -44,7 +45,7 @@ def multiplier_shapes(who: Schedule) -> dict[str, tuple[int, ...]]:
     return {
         "nu_F": (stances, 3), "nu_M": (stances, 3), "reach": (frames, limbs, 3), "com_step": (frames - 1, 3),
         "rotation_step": (frames - 1, 3), "progress": (frames - 1,), "toe_step": (len(who.moves), 3),
-        "reach_rows": (frames, len(who.row_limb)),
+        "reach_rows": (frames, len(who.row_limb)), "relative_reach": (len(who.apart),),
     }  # fmt: skip
 
 

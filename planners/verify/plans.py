@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,36 +25,31 @@ from ..answer.plan import Plan
 from ..files.arrays import Array
 from ..terrain.patch import Patch
 from .defects import plan_defect
-from .geometry import contact_frames, cross, length, patch_distances
-from .half_spaces import beyond, bowed, reach_rows
+from .geometry import contact_frames, cross, exact_and_linear, length, patch_distances
+from .ground import off_terrain
+from .half_spaces import beyond, bowed, reach_rows, relative_rows
 from .joints import check_whole_body
 from .postures import NOTHING, worst_groups
 from .report import NOT_ASKED, PLAN_GROUPS, WHOLE_BODY, GroupViolation, Report, refused
 from .soles import counts_of, off_sole, sole_points
 from .stances import LARGEST_UNIT_M, Index, Schedule, Stances, expanded, violations, worst_of
 
-if TYPE_CHECKING:
-    from .bodies import Way
-
 BETWEEN = tuple(k / 6.0 for k in range(1, 6))
 """Shares of the way from one frame to the next at which it is recomputed."""
 
 
-def check_plan(
-    plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, between: bool = True, way: Way | None = None
-) -> Report:
+def check_plan(plan: Plan, *, tolerance: float = 1e-6, joints: bool = False, between: bool = True) -> Report:
     """Check every constraint of the course at the plan; never raises for a bad plan.
 
     tolerance: largest violation allowed in any group, with lengths in the course's length scale, forces in the robot's
-    weight, moments in their product and angles in rad. joints: judge joints, torques and bodies, too. between:
-    recompute points between the frames; without them, what convexity proves of the way is taken as proved. way: who
-    moves the robot between key frames, as the runner does (``runner.motion.bodies.along``): with joints, judge bodies
-    all along that motion, too.
+    weight, moments in their product and angles in rad. joints: judge joints, torques and bodies, at key frames and on
+    the way between them, too. between: recompute points between the frames; without them, what convexity proves of the
+    way is taken as proved.
     """
     defect, frame, limb = plan_defect(plan)
     if defect:
         return refused(plan.course, plan, tolerance, defect, frame=frame, limb=limb)
-    groups = {name: {"verdict": NOT_ASKED} for name in WHOLE_BODY} | (check_whole_body(plan, way) if joints else {})
+    groups = {name: {"verdict": NOT_ASKED} for name in WHOLE_BODY} | (check_whole_body(plan) if joints else {})
     with np.errstate(all="ignore"):
         return _Sweep(plan).report(tolerance, groups, BETWEEN if between else ())
 
@@ -100,6 +95,7 @@ class _Sweep:
         between = self._stances(ways, shares)
         self._bowed(ways)
         self._idle()
+        self._stands()
         self._steps()
         bent, exact_m = self._linearisation()
         found = tuple(self._found.values())
@@ -242,6 +238,13 @@ class _Sweep:
         )
         self._note("reach", out, frame, limb)
 
+    def _stands(self) -> None:
+        """Every foothold is a piece of the terrain, as rough and as steep as that."""
+        put = self._course.footholds
+        limb = np.array([self._names.index(each.limb) for each in put])
+        off = off_terrain(self._course.terrain, self._patches, self._plan.toes_m)
+        self._note("terrain", off, np.array([each.frame for each in put]), limb)
+
     def _steps(self) -> None:
         """Steps and progress between neighbouring frames (E11)."""
         course, plan, holds = self._course, self._plan, self._who.holds
@@ -250,6 +253,11 @@ class _Sweep:
             return
         self._note("com_step", length(step) - limits.com_m, later)
         self._note("rotation_step", length(np.diff(plan.rotation_rad, axis=0)) - limits.rotation_rad, later)
+        feet, normals, bounds = relative_rows(course.robot, holds)
+        apart = np.vecdot(normals, plan.toes_m[feet[:, 1]] - plan.toes_m[feet[:, 0]]) - bounds
+        of = [course.footholds[p] for p in feet[:, 0]]
+        where = (np.array([put.frame for put in of]), np.array([self._names.index(put.limb) for put in of]))
+        self._note("relative_reach", apart, *where)
         toes = length(plan.toes_m[holds[1:]] - plan.toes_m[holds[:-1]])
         limbs = np.arange(len(self._names))
         self._note("toe_step", toes.ravel() - limits.toe_m, np.repeat(later, len(limbs)), np.tile(limbs, len(later)))
@@ -273,13 +281,7 @@ class _Sweep:
 
     def _linearisation(self) -> tuple[float, float]:
         """How far I + [Θ]× misplaces a shoulder, and how far a toe is out of reach with exp([Θ]×) [m]."""
-        theta, v = self._plan.rotation_rad[:, None], self._shoulders
-        angle = length(theta)
-        flat = np.maximum(angle, 1e-12)
-        sine = np.where(angle < 1e-12, 1.0, np.sin(angle) / flat)
-        versine = np.where(angle < 1e-6, 0.5, (1.0 - np.cos(angle)) / flat**2)
-        once = cross(theta, v)
-        exact = v + sine[..., None] * once + versine[..., None] * cross(theta, once)  # Rodrigues' formula
+        exact, linear = exact_and_linear(self._plan.rotation_rad[:, None], self._shoulders)
         to_toe = self._plan.toes_m[self._who.holds] - self._plan.com_m[:, None] - exact
         beyond = float((length(to_toe) - self._reach).max())
-        return float(length(exact - v - once).max()), max(0.0, beyond)
+        return float(length(exact - linear).max()), max(0.0, beyond)

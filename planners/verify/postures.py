@@ -14,7 +14,7 @@ from ..answer.outcome import Posture
 from ..files.arrays import Array
 from ..problem import PostureProblem
 from .defects import posture_defect
-from .geometry import length
+from .geometry import exact_and_linear, length
 from .half_spaces import row_counts
 from .report import GROUPS, PLAN_GROUPS, GroupViolation, Report, refused
 from .soles import counts_of
@@ -48,9 +48,12 @@ def check_posture(problem: PostureProblem, posture: Posture, *, tolerance: float
     worst = max(group.worst for group in groups.values())
     if not math.isfinite(worst):
         return refused(problem, posture, tolerance, "the numbers overflow")
+    exact, linear = exact_and_linear(at.rotation_rad[at.owner], at.shoulders_m)
+    out = length(at.toes_m - at.com_m[at.owner] - exact) - at.reach_m
     return Report(
         accepted=worst <= tolerance, worst=worst, groups=tuple(groups.values()), tolerance=tolerance, subject=problem,
-        answer=posture, residual_nm=groups["moment_balance"].value,
+        answer=posture, residual_nm=groups["moment_balance"].value, linearisation_m=float(length(exact - linear).max()),
+        exact_reach_m=max(0.0, float(out.max())),
     )  # fmt: skip
 
 

@@ -32,11 +32,13 @@ GROUPS = {
 """The groups of constraints of a posture in the order of a report, and the unit of what is violated."""
 PLAN_GROUPS = {
     **GROUPS,
+    "terrain": "m",
     "idle_force": "N",
     "start": "m",
     "schedule": "",
     "com_step": "m",
     "toe_step": "m",
+    "relative_reach": "m",
     "rotation_step": "rad",
     "progress": "m",
 }
@@ -87,11 +89,12 @@ class Report:
     worst: largest non-dimensional violation of all groups; accepted: it is at most ``tolerance``, and none of joints,
     torque, bodies and motion failed.
     residual_nm: norm of the net moment about the COM, at a plan's worst stance [Nm].
+    linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does [m], at most ‖Θ‖²/2 of its
+    distance from the centre of mass; exact_reach_m: how far a toe is out of reach with the exact rotation [m]. Both are
+    reported and decide nothing: reach is what E11 says.
     Of plans alone: between: largest violation at the points between frames, by recomputation. proved: steps from frame
     to frame on which limbs carry all the way; on the others every limb moves at once, and the course asks for the
-    frames only. linearisation_m: farthest that I + [Θ]× puts a shoulder from where exp([Θ]×) does [m]; exact_reach_m:
-    how far a toe is out of reach with the exact rotation [m]. Both are reported and decide nothing: reach is what
-    E11 says. goal_m: distance of the last COM from the goal [m].
+    frames only. goal_m: distance of the last COM from the goal [m].
     joints, torque, bodies, motion: what ``check_whole_body`` says, with a verdict of "checked", "failed", "not
     checked" or "not asked for".
     """
@@ -129,13 +132,23 @@ class Report:
     @property
     def joints_message(self) -> str:
         """What is said of the groups of the whole body that somebody asked for; empty where nobody did."""
-        said = list[str]()
+        said = list[tuple[str, str]]()
         for name in WHOLE_BODY:
             group = getattr(self, name)
-            why = group.get("message")
-            if group["verdict"] != NOT_ASKED:
-                said.append(f"{name}: {group['verdict']}{f' ({why})' if why else ''}")
-        return "; ".join(said)
+            verdict = "NOT CHECKED" if group["verdict"] == "not checked" else group["verdict"]
+            reason = f" ({group['message']})" if group.get("message") else ""
+            if verdict == NOT_ASKED:
+                continue
+            if reason and said and said[-1][1] == verdict + reason:
+                name = f"{said.pop()[0]}, {name}"
+            said.append((name, verdict + reason))
+        return "; ".join(f"{name}: {verdict}" for name, verdict in said)
+
+    @property
+    def failures(self) -> str:
+        """What of the whole body failed, and why; empty where nothing did."""
+        groups = {name: getattr(self, name) for name in WHOLE_BODY}
+        return "; ".join(f"{name}: {of['message']}" for name, of in groups.items() if of["verdict"] == "failed")
 
     @property
     def _cannot(self) -> str:
@@ -177,7 +190,7 @@ class Report:
         """Return JSON-ready values; what is not finite becomes null."""
         of_plan = isinstance(self.answer, Plan)
         numbers = ["worst", "tolerance", "residual_nm"]
-        numbers += ["between", "linearisation_m", "exact_reach_m", "goal_m"] if of_plan else []
+        numbers += ["between"] * of_plan + ["linearisation_m", "exact_reach_m"] + ["goal_m"] * of_plan
         return {
             "accepted": self.accepted,
             "message": self.message,

@@ -14,7 +14,7 @@ from ..files.arrays import Array
 from ..problem import Contact, PostureProblem
 from ..problem.course import Course
 from .geometry import contact_frames, cross, length, patch_distances
-from .half_spaces import beyond, reach_rows, row_counts
+from .half_spaces import beyond, reach_rows, relative_rows, row_counts
 from .report import GROUPS
 from .soles import counts_of, off_sole, sole_points
 
@@ -41,6 +41,7 @@ class Schedule:
     limb: Index  # (B,)
     point: Index  # (B,), of its foot
     row_limb: Index = field(default_factory=lambda: np.zeros(0, dtype=np.intp))  # (H,), of each half-space of reach
+    apart: Index = field(default_factory=lambda: np.zeros((0, 2), dtype=np.intp))  # (L, 2): ``relative_rows``
 
     @cached_property
     def foothold(self) -> Index:
@@ -114,6 +115,7 @@ class Schedule:
             limb=limb[row],
             point=point,
             row_limb=np.repeat(np.arange(len(names)), row_counts(course.robot.limbs)),
+            apart=relative_rows(course.robot, holds)[0],
         )
 
 

@@ -22,19 +22,21 @@ from .trajectory_limits import GROUPS as GROUPS
 from .trajectory_limits import Limits as Limits
 from .trajectory_measurements import GRAVITY_M_S2, TrajectoryMeasurements
 from .trajectory_momentum import MomentumMeasurements
-from .trajectory_series import Series
+from .trajectory_series import Rows
 from .trajectory_steps import StepMeasurements
+from .trajectory_whole_body import nothing, whole_body
 
 TIME_S = 1e-9
 """Times are sums of steps: what rounding makes of them [s]."""
 __all__ = ["GROUPS", "GaitReport", "GroupViolation", "Limits", "check_trajectory"]
+
 
 @dataclass(frozen=True, slots=True)
 class GroupViolation:
     """The worst in one group: value and limit in ``unit`` (SI), inf for a trajectory that is none.
 
     where: the foot, "torso", or the axis; time_s: when [s], NaN where the group has no moment. checked: False where the
-    trajectory does not say what it is asked for.
+    trajectory does not say what it is asked for, or of which robot's legs; unchecked says why.
     """
 
     group: str
@@ -43,7 +45,12 @@ class GroupViolation:
     unit: str
     where: str
     time_s: float
-    checked: bool = True
+    unchecked: str = ""
+
+    @property
+    def checked(self) -> bool:
+        """Whether it was."""
+        return not self.unchecked
 
     @property
     def accepted(self) -> bool:
@@ -78,7 +85,7 @@ class GaitReport:
 
     @property
     def unchecked(self) -> tuple[str, ...]:
-        """The groups of which the trajectory does not say what is asked for."""
+        """The groups that could not be checked."""
         return tuple(group.group for group in self.groups if not group.checked)
 
     @property
@@ -119,6 +126,7 @@ class GaitReport:
                     "unit": g.unit,
                     "where": g.where,
                     "time_s": _or_null(g.time_s),
+                    "not_checked": g.unchecked,
                 }
                 for g in self.groups
             ],
@@ -127,14 +135,17 @@ class GaitReport:
         }
 
 
-def check_trajectory(trajectory: Trajectory, limits: Limits = Limits()) -> GaitReport:
-    """Check everything between the knots that a robot would have to live with; never raises for a bad trajectory."""
+def check_trajectory(trajectory: Trajectory, limits: Limits = Limits(), *, body: bool = True) -> GaitReport:
+    """Check everything between the knots that a robot would have to live with; never raises for a bad trajectory.
+
+    body: judge joints, torques and bodies, too, of a robot that has a model; that takes most of the time.
+    """
     with np.errstate(all="ignore"):
         defect = defect_of(trajectory, limits.step_s)
         if defect:
             return _refused(trajectory, limits, defect)
         measured = TrajectoryMeasurements(trajectory)
-        groups = _measured(measured, limits)
+        groups = _measured(measured, limits, body=body)
         if not all(math.isfinite(group.value) for group in groups):
             return _refused(trajectory, limits, "the numbers overflow")
         return GaitReport(
@@ -146,36 +157,33 @@ def check_trajectory(trajectory: Trajectory, limits: Limits = Limits()) -> GaitR
         )
 
 
-def _measured(measured: TrajectoryMeasurements, limits: Limits) -> tuple[GroupViolation, ...]:
+def _measured(measured: TrajectoryMeasurements, limits: Limits, *, body: bool) -> tuple[GroupViolation, ...]:
     """The worst of every group, in the order of ``GROUPS``."""
-    rows = _balances(measured, limits) | _contacts(measured, limits) | _whole(measured, limits)
-    unasked = _unasked(measured.trajectory)
+    own, unasked = whole_body(measured, limits) if body else nothing("not asked for")
+    rows = _balances(measured, limits) | _contacts(measured, limits) | _whole(measured, limits) | own
+    unasked |= _unasked(measured.trajectory)
     found = []
     for group, unit in GROUPS.items():
         series, limit, *rms = rows[group]
         worst, where, time_s = series.worst()
         value = rms[0] if rms else worst
-        found.append(GroupViolation(group, value, limit, unit, where, time_s, group not in unasked))
+        found.append(GroupViolation(group, value, limit, unit, where, time_s, unasked.get(group, "")))
     return tuple(found)
 
 
-def _unasked(trajectory: Trajectory) -> set[str]:
-    """Groups of which a trajectory does not say what is asked for."""
-    found = set()
+def _unasked(trajectory: Trajectory) -> dict[str, str]:
+    """Groups of which a trajectory does not say what is asked for, and what it does not say."""
+    found = dict[str, str]()
     if trajectory.heading_rad is None:
-        found.add("heading")
+        found["heading"] = "no heading is asked for"
     if not all(trajectory.still):
-        found |= {"rest", "rest_acceleration"}
+        found |= dict.fromkeys(("rest", "rest_acceleration"), "it is not asked to be at rest at both ends")
     if trajectory.adhesive.any() and trajectory.suction_n is None:
-        found.add("suction")
+        found["suction"] = "no suction of feet that stick"
     return found
 
 
-_Rows = dict[str, tuple[Series, float] | tuple[Series, float, float]]
-"""What is measured, its limit, and the value that is judged where that is not the largest of the series."""
-
-
-def _balances(measured: TrajectoryMeasurements, limits: Limits) -> _Rows:
+def _balances(measured: TrajectoryMeasurements, limits: Limits) -> Rows:
     """Newton and Euler, and who could supply what they lack."""
     weight, moment = measured.weight_n, measured.moment_scale_nm
     forces, moments, momentum = measured.force_residual(), measured.moment_residual(), MomentumMeasurements(measured)
@@ -192,13 +200,15 @@ def _balances(measured: TrajectoryMeasurements, limits: Limits) -> _Rows:
         "angular_residual": (momentum.angular_residual(), spin),
         "traction": (momentum.traction(), limits.traction * weight),
         "traction_impulse": (momentum.traction_impulse(), limits.traction_impulse_s * weight),
+        "traction_way": (momentum.traction_way(), limits.traction_way_m),
+        "traction_turn": (momentum.traction_turn(), limits.traction_turn_rad),
         "heading": (momentum.heading(), limits.heading_rad),
         "rest": (momentum.rest(), limits.rest_m_s),
         "rest_acceleration": (momentum.rest_acceleration(), limits.rest_acceleration * GRAVITY_M_S2),
     }  # fmt: skip
 
 
-def _contacts(measured: TrajectoryMeasurements, limits: Limits) -> _Rows:
+def _contacts(measured: TrajectoryMeasurements, limits: Limits) -> Rows:
     """Feet: what they press with, where they stand, and how they step."""
     weight, steps = measured.weight_n, StepMeasurements(measured)
     return {
@@ -221,7 +231,7 @@ def _contacts(measured: TrajectoryMeasurements, limits: Limits) -> _Rows:
     }
 
 
-def _whole(measured: TrajectoryMeasurements, limits: Limits) -> _Rows:
+def _whole(measured: TrajectoryMeasurements, limits: Limits) -> Rows:
     """The motion as one, and the course."""
     trajectory = measured.trajectory
     return {

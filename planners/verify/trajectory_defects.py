@@ -16,8 +16,8 @@ def defect_of(trajectory: Trajectory, step_s: float) -> str:
     step_s: the coarsest grid that is believed [s].
     """
     count, feet = trajectory.samples, len(trajectory.robot.feet)
-    if count < 3:
-        return f"times_s: expected three samples or more, got {count}"
+    if count < 4:  # the acceleration at either end is on a line through two
+        return f"times_s: expected four samples or more, got {count}"
     shapes = {
         "times_s": (count,), "torso_m": (count, 3), "rotation": (count, 3, 3), "feet_m": (count, feet, 3),
         "forces_n": (count, feet, 3), "contact": (count, feet), "adhesive": (feet,), "start_xy_m": (2,),

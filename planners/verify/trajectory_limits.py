@@ -24,6 +24,8 @@ GROUPS = {
     "angular_residual": "rad/s²",
     "traction": "N",
     "traction_impulse": "N s",
+    "traction_way": "m",
+    "traction_turn": "rad",
     "cone": "N",
     "suction": "N",
     "force_foot": "N",
@@ -44,8 +46,15 @@ GROUPS = {
     "heading": "rad",
     "rest": "m/s",
     "rest_acceleration": "m/s²",
+    "joints": "m",
+    "joint_speed": "1",
+    "torque": "1",
+    "legs_moment": "Nm",
+    "bodies": "m",
 }
 """The groups in the order of a report, and the unit of what is measured; ``docs/verifier.md`` has their formulas."""
+WHOLE_BODY = ("joints", "joint_speed", "torque", "legs_moment", "bodies")
+"""Those of them that ask for a model of the robot's legs."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +68,11 @@ class Limits:
     slip_m: distance of a standing foot from where it came down. trunk_m: depth of the trunk's box in the terrain.
     impulse_s, impulse_rate: what a window may gather, and what more for each second of it [m·g·s, m·g].
     traction: of what cones cannot give; traction_impulse_s: of the same over the whole walk [m·g·s].
+    traction_way_m, traction_turn_rad: how far it gets by that, and how far it turns by moments that feet cannot give.
     angular_residual, rest_acceleration: in units of g a stand height, and of g. least_…: what a phase has at least.
+    joints_m: distance of a foot from its toe, with all joints within their limits. joint_speed, torque: shares of what
+    the robot's file gives a joint; the rest is what a controller corrects by. legs_moment: as moment_balance, of the
+    whole robot, whose legs weigh something. bodies_m: of one link in another, or in the ground.
     ``docs/verifier.md`` says of each why it is what it is.
     """
 
@@ -83,6 +96,8 @@ class Limits:
     angular_residual: float = 1.0
     traction: float = 0.04
     traction_impulse_s: float = 2e-3
+    traction_way_m: float = 0.02
+    traction_turn_rad: float = 0.02
     cone: float = 1e-3
     force_foot: float = 2.0
     swing_force: float = 1e-3
@@ -101,3 +116,8 @@ class Limits:
     heading_rad: float = 0.01
     rest_m_s: float = 5e-3
     rest_acceleration: float = 0.02
+    joints_m: float = 1e-4
+    joint_speed: float = 0.9
+    torque: float = 0.9
+    legs_moment: float = 0.05
+    bodies_m: float = 1e-3

@@ -79,6 +79,27 @@ class MomentumMeasurements:
         """That over the whole walk, up to each sample [N s]."""
         return Series(np.cumsum(self._lacking)[:, None] * self.step_s, ("torso",), self.times_s[1:-1])
 
+    def traction_way(self) -> Series:
+        """How far the centre of mass gets by it, up to each sample, as if all of it pushed one way [m]."""
+        speed = self.traction_impulse().values / self.trajectory.robot.mass_kg
+        return Series(np.cumsum(speed, axis=0) * self.step_s, ("torso",), self.times_s[1:-1])
+
+    def traction_turn(self) -> Series:
+        """How far the torso turns about the vertical by moments that the standing feet cannot give [rad].
+
+        A foot gives at most ‖r‖ (‖n‖ + ν) (f_n + s) about the vertical through the centre of mass, all horizontal.
+        """
+        trajectory, normals = self.trajectory, self._measured.ground[1][1:-1]
+        arms = (trajectory.feet_m - trajectory.torso_m[:, None])[1:-1]
+        forces, stands = trajectory.forces_n[1:-1], trajectory.contact[1:-1]
+        needed = self._measured.moment_residual().values[:, 2] + np.cross(arms, forces).sum(axis=1)[:, 2]
+        presses = np.maximum(np.sum(forces * normals, axis=-1), 0.0) + self._measured.suction_n
+        level = np.linalg.norm(normals[..., :2], axis=-1) + trajectory.friction
+        given = np.where(stands, np.linalg.norm(arms[..., :2], axis=-1) * level * presses, 0.0).sum(axis=1)
+        lacking = np.maximum(np.abs(needed) - given, 0.0) / np.linalg.eigvalsh(trajectory.robot.inertia_kgm2)[-1]
+        turned = np.cumsum(np.cumsum(lacking)) * self.step_s**2
+        return Series(turned[:, None], ("torso",), self.times_s[1:-1])
+
     def angular_residual(self) -> Series:
         """Angular acceleration that the moments of the feet do not explain, shape (K − 2, 1) [rad/s²]."""
         rotation, missing = self.trajectory.rotation[1:-1], self._measured.moment_residual().values

@@ -9,6 +9,9 @@ import numpy as np
 
 from ..files.arrays import Array
 
+Rows = dict[str, tuple["Series", float] | tuple["Series", float, float]]
+"""What is measured, its limit, and the value that is judged where that is not the largest of the series."""
+
 
 @dataclass(frozen=True, eq=False)
 class Series:

@@ -12,7 +12,7 @@ from ..files.arrays import Array
 from ..problem import PostureProblem
 from ..problem.course import Course
 from .geometry import contact_frames, cut, sag
-from .half_spaces import row_counts, scaled_half_spaces
+from .half_spaces import relative_rows, row_counts, scaled_half_spaces
 from .lagrangian import Leaves, Numbers
 from .multipliers import multiplier_count
 from .soles import counts_of, sole_points
@@ -56,7 +56,7 @@ class Forest:
         ]  # fmt: skip
         axes = np.array([(patch.normal, patch.shear_reference) for patch in patches])
         ahead = np.array([course.direction(k) for k in range(1, course.frames)]).reshape(-1, 3)
-        every, steps = (1, len(who.stance), 3), course.steps
+        every, steps, apart = (1, len(who.stance), 3), course.steps, relative_rows(course.robot, who.holds)
         numbers = Numbers(
             schedule=who,
             candidate=np.repeat(np.arange(len(course.footholds)), [len(put.candidates) for put in course.footholds]),
@@ -75,6 +75,8 @@ class Forest:
             ahead=ahead,
             **scaled_half_spaces([limbs], np.array([length])),
             offsets=_offsets(course) / length if course.has_soles else None,
+            apart_normals=apart[1],
+            apart_bounds=apart[2] / length,
         )
         return Forest(numbers, [vertices / length for vertices in points])
 

@@ -182,7 +182,7 @@ class ClosedLoop:
         why = f"frame {self._frame}, friction estimated at {self._share:.2f} of the course's"
         runner.decide("go on" if whole else "plan anew", why)
         self._prepared = after = self._next(prepared, target, state)
-        runner.go([after.first.targets_rad if after.sees else after.first.angles_rad])
+        runner.go([after.first.targets_rad])
         return False
 
     def _estimate(self, prepared: Prepared[PlanMotion], record: Record) -> float:

@@ -168,7 +168,8 @@ class SlipRecovery:
         """Ready to be followed from where the robot was measured, with the forces that its feet feel now."""
         robot, servo = self._kinematics.robot, self._kinematics.servo
         near = Continued(robot, servo, gravity_m_s2=self._kinematics.gravity_m_s2, near=state.angles_rad)
-        tracker = Tracker(motion, near, self._runner.world.rate_hz, self._runner.settings.feedback)
+        world = self._runner.world
+        tracker = Tracker(motion, near, world.rate_hz, self._runner.settings.feedback, drives=world.drives)
         first = tracker.start()
         felt = replace(first, sample=replace(first.sample, forces_n=state.forces_n))
         return Tracked(motion=motion, tracker=tracker, first=felt, sees=True)

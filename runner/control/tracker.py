@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.files.arrays import Array, checked, collect_errors
+from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
 from ..motion.motion import Motion, MotionSample
@@ -25,6 +26,7 @@ from ..motion.redundancy import RedundancyResolution
 from ..worlds.drives import Drives
 from ..worlds.world import State
 from .body_feedback import BodyController, BodyFeedback, BodyPose
+from .command import command
 
 DRAWN_S = 0.1
 """Time constant with which joints come back to the posture chosen for them, where feet that feel led them off it."""
@@ -32,10 +34,13 @@ SMOOTH_HZ = 60.0
 """How fast [1/s] a foot's target goes to where the foot was found to have landed."""
 EARLY = 0.05
 """A foot that comes down and feels this share of the weight has landed."""
+BORNE, BORNE_S = 0.1, 0.1
+"""A foot holds its place in the world, not under the body, until it has felt this share of the weight, about for this
+time [s]: what bears nothing pulls no body to its place, it only slides."""
 STEP = 0.2
 """Feet step aside by no more than this share of the height at which the robot stands."""
-STUCK_M = 1e-3
-"""A foot in the air that inverse kinematics leaves farther than this from its path is looked for anew."""
+FADES = 0.9
+"""What is left after a control period of what a foot that has lifted was lowered, rolled and pressed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +87,8 @@ class Target:
 class Tracker:
     """Follows one motion once. ``start`` first, then ``next`` until it says that the motion is over.
 
-    wished: ``resolved`` of the same motion and kinematics, where it is known.
+    wished: ``resolved`` of the same motion and kinematics, where it is known. drives: the loops that are sent to, in
+    place of those that the kinematics' servo stands for.
     """
 
     def __init__(
@@ -93,12 +99,13 @@ class Tracker:
         feedback: ContactFeedback = ContactFeedback(),
         body: BodyFeedback = BodyFeedback(),
         wished: RedundancyResolution | None = None,
+        drives: Drives | None = None,
     ) -> None:
         self._motion, self._kinematics, self._feedback, self._period_s = motion, kinematics, feedback, 1.0 / rate_hz
         model = kinematics.model
-        self._drives = Drives.of(kinematics.robot, kinematics.servo, model)
-        weight = kinematics.robot.mass_kg * kinematics.gravity_m_s2
-        self._body = BodyController(kinematics.robot.mass_kg, model.body.inertia_kgm2, weight, body)
+        self._drives = drives or Drives.of(kinematics.robot, kinematics.servo, model)
+        self._weight = kinematics.robot.mass_kg * kinematics.gravity_m_s2
+        self._body = BodyController(kinematics.robot.mass_kg, model.body.inertia_kgm2, self._weight, body)
         self._feels_body = body.acts
         self._found: State | None = None
         self._placed: tuple[Array, Array] | None = None
@@ -110,6 +117,7 @@ class Tracker:
         self._stepped, self._moved, self._drift = (np.zeros((limbs, 3)) for _ in range(3))
         self._wished = wished or resolved(motion, kinematics)
         self._time_s = 0.0
+        self._borne = np.ones(limbs)
         self._depth, self._pressed, self._rolled = np.zeros(limbs), np.zeros((limbs, 3)), np.zeros((limbs, 3))
         self._angles = self._wish = self._wished.at(0.0)
         self._drawn = min(1.0, self._period_s / DRAWN_S)
@@ -138,7 +146,7 @@ class Tracker:
         missing &= (felt < self._feedback.touch_n) & (self._depth < self._feedback.seek_m)
         landing = missing & lands & self._feedback.waits
         self._depth = np.where(missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth)
-        self._depth = np.where(stands, self._depth, 0.9 * self._depth)
+        self._depth = np.where(stands, self._depth, FADES * self._depth)
         self._anchor(now, then, felt)
         self._press(then, forces_n, stands)
         if not landing.any():
@@ -147,13 +155,13 @@ class Tracker:
 
     def _anchor(self, now: MotionSample, then: MotionSample, felt: Array) -> None:
         """Where the body is measured, feet that have landed, early or late, stay where they are, and not where they
-        should have landed; those that are late are lowered, and those in the air step to where the body falls. What is
-        commanded moves there smoothly."""
+        should have landed; those that are late are lowered, and those in the air go to their places in the world, or
+        step to where the body falls. What is commanded moves there smoothly."""
         found, before, stands = self._found, self._touched, np.array(then.foothold) >= 0
         self._touched, goal = stands, np.zeros_like(self._moved)
         if found is not None:
             comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
-            early = comes & (felt >= EARLY * self._kinematics.robot.mass_kg * self._kinematics.gravity_m_s2)
+            early = comes & (felt >= EARLY * self._weight)
             self._touched = (stands & (before | (felt >= self._feedback.touch_n))) | (
                 ~stands & comes & (before | early)
             )
@@ -162,10 +170,27 @@ class Tracker:
             self._landed = np.where(landed[:, None], feet - self._rolled, self._landed)
             self._depth = np.where(landed, 0.0, self._depth)
             self._stepped = np.where((stands | self._touched)[:, None], self._stepped, self._step(found, then))
-            goal = np.where(self._touched[:, None], self._landed - then.feet_m, self._stepped)
+            placed = np.where(self._touched[:, None], self._landed, then.feet_m + self._stepped)
+            self._bear(felt)
+            free = 0.0 if self._step_s > 0.0 else 1.0 - self._borne[:, None]
+            goal = placed + free * self._carried(found, placed) - then.feet_m
         away = goal - self._depth[:, None] * then.normals - self._moved
-        self._drift = self._drift + self._period_s * SMOOTH_HZ * (SMOOTH_HZ * away - 2.0 * self._drift)
-        self._moved = self._moved + self._period_s * self._drift
+        turns = SMOOTH_HZ * self._period_s  # ẍ = ω² (goal − x) − 2 ω ẋ over a period, exactly: whatever ω T is
+        coming, left = self._drift - SMOOTH_HZ * away, np.exp(-turns)
+        self._moved = self._moved + away - left * (away - self._period_s * coming)
+        self._drift = left * (self._drift - turns * coming)
+
+    def _bear(self, felt: Array) -> None:
+        """How far every foot that touches has come to bear, from 0 to 1."""
+        gone = np.clip(felt / (BORNE * self._weight), 0.0, 1.0) - self._borne
+        self._borne = np.where(self._touched, self._borne + gone * self._period_s / BORNE_S, 0.0)
+
+    def _carried(self, found: State, feet_m: Array) -> Array:
+        """From places of feet to those that they have for a body that is taken to be where it should be, (N, 3) [m]."""
+        if self._placed is None:
+            return np.zeros_like(feet_m)
+        origin, rotation = self._placed
+        return np.asarray(origin + (feet_m - found.position_m) @ found.rotation @ rotation.T - feet_m)
 
     def _step(self, found: State, sample: MotionSample) -> Array:
         """How far feet step aside, along their surfaces, for a body that moves otherwise than planned, (N, 3) [m]."""
@@ -174,33 +199,37 @@ class Tracker:
         return np.asarray(late - (sample.normals @ late)[:, None] * sample.normals)
 
     def _press(self, sample: MotionSample, forces_n: Array, stands: NDArray[np.bool_]) -> None:
-        """Sum up what is missing, less its share that moves or turns the body as a whole."""
-        gap = np.where(stands[:, None], sample.forces_n - forces_n, 0.0)
+        """Sum up what is missing of the forces with which feet press against each other; what of the sum would move or
+        turn the body as a whole, as when a foot that pressed against others has lifted, fades out."""
         arms = sample.feet_m - sample.com_m
         maps = [np.concatenate([np.eye(3), _skew(arm)]) for arm in arms]
         whole = np.concatenate(maps, axis=1) * np.repeat(stands, 3)
-        gap = gap - (np.linalg.pinv(whole) @ (whole @ gap.ravel())).reshape(-1, 3)
-        pressed = self._pressed + self._feedback.press_hz * self._period_s * gap
-        pressed = np.where(stands[:, None], pressed, 0.9 * self._pressed)
-        self._pressed = np.clip(pressed, -self._feedback.press_n, self._feedback.press_n)
+        moving = np.linalg.pinv(whole) @ whole
+        wanted = sample.forces_n
+        if self._found is not None:  # what the plan has outside the cones is not given: it would be summed up for ever
+            wanted = self._body.forces(np.zeros(6), sample, arms, wanted, stands)
+        gap = np.where(stands[:, None], wanted - forces_n, 0.0).ravel()
+        pressed = np.where(stands[:, None], self._pressed, FADES * self._pressed).ravel()
+        pressed = pressed + self._feedback.press_hz * self._period_s * (gap - moving @ gap)
+        pressed = (pressed - (1.0 - FADES) * (moving @ pressed)).reshape(-1, 3)
+        most = float(np.linalg.norm(pressed, axis=1).max())
+        self._pressed = pressed * min(1.0, self._feedback.press_n / max(most, 1e-9))
 
     def _target(self, sample: MotionSample) -> Target:
         angles, error, origin = self._solved(sample)
         rotation = rotation_of(sample.rotation_rad)
         planned = self._kinematics.torques(angles, rotation, sample.forces_n)
         given = self._given(sample, angles, origin, rotation)
-        drives = self._drives
         rates = (angles - self._angles) / self._period_s
         rising = (rates - self._rates) / self._period_s
-        given = given + drives.damping_nms_rad * rates + drives.rotor_kg_m2 * rising
         given = given + self._kinematics.inertial_torques(angles, rates, rising)
         self._rates = rates
         shift, self._angles = self._shift, angles
         self._roll(sample, rotation @ self._kinematics.foot_frames(angles))
         self._shift = self._kinematics.com_offset(angles)
         return Target(
-            targets_rad=angles + given / drives.stiffness_nm_rad, sample=sample, origin_m=origin, shift_m=shift,
-            angles_rad=angles, torques_nm=planned, rolled_m=self._rolled, error_m=error,
+            targets_rad=command(self._drives, angles, given, rates, rising), sample=sample, origin_m=origin,
+            shift_m=shift, angles_rad=angles, torques_nm=planned, rolled_m=self._rolled, error_m=error,
         )  # fmt: skip
 
     def _given(self, sample: MotionSample, angles: Array, origin: Array, rotation: Array) -> Array:
@@ -226,7 +255,7 @@ class Tracker:
         turn = 0.5 * (between - between.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]]
         moved = self._kinematics.radii_m[:, None] * np.cross(turn, sample.normals)
         stands = np.array(sample.foothold)[:, None] >= 0
-        self._rolled = np.where(stands, self._rolled + moved, 0.9 * self._rolled)
+        self._rolled = np.where(stands, self._rolled + moved, FADES * self._rolled)
         self._turned = turned
 
     def _solved(self, sample: MotionSample) -> tuple[Array, Array, Array]:
@@ -238,7 +267,7 @@ class Tracker:
         near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
         self._wish = wish
         angles, error = self._kinematics.reach(feet, near, near)
-        stuck = (error > STUCK_M) & (np.array(sample.foothold) < 0)
+        stuck = (error > STRAY_M) & (np.array(sample.foothold) < 0)
         if stuck.any():  # at a limit on its path: begin again where it should end
             other, missed = self._kinematics.reach(feet, wish, wish)
             stuck &= missed < error

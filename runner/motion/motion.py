@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
+
+import numpy as np
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.terrain.prism import Solid
@@ -47,3 +49,25 @@ class Motion(Protocol):
     def at(self, time_s: float) -> MotionSample:
         """What should be at a time; the ends are held."""
         ...
+
+
+class Hung:
+    """A motion of a robot that hangs in a stand: its feet carry nothing."""
+
+    def __init__(self, motion: Motion) -> None:
+        self._motion, self.solids = motion, motion.solids
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes [s]."""
+        return self._motion.seconds
+
+    @property
+    def knots_s(self) -> Array:
+        """As of ``Motion``."""
+        return self._motion.knots_s
+
+    def at(self, time_s: float) -> MotionSample:
+        """What should be at a time; the ends are held."""
+        sample = self._motion.at(time_s)
+        return replace(sample, forces_n=np.zeros_like(sample.forces_n))

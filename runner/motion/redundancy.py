@@ -2,7 +2,8 @@
 
 Chosen for every limb at once over the whole motion, by dynamic programming over the closed-form family of postures
 (``planners.robot.leg_ik``): comfortable ones, and near each other, so that no joint jumps from one branch to another
-and no limb walks into a joint limit that a posture on the way would have avoided.
+and no limb walks into a joint limit that a posture on the way would have avoided. A plan that has joint angles has
+chosen: its motion goes through them, unless a limb that is drawn up would jump on the way between them.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter1d
 
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.joints import JointPath
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg_ik import NEAR, clearance_of, posture_cost
 from stancekit.planners.robot.rotation import rotation_of
@@ -22,6 +24,7 @@ from stancekit.planners.robot.urdf import link_lengths, outward_rad
 from stancekit.planners.terrain.prism import Solid
 
 from .motion import Motion, MotionSample
+from .timeline import PlanMotion
 
 ROUGH = 10
 """The shift of the centre of mass, which depends on the postures, is looked at at every tenth knot."""
@@ -31,6 +34,8 @@ LEFT = 60.0
 """The same for the first posture, as far as it is from where the robot is."""
 SMOOTHED = 2.0
 """Standard deviation of the smoothing over the family's steps, in knots; what it moves of a foot the tracker undoes."""
+JUMP_RAD = 0.5
+"""A joint that turns more between two knots jumps to another posture of the same foot, and no pace is slow enough."""
 
 
 class RedundancyResolution:
@@ -38,6 +43,11 @@ class RedundancyResolution:
 
     def __init__(self, motion: Motion, kinematics: Kinematics, near_rad: Array | None = None) -> None:
         times = motion.knots_s
+        if isinstance(motion, PlanMotion) and motion.plan.joints_rad is not None:
+            path = _planned(motion, times, kinematics, near_rad)
+            if kinematics.robot.model is not None or np.abs(np.diff(path, axis=0)).max() < JUMP_RAD:
+                self._set(times, path)
+                return
         samples = [motion.at(float(time_s)) for time_s in times]
         if kinematics.robot.model is not None:
             self._set(times, _followed(samples, kinematics, near_rad))
@@ -59,6 +69,16 @@ class RedundancyResolution:
     def at(self, time_s: float) -> Array:
         """The ends are held."""
         return np.asarray(self._angles(min(max(time_s, 0.0), self._end)))
+
+
+def _planned(motion: PlanMotion, times: Array, kinematics: Kinematics, near_rad: Array | None) -> Array:
+    """Postures of a plan that has joint angles, as the verifier judges them; from where the robot is while it settles,
+    shape (T, J)."""
+    path = JointPath(motion.path, kinematics).postures(motion.moments(times)).angles
+    if near_rad is not None:
+        left = np.clip(1.0 - times / motion.timing.settle_s, 0.0, 1.0)[:, None]
+        path = path + left * (near_rad - path[0])
+    return path
 
 
 def _followed(samples: Sequence[MotionSample], kinematics: Kinematics, near_rad: Array | None) -> Array:

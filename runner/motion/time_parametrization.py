@@ -14,10 +14,12 @@ import numpy as np
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.kinematics import REACHED_M, Kinematics, rotation_of
+from stancekit.planners.motion.joints import STRAY_M
+from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
 from ..control.tracker import ContactFeedback, Target, Tracker, resolved
 from ..worlds.capabilities import WorldCapabilities
+from ..worlds.drives import Drives
 from .motion import Motion, MotionSample
 from .redundancy import RedundancyResolution
 from .timeline import PlanMotion, Timing
@@ -29,6 +31,8 @@ RATE_HZ = 100.0
 """How often the motion is sampled."""
 LEAST_PACE = 0.02
 ROUNDS = 4
+LINEAR = ("velocity", "torque at speed")
+"""Uses of limits that fall with the pace, or faster; the others do with its square."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -77,24 +81,25 @@ def parametrize(
     acceleration_rad_s2: float = ACCELERATION_RAD_S2,
     share: float = LIMIT_SHARE,
     hung: bool = False,
+    drives: Drives | None = None,
 ) -> TimedMotion:
     """The plan's motion, slowed down until all limits hold.
 
     share: of the limits of velocity and torque that may be used. hung: the robot hangs in a stand, its feet carry
-    nothing. Raises InvalidInput, with time, limb and joint, where a foot is out of reach, or a torque at rest too
-    large: no pace helps there.
+    nothing. drives: whose torques fall with speed, where they do. Raises InvalidInput, with time, limb and joint, where
+    a foot is out of reach, or a torque at rest too large: no pace helps there.
     """
     pace, bound_by = 1.0, ""
     for _ in range(ROUNDS):
         motion = PlanMotion(plan, timing.at_pace(pace), forces_n)
-        profile = joint_profile(motion, kinematics, hung=hung)
+        profile = joint_profile(motion, kinematics, hung=hung, drives=drives)
         check_static(profile, kinematics, can, share)
-        uses = limit_use(profile, can, acceleration_rad_s2=acceleration_rad_s2, share=share)
-        slower = min((1.0 / use if name == "velocity" else use**-0.5) for name, (use, _) in uses.items() if use > 0.0)
+        uses = limit_use(profile, can, acceleration_rad_s2=acceleration_rad_s2, share=share, drives=drives)
+        slower = min((1.0 / use if name in LINEAR else use**-0.5) for name, (use, _) in uses.items() if use > 0.0)
         if slower >= 1.0 - 1e-6:
-            values = {name: use for name, (use, _) in uses.items()}
+            values = {name: uses[name][0] for name in ("velocity", "acceleration", "torque")}
             return TimedMotion(motion=motion, profile=profile, pace=pace, bound_by=bound_by, **values)
-        name = max(uses, key=lambda n: uses[n][0] if n == "velocity" else uses[n][0] ** 0.5)
+        name = max(uses, key=lambda n: uses[n][0] if n in LINEAR else uses[n][0] ** 0.5)
         bound_by = f"{name} of {can.joints[uses[name][1]]}"
         pace *= 0.995 * slower
         if pace < LEAST_PACE:
@@ -103,9 +108,17 @@ def parametrize(
 
 
 def joint_profile(
-    motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ, *, hung: bool = False
+    motion: Motion,
+    kinematics: Kinematics,
+    rate_hz: float = RATE_HZ,
+    *,
+    hung: bool = False,
+    balanced: bool = False,
+    drives: Drives | None = None,
 ) -> JointProfile:
-    """Inverse kinematics along a whole motion, and what it takes."""
+    """Inverse kinematics along a whole motion, and what it takes. balanced: the motion's forces are those that push
+    the body as it moves, as a gait's are, and not those at rest. drives: whose rotors are turned; the robot's own where
+    none are given."""
     wished, period_s = resolved(motion, kinematics), 1.0 / rate_hz
     targets = undisturbed(motion, kinematics, rate_hz, wished)
     angles = np.array([target.angles_rad for target in targets])
@@ -115,9 +128,9 @@ def joint_profile(
     body = np.zeros((len(angles), 3))
     com = np.array([target.sample.com_m for target in targets])
     body[1:-1] = (com[2:] - 2.0 * com[1:-1] + com[:-2]) / period_s**2
-    limbs = _Limbs(kinematics)
+    limbs = _Limbs(kinematics, kinematics.rotor_kg_m2 if drives is None else drives.rotor_kg_m2)
     dynamic = [
-        limbs.torques(q, v, a, target.sample, 0.0 * push if hung else push)
+        limbs.torques(q, v, a, target.sample, 0.0 * push if hung or balanced else push)
         for q, v, a, target, push in zip(angles, velocity, acceleration, targets, body, strict=True)
     ]
     static = (
@@ -158,13 +171,13 @@ def expected(sample: MotionSample) -> Array:
 class _Limbs:
     """Torques that accelerations take: of the limbs' own masses and rotors, and of the body that feet push."""
 
-    def __init__(self, kinematics: Kinematics) -> None:
-        self._kinematics = kinematics
+    def __init__(self, kinematics: Kinematics, rotors_kg_m2: float | Array) -> None:
+        self._kinematics, self._rotors_kg_m2 = kinematics, rotors_kg_m2
 
     def torques(self, angles: Array, velocity: Array, acceleration: Array, sample: MotionSample, push: Array) -> Array:
         """shape (J,) [Nm]; push: acceleration of the centre of mass, shape (3,) [m/s²], shared by feet that stand."""
-        robot, servo = self._kinematics.robot, self._kinematics.servo
-        own = self._kinematics.inertial_torques(angles, velocity, acceleration) + servo.rotor_kg_m2 * acceleration
+        robot = self._kinematics.robot
+        own = self._kinematics.inertial_torques(angles, velocity, acceleration) + self._rotors_kg_m2 * acceleration
         stands = np.array(sample.foothold) >= 0
         shared = np.where(stands[:, None], robot.mass_kg * push / max(1, int(stands.sum())), 0.0)
         rotation = rotation_of(sample.rotation_rad)
@@ -179,14 +192,24 @@ def limit_use(
     *,
     acceleration_rad_s2: float = ACCELERATION_RAD_S2,
     share: float = LIMIT_SHARE,
+    drives: Drives | None = None,
 ) -> dict[str, tuple[float, int]]:
-    """The greatest use of every limit, with the joint; that of torque is of what torques at rest leave."""
+    """The greatest use of every limit, with the joint; that of torque is of what torques at rest leave.
+
+    "torque at speed" is of joints whose torque falls with it and that turn with their torque: |τ| / τ_0 + |q̇| / ω_0 is
+    to be no more than 1, and at a pace p no more than the torque at rest and p times the rest are.
+    """
     room = share * can.torque_nm - np.abs(profile.static_nm)
     tables = {
         "velocity": np.abs(profile.velocity_rad_s) / (share * can.velocity_rad_s),
         "acceleration": np.abs(profile.acceleration_rad_s2) / acceleration_rad_s2,
         "torque": np.abs(profile.dynamic_nm) / room,
     }
+    if drives is not None and drives.fading.any():
+        rest, most = np.abs(profile.static_nm), share * can.torque_nm
+        motoring = (profile.static_nm + profile.dynamic_nm) * profile.velocity_rad_s > 0.0
+        moving = np.abs(profile.dynamic_nm) / most + drives.fading * np.abs(profile.velocity_rad_s)
+        tables["torque at speed"] = np.where(motoring & (drives.fading > 0.0), moving / (1.0 - rest / most), 0.0)
     return {
         name: (float(table.max()), int(np.unravel_index(int(np.argmax(table)), table.shape)[1]))
         for name, table in tables.items()
@@ -196,7 +219,7 @@ def limit_use(
 def check_static(profile: JointProfile, kinematics: Kinematics, can: WorldCapabilities, share: float) -> None:
     """Raise InvalidInput for what no pace helps with."""
     row, limb = np.unravel_index(int(np.argmax(profile.error_m)), profile.error_m.shape)
-    if profile.error_m[row, limb] > 10.0 * REACHED_M:
+    if profile.error_m[row, limb] > STRAY_M:
         raise InvalidInput(
             f"motion: {profile.time_s[row]:.2f} s, limb {kinematics.robot.limb_names[int(limb)]}: its foot stays "
             f"{1e3 * profile.error_m[row, limb]:.2g} mm from where it should be"

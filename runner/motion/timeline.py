@@ -7,20 +7,17 @@ one common progress, so that every point on the way is in balance as both ends a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked, collect_errors
-from stancekit.planners.robot.legged import foot_radii
-from stancekit.planners.terrain.prism import Solid
+from stancekit.planners.motion.path import CLEARANCE_M, Moments, PlanPath, Segment
 
 from .motion import MotionSample
-from .swing import Swing, clear_swing
 
 KNOTS = 10
 """Postures are chosen so often in every phase."""
@@ -43,7 +40,7 @@ class Timing:
     foot_m_s: float = 0.4
     body_m_s: float = 0.15
     body_rad_s: float = 0.3
-    clearance_m: float = 0.05
+    clearance_m: float = CLEARANCE_M
 
     def __post_init__(self) -> None:
         collect_errors(*(lambda n=n: checked(getattr(self, n), f"timing.{n}", above=0.0) for n in self.__annotations__))
@@ -59,13 +56,11 @@ class Timing:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Phase:
-    """A stretch of time: body between two frames' poses, forces between two sets, some limbs on a part of a swing."""
+    """A segment of the path in time, with forces between two sets."""
 
     seconds: float
-    frames: tuple[int, int]
+    segment: Segment
     forces: tuple[Array, Array]
-    foothold: tuple[int, ...]
-    swings: dict[int, tuple[Swing, float, float]] = field(default_factory=dict)
 
 
 class PlanMotion:
@@ -77,18 +72,14 @@ class PlanMotion:
     counted = "key frames"
 
     def __init__(self, plan: Plan, timing: Timing = Timing(), forces_n: Array | None = None) -> None:
-        self.plan, self.timing = plan, timing
+        self.plan, self.timing, self.path = plan, timing, PlanPath(plan, timing.clearance_m)
         self._forces = plan.forces_n if forces_n is None else forces_n
         course = plan.course
         self._names = course.robot.limb_names
         self._stance = {(stance.frame, stance.limbs): index for index, stance in enumerate(course.stances)}
-        self.solids = tuple(Solid.behind(patch) for patch in course.terrain)
+        self.solids, self.normals = self.path.solids, self.path.normals
         patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
-        self.normals, self._friction = (
-            np.array([getattr(p, name) for p in patches]) for name in ("normal", "friction")
-        )
-        self._radii = foot_radii(course.robot)[[self._names.index(each.limb) for each in course.footholds]]
-        self._feet = plan.toes_m + self._radii[:, None] * self.normals
+        self._friction = np.array([patch.friction for patch in patches])
 
     @property
     def content(self) -> Plan:
@@ -139,30 +130,24 @@ class PlanMotion:
 
     def at(self, time_s: float) -> MotionSample:
         """What should be at a time; the ends are held."""
-        index = min(int(np.searchsorted(self._ends, time_s, side="left")), len(self.phases) - 1)
-        phase = self.phases[index]
-        passed = (time_s - (self._ends[index] - phase.seconds)) / phase.seconds
-        s = _smooth(min(max(passed, 0.0), 1.0))
-        a, b = phase.frames
-        plan = self.plan
-        feet, normals, friction = (
-            table[plan.course.holds[a]].copy() for table in (self._feet, self.normals, self._friction)
-        )
-        for limb, (swing, start, end) in phase.swings.items():
-            feet[limb] = swing.at(start + s * (end - start))
-            if start > 0.0:
-                placed = plan.course.holds[b][limb]
-                normals[limb], friction[limb] = self.normals[placed], self._friction[placed]
+        phase, s = self._phase(time_s)
+        segment, plan = phase.segment, self.plan
+        a, b = segment.frames
         return MotionSample(
             com_m=plan.com_m[a] + s * (plan.com_m[b] - plan.com_m[a]),
             rotation_rad=plan.rotation_rad[a] + s * (plan.rotation_rad[b] - plan.rotation_rad[a]),
             frame=a + s * (b - a),
-            feet_m=feet,
+            feet_m=segment.feet_m[0] + s * (segment.feet_m[1] - segment.feet_m[0]),
             forces_n=phase.forces[0] + s * (phase.forces[1] - phase.forces[0]),
-            foothold=phase.foothold,
-            normals=normals,
-            friction=friction,
+            foothold=segment.foothold,
+            normals=self.normals[segment.surface],
+            friction=self._friction[segment.surface],
         )
+
+    def moments(self, times_s: Array) -> Moments:
+        """Where body and feet are at times, whatever the forces."""
+        found = [self._phase(float(time_s)) for time_s in times_s]
+        return self.path.at([(phase.segment, np.array([s])) for phase, s in found])
 
     @property
     def knots_s(self) -> Array:
@@ -176,60 +161,43 @@ class PlanMotion:
     def _ends(self) -> Array:
         return np.cumsum([phase.seconds for phase in self.phases])
 
+    def _phase(self, time_s: float) -> tuple[_Phase, float]:
+        """What is on at a time, and how much of its path is behind."""
+        index = min(int(np.searchsorted(self._ends, time_s, side="left")), len(self.phases) - 1)
+        phase = self.phases[index]
+        passed = (time_s - (self._ends[index] - phase.seconds)) / phase.seconds
+        return phase, _smooth(min(max(passed, 0.0), 1.0))
+
     def _still(self, frame: int, seconds: float, first: Array, last: Array) -> _Phase:
         """All limbs stand, only the load moves."""
-        foothold = tuple(int(p) for p in self.plan.course.holds[frame])
-        return _Phase(seconds=seconds, frames=(frame, frame), forces=(first, last), foothold=foothold)
+        return _Phase(seconds=seconds, segment=self.path.standing(frame), forces=(first, last))
 
     def _step(self, k: int, before: Array, after: Array) -> list[_Phase]:
         """Lift, swing and place the limbs of frame k; the body moves during the swing."""
-        course, plan, timing = self.plan.course, self.plan, self.timing
-        old, new = course.holds[k - 1], course.holds[k]
-        moving = [self._names.index(name) for name in course.lifts[k]]
-        swings = {limb: self._swing(int(old[limb]), int(new[limb])) for limb in moving}
-        air = tuple(-1 if limb in swings else int(p) for limb, p in enumerate(old))
-        up, across, down = (max((swing.lengths_m[part] for swing in swings.values()), default=0.0) for part in range(3))
-        seconds = max(
+        plan, timing, parts = self.plan, self.timing, self.path.steps[k - 1]
+        lift, across, down = parts if len(parts) == 3 else (None, parts[0], None)
+        swing_s = max(
             timing.swing_s,
-            across / timing.foot_m_s,
+            across.length_m / timing.foot_m_s,
             float(np.linalg.norm(plan.com_m[k] - plan.com_m[k - 1])) / timing.body_m_s,
             float(np.linalg.norm(plan.rotation_rad[k] - plan.rotation_rad[k - 1])) / timing.body_rad_s,
         )
-        parts = [
-            (timing.lift_s * up / timing.clearance_m, (k - 1, k - 1), (before, before), (0.0, 1.0)),
-            (seconds, (k - 1, k), (before, after), (1.0, 2.0)),
-        ]
-        found = [
-            _Phase(
-                seconds=time, frames=frames, forces=forces, foothold=air,
-                swings={limb: (swing, *part) for limb, swing in swings.items()},
+        found = [_Phase(seconds=swing_s, segment=across, forces=(before, after))]
+        if lift is not None and down is not None:
+            lift_s, place_s = (
+                seconds * segment.length_m / timing.clearance_m
+                for seconds, segment in ((timing.lift_s, lift), (timing.place_s, down))
             )
-            for time, frames, forces, part in parts
-        ]  # fmt: skip
-        if swings:
-            landing = {limb: (swing, 2.0, 3.0) for limb, swing in swings.items()}
-            place_s = timing.place_s * down / timing.clearance_m
-            found.append(_Phase(seconds=place_s, frames=(k, k), forces=(after, after), foothold=air, swings=landing))
+            found.insert(0, _Phase(seconds=lift_s, segment=lift, forces=(before, before)))
+            found.append(_Phase(seconds=place_s, segment=down, forces=(after, after)))
         return found
-
-    def _swing(self, old: int, new: int) -> Swing:
-        toes = (self._feet[old], self._feet[new])
-        normals, radius_m = (self.normals[old], self.normals[new]), float(self._radii[new])
-        return clear_swing(toes, normals, self.timing.clearance_m, self.solids, radius_m)
 
     def _support(self, frame: int) -> tuple[int, ...]:
         """The limbs that carry while those of ``frame`` lift; after the last frame, while the next would."""
         course = self.plan.course
         lifted = course.lifts[frame] if frame < course.frames else course.next_lift
         support = tuple(i for i, name in enumerate(self._names) if name not in lifted)
-        if not support:
-            if frame >= course.frames:
-                return tuple(range(len(self._names)))
-            raise InvalidInput(
-                f"frame {frame}: expected limbs that stay and carry the robot, got a schedule that lifts all of them "
-                "at once: no position control can execute that"
-            )
-        return support
+        return support or tuple(range(len(self._names)))
 
     def _support_forces(self, frame: int, support: tuple[int, ...]) -> Array:
         """Forces at a frame with these limbs only; where all of them stand, the mean of what the plan has there."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from types import TracebackType
 from typing import NoReturn, Protocol, Self, runtime_checkable
 
@@ -18,6 +19,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, checked, collect_errors
 from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.robot.legged import legged_model
 
 from ..acceptance import proven
 from ..worlds.capabilities import WorldCapabilities
@@ -38,6 +40,11 @@ class _Capable(Protocol):
 @runtime_checkable
 class _Driven(Protocol):
     drives: Drives
+
+
+@runtime_checkable
+class _Loadable(Protocol):
+    def preload(self, targets_rad: Array) -> bool: ...
 
 
 SATURATED = 1.5
@@ -100,7 +107,7 @@ class SafeWorld:
         self.capabilities = capabilities_of(world)
         self._bounds = _bounds(self.capabilities, limits)
         self._path = np.full(len(world.joints), limits.path_rad)
-        if isinstance(world, _Driven):
+        if isinstance(world, _Driven) and world.kind != "hardware":
             self._path = np.maximum(self._path, SATURATED * world.drives.torque_nm / world.drives.stiffness_nm_rad)
         self.real = isinstance(world, Actuator)
         if world.kind == "hardware" and not self.real:  # else it would move without having been armed
@@ -112,7 +119,15 @@ class SafeWorld:
         self.latch.listen(*sources, self.watchdog.look)
         self._to: World = world
         self._last: Array | None = None
-        self._away = 0
+        self._away, self._lean = 0, np.zeros(len(world.joints))
+
+    @cached_property
+    def drives(self) -> Drives:
+        """The world's loops; where it does not say nobody knows what they yield to, and it is sent angles alone."""
+        if isinstance(self.world, _Driven):
+            return self.world.drives
+        found = Drives.of(self.robot, self.servo, legged_model(self.robot, self.servo))
+        return replace(found, yields=False)
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """As the world's; what is real is measured, and moves not. Raises Stopped, InvalidInput, HardwareFault."""
@@ -121,7 +136,16 @@ class SafeWorld:
         self._check_measured(state)
         self._to = NullWorld(self.world, state) if self.dry else self.world
         self._last, self._away = np.array(state.angles_rad, dtype=float), 0
+        self._lean = np.zeros(len(self.joints))
         return state
+
+    def preload(self, targets_rad: Array) -> bool:
+        """Let a simulation begin with its joints loaded, as if it had been sent this before; whether it is one that
+        can. What is real is sent its loads softly."""
+        if self.kind == "hardware" or not isinstance(self.world, _Loadable) or not self.world.preload(targets_rad):
+            return False
+        self._last = np.array(targets_rad, dtype=float)
+        return True
 
     @property
     def last_rad(self) -> Array:
@@ -146,10 +170,15 @@ class SafeWorld:
             finally:
                 self.armed = self._to.armed
 
-    def step(self, targets_rad: Array) -> State:
+    def step(self, targets_rad: Array, lean_rad: Array | None = None) -> State:
         """Send what of the targets is within limits. Raises Stopped after a stop, and with the command that causes one;
-        HardwareFault where the world does."""
+        HardwareFault where the world does.
+
+        lean_rad: how much of the targets are loads, by which joints yield to them, shape (J,); None: as much as before.
+        In a dry run they yield to them as planned.
+        """
         last = self.last_rad
+        self._lean = self._lean if lean_rad is None else np.array(lean_rad, dtype=float)
         self._ask()
         targets = np.asarray(targets_rad, dtype=float)
         if targets.shape != last.shape or not np.isfinite(targets).all():
@@ -169,6 +198,8 @@ class SafeWorld:
         self.sent += 1
         self.clipped += int(np.any(np.abs(given - targets) > 1e-9))
         self._last = np.array(state.sent_rad, dtype=float)
+        if self.dry:
+            state = replace(state, angles_rad=state.angles_rad - self._lean)
         self._check_deviation(state)
         return state
 
@@ -213,7 +244,7 @@ class SafeWorld:
 
     def _check_deviation(self, state: State) -> None:
         """Stop where a joint does not go where it is sent."""
-        away = np.abs(state.angles_rad - state.sent_rad)
+        away = np.abs(state.angles_rad - state.sent_rad + self._lean)
         worst = int(np.argmax(away / self._path))
         self._away = self._away + 1 if away[worst] > self._path[worst] else 0
         if self._away > self.limits.path_s * self.rate_hz + 1e-6:

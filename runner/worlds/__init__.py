@@ -1,81 +1,25 @@
-"""Worlds: where a motion is run. A world is one file and one registration: its line in the table of ``WORLDS``.
+"""Worlds: where a motion is run. A world is one file and one registration: its line in the table of ``registry``.
 
-Other packages register theirs as entry points of the group ``stancekit.worlds``; a file of one's own needs no
-registration: its world is called ``FILE.py:NAME``. See ``WorldClass`` for what it must have.
+What is named here is imported at its first use: the heartbeat monitor needs none of it, and starts in a third of the
+time.
 """
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any, Protocol, get_args
+from typing import TYPE_CHECKING, Any
 
-from stancekit.planners.plugins import Registry
-from stancekit.planners.problem.posture import GRAVITY_M_S2
-from stancekit.planners.robot import Robot
-from stancekit.planners.robot.urdf import Servo
-
-from .drives import Imperfections
-from .settings import WorldSettings
-from .world import State, World, WorldKind
+if TYPE_CHECKING:
+    from .registry import WORLDS, Imperfections, State, World, WorldClass, WorldSettings, make_world
 
 __all__ = ["WORLDS", "Imperfections", "State", "World", "WorldClass", "WorldSettings", "make_world"]
 
 
-class WorldClass(Protocol):
-    """The class of a world, as it is registered. Subclasses of ``SimulatedWorld`` have all that but physics.
+if not TYPE_CHECKING:  # or a checker would take any name for one that there is
 
-    kind: what is of "hardware" has the verbs torque, hold and relax, too (``world.Actuator``): nothing real moves
-    unless it was armed.
-    """
+    def __getattr__(name: str) -> Any:
+        """A name of ``__all__`` (PEP 562)."""
+        if name not in __all__:
+            raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+        from . import registry
 
-    kind: WorldKind
-
-    def make(self, settings: WorldSettings) -> World:
-        """A world. Raises InvalidInput for a rate or a file that it does not take, and for a package that is not
-        installed; nothing is sent to anything."""
-        ...
-
-
-def _is_world_class(thing: Any) -> bool:
-    kind = getattr(thing, "kind", None)
-    verbs = ("make", "reset", "step", "close", *(("torque", "hold", "relax") if kind == "hardware" else ()))
-    return kind in get_args(WorldKind) and all(callable(getattr(thing, verb, None)) for verb in verbs)
-
-
-WORLDS: Registry[WorldClass] = Registry(
-    "world",
-    "stancekit.worlds",
-    {
-        "bullet": "stancekit.runner.worlds.bullet:BulletWorld",
-        "mujoco": "stancekit.runner.worlds.mujoco:MujocoWorld",
-        "replay": "stancekit.runner.worlds.replay:ReplayWorld",
-        "dynamixel": "stancekit.runner.worlds.dynamixel.driver:DynamixelWorld",
-        "ros": "stancekit.runner.worlds.ros.driver:RosWorld",
-    },
-    expected="a world (kind, make, reset, step, close; of hardware torque, hold and relax, too)",
-    accepts=_is_world_class,
-)
-
-
-def make_world(
-    name: str,
-    robot: Robot,
-    servo: Servo = Servo(),
-    *,
-    rate_hz: float | None = None,
-    gravity_m_s2: float = GRAVITY_M_S2,
-    setup: str | Path | None = None,
-    imperfections: Imperfections = Imperfections(),
-) -> World:
-    """Make a world, with one robot in it.
-
-    name: of ``WORLDS``, or FILE.py:NAME. rate_hz: targets a second, the world's own where None. setup: the log of
-    ``replay``, the calibration file of ``dynamixel``, the set-up file of ``ros``; simulations take none.
-    imperfections: of a simulated robot. Raises InvalidInput for an unknown name, a file that is missing or wrong, and a
-    package that is not installed.
-    """
-    settings = WorldSettings(
-        robot=robot, servo=servo, rate_hz=rate_hz, gravity_m_s2=gravity_m_s2,
-        setup=None if setup is None else Path(setup), imperfections=imperfections,
-    )  # fmt: skip
-    return WORLDS.get(name).make(settings)
+        return getattr(registry, name)

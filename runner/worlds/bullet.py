@@ -60,7 +60,7 @@ class BulletWorld(SimulatedWorld):
         for _ in range(self._substeps):
             angles, rates = self._joint_state()
             torques = stiffness * (targets_rad - angles) - drives.damping_nms_rad * rates
-            torques = np.clip(torques, -drives.torque_nm, drives.torque_nm)
+            torques = np.clip(torques, *drives.torque_range(rates))
             bullet.setJointMotorControlArray(
                 self._robot, self._motors, bullet.TORQUE_CONTROL, forces=torques.tolist(), physicsClientId=client
             )

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from functools import cached_property
+from typing import Any, Self
 
 import numpy as np
 
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array, checked, collect_errors, read_only
-from stancekit.planners.problem.posture import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
+from stancekit.planners.robot.actuators import ActuatorModel, Actuators
+from stancekit.planners.robot.legged import carried_nm, rotor_kg_m2
 from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.urdf import Servo
 
-STIFFNESS, DAMPING_S, ROTOR_S2 = 1.0, 0.04, 2e-4
-"""Of drives that a robot's file says nothing of: Kp [Nm/rad], Kd / Kp [s], and a rotor's inertia behind its gears
-[kg m²], the first and the last in units of what holds the robot's weight at a leg's length [Nm]."""
+STIFFNESS, DAMPING_S = 1.0, 0.04
+"""Of drives that a robot's file says nothing of: Kp [Nm/rad], in units of what holds the robot's weight at a leg's
+length [Nm], and Kd / Kp [s]."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -24,7 +25,9 @@ class Drives:
     """The position loops τ = Kp (q* − q) − Kd q̇ at J joints, and their limits, shape (J,) each.
 
     joints: names, in the order of all arrays. lower_rad, upper_rad, velocity_rad_s, torque_nm: limits.
-    stiffness_nm_rad, damping_nms_rad: Kp, Kd. rotor_kg_m2: inertia of the rotors, seen behind the gears.
+    stiffness_nm_rad, damping_nms_rad: Kp, Kd. rotor_kg_m2: inertia of the rotors, seen behind the gears. actuators:
+    what turns every joint, J of them. yields: to loads, as those loops do; False where a joint is to be where it is
+    sent: its loop is not known, or carries nothing.
     """
 
     joints: tuple[str, ...]
@@ -35,44 +38,74 @@ class Drives:
     stiffness_nm_rad: Array
     damping_nms_rad: Array
     rotor_kg_m2: Array
+    actuators: tuple[ActuatorModel, ...]
+    yields: bool = True
 
     def __post_init__(self) -> None:
         for name in self.__annotations__:
-            if name != "joints":
+            if name not in ("joints", "actuators", "yields"):
                 object.__setattr__(self, name, read_only(getattr(self, name), (len(self.joints),), f"drives.{name}"))
 
     @classmethod
-    def of(cls, robot: Robot, servo: Servo, model: RobotModel) -> Self:
+    def of(cls, robot: Robot, servo: Servo, model: RobotModel, actuators: Actuators | None = None) -> Self:
         """The servo's at every joint that is drawn up; of a robot with a model of its own, its file's limits, and a
-        loop as stiff as such a weight needs. Raises InvalidInput for a joint without a limit of torque or velocity."""
+        loop as stiff as such a weight needs.
+
+        actuators: in place of either; of those without a loop of their own the loops stay. Raises InvalidInput for a
+        joint without a limit of torque or velocity, and for actuators of other joints.
+        """
         joints = [joint for leg in model.legs for joint in leg.joints]
+        names = tuple(joint.name for joint in joints)
+        found = tuple(ActuatorModel.of_joint(joint) for joint in joints) if actuators is None else actuators.of(names)
+        rotor = rotor_kg_m2(robot, servo, model)
         if robot.model is None:
-            gains = servo.stiffness_nm_rad, servo.damping_nms_rad, servo.rotor_kg_m2
+            gains = servo.stiffness_nm_rad, servo.damping_nms_rad, rotor
         else:
-            model.check_torques()
-            for joint in joints:
-                if joint.velocity_rad_s <= 0.0:
-                    raise InvalidInput(
-                        f"joint {joint.name}: expected a velocity limit above 0 rad/s, its file has none"
-                    )
-            length_m = float(np.mean([leg.chain.length_m for leg in model.legs]))
-            weight = model.body.mass_kg * GRAVITY_M_S2 * length_m
-            gains = STIFFNESS * weight, DAMPING_S * STIFFNESS * weight, ROTOR_S2 * weight
+            stiffness = STIFFNESS * carried_nm(model)
+            gains = stiffness, DAMPING_S * stiffness, rotor
+        loops = np.array([_loop(actuator, gains) for actuator in found])
         return cls(
-            joints=tuple(joint.name for joint in joints),
+            joints=names,
             lower_rad=np.array([joint.lower_rad for joint in joints]),
             upper_rad=np.array([joint.upper_rad for joint in joints]),
-            velocity_rad_s=np.array([joint.velocity_rad_s for joint in joints]),
-            torque_nm=np.array([joint.torque_nm for joint in joints]),
-            **{name: np.full(len(joints), gain)
-               for name, gain in zip(("stiffness_nm_rad", "damping_nms_rad", "rotor_kg_m2"), gains, strict=True)},
+            velocity_rad_s=np.array([actuator.no_load_rad_s for actuator in found]),
+            torque_nm=np.array([actuator.stall_nm for actuator in found]),
+            stiffness_nm_rad=loops[:, 0], damping_nms_rad=loops[:, 1], rotor_kg_m2=loops[:, 2], actuators=found,
         )  # fmt: skip
+
+    @cached_property
+    def fading(self) -> Array:
+        """How much of its torque a joint loses for every rad/s, as a share, shape (J,) [s]; 0 where it loses none."""
+        return np.array([1.0 / each.no_load_rad_s if each.curve == "linear" else 0.0 for each in self.actuators])
+
+    def torque_range(self, rates_rad_s: Array) -> tuple[Array, Array]:
+        """The least and the greatest torque at these speeds, shape (J,) each: a joint that is turned against its torque
+        gives all of it, one that turns with it no more than its curve."""
+        lost = self.fading * rates_rad_s
+        upper = self.torque_nm * np.clip(1.0 - lost, 0.0, 1.0)
+        return -self.torque_nm * np.clip(1.0 + lost, 0.0, 1.0), upper
+
+    def entry(self) -> dict[str, Any]:
+        """What a log keeps of the loops, so that a replay sends the same."""
+        return {
+            "stiffness_nm_rad": self.stiffness_nm_rad, "damping_nms_rad": self.damping_nms_rad,
+            "rotor_kg_m2": self.rotor_kg_m2, "yields": self.yields,
+        }  # fmt: skip
 
     def sendable(self, targets: Array, before: Array, period_s: float) -> Array:
         """Targets as a drive takes them: within the joints' limits, no farther from the last than it can turn."""
         step = self.velocity_rad_s * period_s
         kept = np.clip(targets, self.lower_rad, self.upper_rad)
         return np.asarray(np.clip(kept, before - step, before + step))
+
+
+def _loop(actuator: ActuatorModel, gains: tuple[float, float, float]) -> tuple[float, float, float]:
+    """Kp, Kd and the rotor's inertia: the actuator's own, or else these."""
+    stiffness, damping, rotor = gains
+    if actuator.stiffness_nm_rad is not None:
+        stiffness, damping = actuator.stiffness_nm_rad, DAMPING_S * actuator.stiffness_nm_rad
+    damping = damping if actuator.damping_nms_rad is None else actuator.damping_nms_rad
+    return stiffness, damping, rotor if actuator.reflected_kg_m2 is None else actuator.reflected_kg_m2
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -62,7 +62,10 @@ class MujocoWorld(SimulatedWorld):
     def _advanced(self, targets_rad: Array) -> State:
         self._data.ctrl[:] = targets_rad
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
+        fades, ranges = bool(self.drives.fading.any()), self._model.actuator_forcerange
         for _ in range(self._substeps):
+            if fades:
+                ranges[:, 0], ranges[:, 1] = self.drives.torque_range(self._data.qvel[self._rates])
             self._mujoco.mj_step(self._model, self._data)
             bump += self._contacts(forces)
         return self._state(forces / self._substeps, bump / self._substeps)

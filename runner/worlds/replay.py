@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -10,9 +12,11 @@ import numpy as np
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
+from stancekit.planners.robot.legged import legged_model
 from stancekit.planners.robot.urdf import Servo, joint_names
 
 from .capabilities import WorldCapabilities
+from .drives import Drives
 from .settings import WorldSettings
 from .world import LatchedWorld, State, Terrain, WorldKind
 
@@ -28,7 +32,7 @@ class ReplayWorld(LatchedWorld):
     name = "replay"
 
     def __init__(self, path: str | Path, robot: Robot, servo: Servo = Servo()) -> None:
-        from ..log import read_log, state_from_json, table
+        from ..log import LOADED, read_log, state_from_json, table
 
         super().__init__()
         recorded = read_log(path)
@@ -47,7 +51,9 @@ class ReplayWorld(LatchedWorld):
                 raise InvalidInput(f"{path}: measurement: expected numbers of {count} joints, got shapes {shapes}")
         if not self._states:
             raise InvalidInput(f"{path}: expected measurements, got none: the run ended before it began")
+        self.drives = _loops(plan, Drives.of(robot, servo, legged_model(robot, servo)), path)
         self._sees = bool(plan.get("sees", True))
+        self._preloaded = any(each["what"] == LOADED for each in recorded.of("decision"))
         self._row = 0
         self.worst_rad = 0.0
         self.capabilities = WorldCapabilities.of_servos(robot, servo, self.rate_hz, senses=self._sees)
@@ -65,6 +71,10 @@ class ReplayWorld(LatchedWorld):
         self._row, self.worst_rad = 0, 0.0
         return self._states[0]
 
+    def preload(self, targets_rad: Array) -> bool:
+        """Whether the world of the log was loaded at once."""
+        return self._preloaded
+
     def step(self, targets_rad: Array) -> State:
         """The next measurement. Raises HardwareFault where the log ends."""
         self._row += 1
@@ -77,6 +87,22 @@ class ReplayWorld(LatchedWorld):
 
     def close(self) -> None:
         """Nothing is held."""
+
+
+def _loops(plan: Mapping[str, Any], drives: Drives, path: str | Path) -> Drives:
+    """The loops that the log was sent to; of logs that do not say, as it was when they were written."""
+    from ..log import table
+
+    names = ("stiffness_nm_rad", "damping_nms_rad", "rotor_kg_m2")
+    if not all(name in plan for name in names):
+        return replace(drives, yields=bool(plan.get("sees", True)))
+    stiffness, damping, rotor = (table(plan[name], (len(drives.joints),), f"{path}: {name}") for name in names)
+    if not (stiffness > 0.0).all():
+        raise InvalidInput(f"{path}: stiffness_nm_rad: expected numbers above 0, got others")
+    return replace(
+        drives, stiffness_nm_rad=stiffness, damping_nms_rad=damping, rotor_kg_m2=rotor,
+        yields=bool(plan.get("yields", True)),
+    )  # fmt: skip
 
 
 def _rate(value: float, path: str | Path) -> float:

@@ -8,6 +8,7 @@ from pathlib import Path
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.posture import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
+from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo
 
 from .drives import Imperfections
@@ -17,7 +18,7 @@ from .drives import Imperfections
 class WorldSettings:
     """robot, servo: who moves, and by what. gravity_m_s2: what pulls. rate_hz: targets a second, None for what is
     usual in that world. setup: the file that a world is made from, None where none was given. imperfections: of a
-    simulated robot."""
+    simulated robot. actuators: what turns its joints, None for what the robot's file, or the device's, says."""
 
     robot: Robot
     servo: Servo = field(default_factory=Servo)
@@ -25,6 +26,7 @@ class WorldSettings:
     rate_hz: float | None = None
     setup: Path | None = None
     imperfections: Imperfections = field(default_factory=Imperfections)
+    actuators: Actuators | None = None
 
     def file(self, content: str, world: str) -> Path:
         """The set-up file. Raises InvalidInput, which says what should be in it, where there is none."""

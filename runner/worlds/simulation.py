@@ -13,6 +13,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.posture import GRAVITY_M_S2
 from stancekit.planners.robot import Robot
+from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.legged import legged_model
 from stancekit.planners.robot.urdf import Servo
 
@@ -41,11 +42,12 @@ class SimulatedWorld(LatchedWorld):
         rate_hz: float = RATE_HZ,
         gravity_m_s2: float = GRAVITY_M_S2,
         imperfections: Imperfections = Imperfections(),
+        actuators: Actuators | None = None,
     ) -> None:
         super().__init__()
         self.robot, self.servo, self.rate_hz, self.gravity_m_s2 = robot, servo, rate_hz, gravity_m_s2
         self.model, self.imperfections = legged_model(robot, servo), imperfections
-        self.drives = Drives.of(robot, servo, self.model)
+        self.drives = Drives.of(robot, servo, self.model, actuators)
         self.joints = self.drives.joints
         self.capabilities = WorldCapabilities.of_drives(self.drives, rate_hz, senses=True)
         self._substeps = max(1, round(1.0 / (rate_hz * PHYSICS_S)))
@@ -62,7 +64,7 @@ class SimulatedWorld(LatchedWorld):
         rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
         return cls(
             settings.robot, settings.servo, rate_hz=rate_hz, gravity_m_s2=settings.gravity_m_s2,
-            imperfections=settings.imperfections,
+            imperfections=settings.imperfections, actuators=settings.actuators,
         )  # fmt: skip
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
@@ -70,6 +72,12 @@ class SimulatedWorld(LatchedWorld):
         self._sent = np.array(angles_rad, dtype=float)
         self._waiting = deque([self._sent] * self._late)
         return self._measured(self._placed(terrain, self._sent - self._offset, position_m, rotation))
+
+    def preload(self, targets_rad: Array) -> bool:
+        """After ``reset``: the joints were sent this before, shape (J,) [rad], and press from the beginning."""
+        self._sent = np.clip(targets_rad, self.drives.lower_rad, self.drives.upper_rad)
+        self._waiting = deque([self._sent] * self._late)
+        return True
 
     def step(self, targets_rad: Array) -> State:
         """One control period with these position targets, shape (J,) [rad]."""

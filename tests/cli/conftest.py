@@ -40,6 +40,11 @@ class Ran:
 Command = Callable[..., Ran]
 
 
+@pytest.fixture(autouse=True)
+def _timed_once(each_plan_is_timed_once: None) -> None:
+    """Also here."""
+
+
 @pytest.fixture
 def stancekit(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Command:
     """``stancekit("solve", file, "--json")`` in an empty folder and 80 columns; ``stdin`` takes bytes."""

@@ -19,6 +19,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 import stancekit
+from stancekit.planners.projection.project import project
 
 
 class Slippery:
@@ -79,6 +80,16 @@ class Centres:
         local = found.x[3:].reshape(count, 3)
         world = np.einsum("kij,kj->ki", frames, local)
         return stancekit.Posture(com_m=found.x[:3], rotation_rad=np.zeros(3), toes_m=toes, forces_n=world)
+
+
+def onward(programs, scaled, start, steps):
+    """A projection: SCP from where holding the toes ends."""
+    return project(programs, "scp", scaled, project(programs, "fix-toes", scaled, start), steps=steps)
+
+
+def dreamt(programs, scaled, start, steps):
+    """A projection that leaves everything where it is and says that it holds."""
+    return replace(start, residual=0.0)
 
 
 class Boaster(Centres):
@@ -197,6 +208,22 @@ def test_a_planner_that_only_claims_decides_nothing(mine, stancekit, write, samp
     assert (ran.records[0]["status"], ran.records[0]["claim"]) == ("undecided", "feasible")
 
 
+def test_a_projection_is_named_wherever_one_is_and_verified(mine, stancekit, labelled, write, sampled):
+    (row,) = stancekit("evaluate", labelled, "--project", f"{mine}:onward", "--json").records
+    (known,) = stancekit("evaluate", labelled, "--project", "scp", "--json").records
+    assert row[f"project_{mine}:onward"] >= known["project_scp"] > 0.9
+    problems = write("p.jsonl", *sampled["wall-3"])
+    said = {}
+    for name in ("scp", f"{mine}:onward", f"{mine}:dreamt"):
+        ran = stancekit("solve", problems, "--method", "lift", "--project", name, "--json")
+        said[name] = [line["status"] for line in ran.records]
+    assert said["scp"].count("feasible") > 2
+    assert said[f"{mine}:onward"] == said["scp"]
+    assert "feasible" not in said[f"{mine}:dreamt"]
+    ran = stancekit("plan", "walls", "--frames", 2, "--projection", f"{mine}:onward", "--json")
+    assert ran.records[0]["status"] == "feasible"
+
+
 def test_a_planner_of_courses_answers_through_the_verifier(mine, stancekit):
     ran = stancekit("plan", "walls", "--frames", 3, "--planner", f"{mine}:bare", "--out", "climb.json", "--json")
     (record,) = ran.records
@@ -217,14 +244,15 @@ def test_an_installed_package_is_found_by_its_entry_points(mine, stancekit, labe
     (site / "wide.py").write_text(MINE)
     (site / "wide-0.1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: wide\nVersion: 0.1\n")
     groups = {"distributions": "Slippery", "selectors": "Widest", "methods": "around", "planners": "Centres",
-              "course_planners": "bare"}  # fmt: skip
+              "course_planners": "bare", "projections": "onward"}  # fmt: skip
     lines = [f"[stancekit.{group}]\nour-{group} = wide:{name}\n" for group, name in groups.items()]
     (site / "wide-0.1.dist-info" / "entry_points.txt").write_text("\n".join(lines))
     monkeypatch.syspath_prepend(site)
     assert stancekit("sample", "our-distributions").records[0]["contacts"]
     assert stancekit("fit", labelled, "--method", "our-methods", "--out", "e.json").code == 0
     assert stancekit("plan", "walls", "--frames", 2, "--planner", "our-course_planners").code == 0
-    (row,) = stancekit("evaluate", labelled, "--selector", "our-selectors", "--no-lift", "--json").records
+    ours = ("--no-lift", "--project", "our-projections", "--json")
+    (row,) = stancekit("evaluate", labelled, "--selector", "our-selectors", *ours).records
     assert row["selector"] == "our-selectors"
     assert library.solve(library.sample("ground-3", rng=3)[0], "our-planners").method == "our-planners"
     assert "our-methods" in stancekit("fit", "--help").out

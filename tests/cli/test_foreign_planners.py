@@ -86,7 +86,8 @@ class EasierCourse(Planner):
         def gripping(patch):
             return patch.with_friction(patch.friction + 3.0)
         puts = tuple(replace(p, candidates=tuple(map(gripping, p.candidates))) for p in course.footholds)
-        return TwoStageCoursePlanner().solve(changed(course, replace(course, footholds=puts))).plan
+        rough = replace(course, terrain=tuple(map(gripping, course.terrain)), footholds=puts)
+        return TwoStageCoursePlanner().solve(changed(course, rough)).plan
 '''
 GARBAGE = """
 import sys

@@ -58,7 +58,7 @@ def test_every_verb_explains_itself(verb, stancekit, tmp_path):
 
 def test_the_session_of_the_help_is_one_that_runs(stancekit, write, tmp_path):
     small = {"label": ("--feasible", "4", "--infeasible", "4", "--workers", "1"), "fit": ("--steps", "1")}
-    small |= {"plan": ("--frames", "3")}
+    small |= {"plan": ("--frames", "3"), "simulate": ("--pace", "4"), "run": ("--pace", "4")}
     (tmp_path / "data").mkdir()
     lines = [line.split()[1:] for line in stancekit().out.splitlines() if line.startswith("  stancekit ")]
     assert len(lines) == 7 + len(PLANS)

@@ -17,6 +17,7 @@ from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.gait.trajectory_file import read_trajectory, write_trajectory
 from stancekit.planners.verify import PLAN_GROUPS, check_plan
 from stancekit.planners.verify.trajectories import GROUPS, check_trajectory
+from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 from stancekit.runner.acceptance import Accepted, AcceptedGait
 from tests.forgeries import stances, walks
 from tests.forgeries.crawl import crawl
@@ -57,11 +58,11 @@ def test_a_walk_has_one_verdict(name: str, stancekit, tmp_path: Path) -> None:
 def test_a_walk_of_which_something_is_not_checked_says_so_and_is_not_run(stancekit, tmp_path: Path) -> None:
     path, trajectory = tmp_path / "walk.json", walks_of()["open"]
     report = check_trajectory(trajectory)
-    assert report.unchecked == ("heading", "rest", "rest_acceleration")
-    assert report.message.endswith("; NOT CHECKED: heading, rest, rest_acceleration")
+    assert report.unchecked == ("heading", "rest", "rest_acceleration", *WHOLE_BODY)
+    assert report.message.endswith("; NOT CHECKED: heading, rest, rest_acceleration, " + ", ".join(WHOLE_BODY))
     write_trajectory(path, trajectory, report)
     assert stancekit("verify", path, "--json").records[0]["not_checked"] == list(report.unchecked)
-    with pytest.raises(InvalidInput, match="expected a gait of which all groups are checked: accepted: 34 groups"):
+    with pytest.raises(InvalidInput, match="expected a gait of which all groups are checked: accepted: 36 groups"):
         AcceptedGait.from_file(path)
 
 

@@ -7,6 +7,7 @@ import resource
 import subprocess
 import sys
 from importlib import resources
+from itertools import islice
 
 import pytest
 import tyro
@@ -20,6 +21,7 @@ from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.answer.plan_file import check_file
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import builtin_courses
+from stancekit.views import plans
 from stancekit.views.page import check_page
 
 
@@ -163,8 +165,10 @@ def test_a_file_of_modes_that_is_none_is_told(refusal, tmp_path):
 
 
 @pytest.mark.usefixtures("gl")
-def test_a_page_and_a_video_are_written(plan, tmp_path):
+def test_a_page_and_a_video_are_written(plan, tmp_path, monkeypatch):
     pytest.importorskip("imageio_ffmpeg")
+    whole = plans.plan_frames
+    monkeypatch.setattr(plans, "plan_frames", lambda *of: islice(whole(*of), 3))
     try:
         check_page(tmp_path / "a.html")
     except InvalidInput as error:
@@ -209,3 +213,13 @@ def test_a_proof_is_written_where_there_is_no_plan_and_verify_accepts_it(plan, c
     assert capsys.readouterr().out.startswith("proof.json: ice: infeasible: ")
     assert plan("walls", "--frames", 2, "--proof", "none.json")[0] == 0
     assert not (tmp_path / "none.json").exists()
+
+
+@pytest.mark.parametrize("option", [("--spacing-m", "0.1"), ("--noise-m", "0.01"), ("--friction", "0.5")])
+def test_options_of_a_terrains_file_are_refused_with_any_other_course(option, refusal):
+    assert refusal("walls", *option) == f"{option[0]}: expected a terrain's file with it, got walls"
+
+
+def test_a_friction_below_none_is_refused(refusal):
+    said = refusal("m.stl", "--start=0,0", "--goal=1,0", "--friction=-1")
+    assert said == "--friction: expected a number from 0 on, got -1"

@@ -187,6 +187,11 @@ def test_the_help_says_what_a_policy_does_where_nothing_is_asked_for(capsys: pyt
         ({"stop_topic": "e_stop"}, "--stop-topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got 'e_stop'"),
         ({"hung": True}, "hung: expected a robot that can hang in a stand, world mujoco has none"),
         ({"plan": Path("none.json")}, "none.json: expected a file, found nothing there"),
+        ({"actuators": "XM"}, "--actuators: expected one of XM540-W270, XM430-W350 or a file, got 'XM'"),
+        ({"actuators": "none.yaml"}, "none.yaml: expected a file, found nothing there"),
+        ({"blind": True, "world": "ros"}, "--blind: expected a plan or a gait in a simulated world with it, got ros"),
+        ({"blind": True, "policy": "lift"}, "--blind: expected a plan or a gait in a simulated world with it, got --p"),
+        ({"video": Path("x.mp4"), "policy": "lift"}, "--video: expected a plan or a gait in a simulated world with it"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(
@@ -196,6 +201,24 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert (code, out) == (2, "")
     assert said in err
     assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("actuator", "said"),
+    [
+        ("{stall_nm: 0.5, no_load_rad_s: 4}", "Nm at rest, expected less than 0.45"),
+        ("{stall_nm: 40, continuous_nm: 0.2, no_load_rad_s: 40, thermal_s: 1}", "times the heat that it bears"),
+    ],
+)
+def test_joints_weaker_than_the_plan_needs_are_one_line_before_any_motion(
+    folder: Path, capsys: pytest.CaptureFixture[str], actuator: str, said: str
+) -> None:
+    file = folder / "actuators.yaml"
+    file.write_text(f'format: stancekit/actuators/1\nactuators: {{weak: {actuator}}}\njoints: {{"*": weak}}\n')
+    code, out, err = ended(Run(plan=folder / "plan.json", actuators=str(file)), capsys)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert said in err
+    assert "joint " in err
 
 
 @pytest.mark.parametrize(

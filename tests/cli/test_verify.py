@@ -132,7 +132,7 @@ def test_a_data_set_is_checked_against_itself(stancekit, labelled):
 
 
 def test_bad_input_is_one_line(refusal, pairs, labelled):
-    assert refusal("verify", "none") == "none: expected the folder of a data set, found nothing"
+    assert refusal("verify", "none") == "none: expected a plan, proof, gait or data set, found nothing there"
     said = refusal("verify", "problems.jsonl")
     assert said.endswith(": expected a data set folder, a plan, a proof or a gait, or a file of answers after it")
     assert refusal("verify", "problems.jsonl", "none") == "none: expected a file, found nothing there"

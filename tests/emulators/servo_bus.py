@@ -38,7 +38,8 @@ class ServoBus(threading.Thread):
     """Servos on a pseudo-terminal; ``path`` is the port to open.
 
     position_rad: of the shafts at first, from tick 2048. wire: bytes take as long as at the port's baud rate.
-    goal_packets_s, torque_packets_s: when a packet with goals came, and one that switches torques on.
+    goal_packets_s, torque_packets_s: when a packet with goals came, and one that switches torques on; goals: the ticks
+    in it, servo by servo.
     """
 
     def __init__(
@@ -49,6 +50,7 @@ class ServoBus(threading.Thread):
         self.servos = Servos(ids, position_rad, stops_rad)
         self.goal_packets_s: list[float] = []
         self.torque_packets_s: list[float] = []
+        self.goals: list[list[int]] = []
         self.instructions = 0
         self._wire, self._rng = wire, np.random.default_rng(seed)
         self._master, self._slave = os.openpty()
@@ -134,6 +136,9 @@ class ServoBus(threading.Thread):
             if address <= 116 < address + size:
                 self.goal_packets_s.append(time.monotonic())
             rows = [given[k : k + 1 + size] for k in range(4, len(given), 1 + size)]
+            if address <= 116 < address + size:
+                at = 1 + 116 - address
+                self.goals.append([int.from_bytes(row[at : at + 4], "little", signed=True) for row in rows])
             torque = 1 + 64 - address
             if 0 < torque <= size and any(row[torque : torque + 1] == b"\1" for row in rows):
                 self.torque_packets_s.append(time.monotonic())

@@ -2,7 +2,7 @@
 
 Written from the public manual of the XM540-W270 and the notes on Bus Watchdog and Shutdown, sharing no number with the
 driver that is tested against it. The shaft is of second order: a position loop of 6 Hz, a current limit, a profile of
-limited velocity and mechanical stops.
+limited velocity and mechanical stops. ``load_nm`` is what turns every shaft from outside.
 """
 
 from __future__ import annotations
@@ -60,6 +60,7 @@ class Servos:
         self.moved_s = 0.0
         self.goal_writes, self.last_goal_s, self.refused_goals = 0, 0.0, 0
         self.stops, self.now = stops_rad, 0.0
+        self.load_nm = np.zeros(n)
         self.table = [bytearray(256) for _ in self.ids]
         for index in range(n):
             self._factory(index, range(256))
@@ -160,6 +161,7 @@ class Servos:
         self._watch_s = np.array([0.02 * w if 0 < (w := self.get(i, 98)) < 128 else np.inf for i in n])
         profile = np.array([self.get(i, 112) for i in n]) * UNIT_RAD_S
         self._fastest = np.where(profile > 0, profile, 30.0 * 2 * np.pi / 60)
+        self._stiffness = STIFFNESS / 800 * np.array([self.get(i, 84) for i in n])
 
     def _watchdogs(self) -> None:
         late = self._torque & (self.now - self.heard_s > self._watch_s) & self.powered
@@ -174,10 +176,10 @@ class Servos:
         step = self._fastest * PHYSICS_S
         drives = self._torque & self.powered
         self.profile += np.where(drives, np.clip(self.goal - self.profile, -step, step), 0.0)
-        wanted = (STIFFNESS * (self.profile - self.position) - DAMPING * self.rate) / NM_A
+        wanted = (self._stiffness * (self.profile - self.position) - DAMPING * self.rate) / NM_A
         self.current = np.where(drives, np.clip(wanted, -self._most_a, self._most_a), 0.0)
         self.current[self.jammed & drives] = self._most_a[self.jammed & drives]
-        push = np.where(drives, NM_A * self.current, -2.0 * self.rate)
+        push = np.where(drives, NM_A * self.current + self.load_nm, -2.0 * self.rate)
         self.rate = np.where(self.jammed, 0.0, self.rate + PHYSICS_S * push / INERTIA)
         moved = self.position + PHYSICS_S * self.rate
         self.position = np.clip(moved, *self.stops)

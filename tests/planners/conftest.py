@@ -3,6 +3,7 @@ the lift of a course written a second time."""
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
@@ -18,7 +19,7 @@ from stancekit.planners.problem import PostureProblem
 from stancekit.planners.problem.course import Course, Foothold, StepLimits
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.model import Limb, Robot
-from stancekit.planners.robot.reach import ReachRows
+from stancekit.planners.robot.reach import ReachRows, RelativeReach
 from stancekit.planners.terrain import Patch
 
 STEP_M, HEIGHT_M = 0.03, 0.2
@@ -122,7 +123,8 @@ def _rough(seed: int, frames: int = 2, regions: int = 1, ice: float = 0.0) -> Co
         patches = tuple(_polygon(rng, patch) for patch in some)
         toe = patches[0].vertices_m.mean(axis=0) if index == 0 else None
         footholds.append(replace(put, candidates=patches, toe_m=toe))
-    return replace(course, name=f"rough-{seed}", footholds=tuple(footholds))
+    terrain = tuple(patch for put in footholds for patch in put.candidates)
+    return replace(course, name=f"rough-{seed}", terrain=terrain, footholds=tuple(footholds))
 
 
 def _polygon(rng: np.random.Generator, patch: Patch) -> Patch:
@@ -244,6 +246,30 @@ def bounded() -> Callable[..., PostureProblem | Course]:
     Six half-spaces to random sides, each ``room_m`` from where the first toe lies from the nominal COM, or less.
     """
     return _bounded
+
+
+@pytest.fixture(scope="session")
+def paired() -> Callable[..., Course]:
+    """``paired(course, seed, room_m=0.2)``: every two feet in a polytope about where they begin from one another.
+
+    Six half-spaces to random sides, each ``room_m`` away, or less.
+    """
+    return _paired
+
+
+def _paired(course: Course, seed: int, room_m: float = 0.2) -> Course:
+    rng, found = np.random.default_rng(seed), []
+    toes = {
+        name: course.footholds[p].candidates[0].centre_m
+        for name, p in zip(course.robot.limb_names, course.holds[0], strict=True)
+    }
+    for limb, other in itertools.permutations(course.robot.limb_names, 2):
+        normals = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        normals, size = np.vstack([normals, -normals]), rng.uniform(0.5, 2.0, 6)
+        bounds = normals @ (toes[other] - toes[limb]) + room_m * rng.uniform(0.6, 1.0, 6)
+        rows = ReachRows(normals=size[:, None] * normals, bounds_m=size * bounds)
+        found.append(RelativeReach(limb=limb, other=other, rows=rows))
+    return replace(course, robot=replace(course.robot, relative_reach=tuple(found)))
 
 
 def _bounded(

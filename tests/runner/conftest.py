@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
-from typing import Any
 
-import joblib
 import numpy as np
 import pytest
 
@@ -16,16 +14,11 @@ from stancekit.planners.answer.plan_file import write_plan
 from stancekit.planners.gait.method.attempt import Attempt, Attempted, Workbench
 from stancekit.planners.gait.task import GaitSettings, GaitTask
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.single_body import hexapod_walker
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.verify import check_plan
-from stancekit.runner import prepared
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.control.tracker import near_of
-from stancekit.runner.motion.time_parametrization import TimedMotion, parametrize
-from stancekit.runner.worlds.capabilities import WorldCapabilities
 
 
 @pytest.fixture(scope="session")
@@ -68,21 +61,6 @@ def accepted(step: Callable[[str], Plan]) -> Accepted:
     return Accepted.verified(step("walls"), "walls")
 
 
-@pytest.fixture(scope="session")
-def timed() -> dict[str, TimedMotion]:
-    """What plans came to that were timed before, by everything that it depends on."""
-    return {}
-
-
 @pytest.fixture(autouse=True)
-def each_plan_is_timed_once(timed: dict[str, TimedMotion], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs of one plan, on one kind of world, at one pace, share its time parametrisation, most of a run's work."""
-
-    def once(plan: Plan, kinematics: Kinematics, can: WorldCapabilities, *how: Any, **options: Any) -> TimedMotion:
-        body = (kinematics.robot, kinematics.servo, kinematics.gravity_m_s2, near_of(kinematics))
-        asked = str(joblib.hash((plan, body, can, how, options)))
-        if asked not in timed:
-            timed[asked] = parametrize(plan, kinematics, can, *how, **options)
-        return timed[asked]
-
-    monkeypatch.setattr(prepared, "parametrize", once)
+def _timed_once(each_plan_is_timed_once: None) -> None:
+    """Also here."""

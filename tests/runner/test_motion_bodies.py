@@ -14,14 +14,17 @@ pytest.importorskip("coal")
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.motion.joints import JointPath
+from stancekit.planners.motion.path import APART_M
+from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.bodies import TOUCH_M
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.tracker import Target
-from stancekit.runner.motion.bodies import APART_M, along, spaced
-from stancekit.runner.motion.time_parametrization import undisturbed
+from stancekit.runner.motion.bodies import spaced
+from stancekit.runner.motion.time_parametrization import RATE_HZ, undisturbed
 from stancekit.runner.motion.timeline import PlanMotion
 from stancekit.runner.run import Runner
 from tests.emulators.memory_world import MemoryWorld
@@ -48,25 +51,44 @@ def test_postures_that_are_judged_are_a_centimetre_apart_from_start_to_end(targe
     assert len(chosen) < len(targets) / 3
 
 
+def test_the_motion_that_is_run_is_the_one_that_is_judged(plan: Plan) -> None:
+    """The tracker's postures at 100 Hz against those of the path at the same times: bodies to .2 mm, joints to 1°."""
+    solver = Kinematics(plan.course.robot)
+    whole = with_joints(plan, solver)
+    motion = PlanMotion(whole)
+    targets = undisturbed(motion, solver)
+    times = np.minimum(np.arange(len(targets)) / RATE_HZ, motion.seconds)
+    found = JointPath(motion.path, solver).postures(motion.moments(times))
+    assert len(times) > 200
+    assert np.abs(found.origins_m - [target.origin_m for target in targets]).max() < 2e-4
+    assert np.abs(found.angles - [target.angles_rad for target in targets]).max() < np.radians(1.0)
+
+
 def test_a_motion_through_something_is_refused_before_anything_moves(plan: Plan) -> None:
     """The trunk's front goes into a plate that is ahead of it at the first key frame."""
+    whole = with_joints(plan)
     radius = 0.75 * np.mean([np.hypot(*limb.shoulder_m[:2]) for limb in plan.course.robot.limbs])
     front = plan.com_m[-1] + [radius - 0.006, 0.0, 0.0]
     assert front[0] > plan.com_m[0, 0] + radius + TOUCH_M
     corners = front + 0.02 * np.array([(0, -1, -1), (0, -1, 1), (0, 1, 1), (0, 1, -1)])
     sign = Patch(vertices_m=corners, normal=[-1, 0, 0], shear_reference=[0, 1, 0], friction=0.5)
-    lit = replace(plan, course=replace(plan.course, terrain=(*plan.course.terrain, sign)))
+    course = replace(plan.course, terrain=(*plan.course.terrain, sign))
+    lit, bare = replace(whole, course=course), replace(plan, course=course)
     assert check_plan(lit).accepted
-    report = check_plan(lit, joints=True, way=along)
+    report = check_plan(lit, joints=True)
     assert report.motion["verdict"] == "failed"
     assert report.motion["worst"]["link"] == "body"
     shift = report.joints["shift_m"]  # the runner keeps the whole robot's centre of mass on the path, not the base
     assert report.motion["depth_m"] == pytest.approx(0.006, abs=shift)
     assert shift < 0.015
     assert 0.0 < report.motion["worst"]["frame"] <= plan.course.frames - 1
-    assert check_plan(plan, joints=True, way=along).motion["verdict"] == "checked"
+    assert check_plan(whole, joints=True).motion["verdict"] == "checked"
+    with pytest.raises(InvalidInput, match=r"sign: expected a plan that the verifier accepts, .* bodies collide"):
+        Accepted.verified(lit, "sign")
     runner = Runner(MemoryWorld())
     wanted = "sign: expected a motion in which no bodies collide: frame .*: body is .* mm inside patch "
-    with pytest.raises(InvalidInput, match=wanted):
-        runner.prepare(Accepted.verified(lit, "sign"))
-    assert runner.prepare(Accepted.verified(plan, "stairs")).pace > 0.0
+    with pytest.raises(InvalidInput, match=wanted):  # a plan without angles: the runner chooses them
+        runner.prepare(Accepted.verified(bare, "sign"))
+    accepted = Accepted.verified(whole, "stairs")
+    assert accepted.digest == check_plan(whole, joints=True).digest  # of all groups
+    assert runner.prepare(accepted).pace > 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -12,11 +13,16 @@ pytest.importorskip("pinocchio")
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.motion.joints import JointPath
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.projection.force_distribution import distribute_forces
+from stancekit.planners.projection.whole_body import whole_body
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.plan_joints import plan_angles
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.control.tracker import Continued
-from stancekit.runner.motion.redundancy import LEFT, TURNED, RedundancyResolution, _cheapest
+from stancekit.runner.motion.redundancy import JUMP_RAD, LEFT, TURNED, RedundancyResolution, _cheapest
 from stancekit.runner.motion.time_parametrization import joint_profile
 from stancekit.runner.motion.timeline import PlanMotion, Timing
 
@@ -52,6 +58,33 @@ def test_the_choice_is_the_same_at_every_pace(plan: Plan) -> None:
     fast, slow = (RedundancyResolution(PlanMotion(plan, Timing().at_pace(pace)), kinematics) for pace in (1.0, 0.5))
     for time_s in np.linspace(0.0, PlanMotion(plan).seconds, 23):
         np.testing.assert_allclose(fast.at(time_s), slow.at(2.0 * time_s), atol=1e-6)
+
+
+def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_torques() -> None:
+    plan = TwoStageCoursePlanner().solve(read_course("walls", frames=4)).plan
+    assert plan is not None
+    kinematics = Kinematics(plan.course.robot)
+    bent = whole_body(plan, WholeBodyLimits(torque_nm=10.0), kinematics)
+    assert bent.plan.joints_rad is not None
+
+    def largest(of: Plan) -> float:
+        motion = PlanMotion(of, forces_n=distribute_forces(of, kinematics))
+        return float(np.abs(joint_profile(motion, kinematics, rate_hz=20.0).static_nm).max())
+
+    assert largest(bent.plan) < 1.1 * bent.after.torque_nm
+    assert largest(replace(bent.plan, joints_rad=None)) > 1.2 * bent.after.torque_nm
+
+
+def test_a_limb_that_would_jump_between_a_plans_own_angles_is_led_round(plan: Plan) -> None:
+    kinematics = Kinematics(plan.course.robot)
+    joints = np.array([answer.angles for answer in plan_angles(plan)])
+    joints[1, 5:7] += [-2.0, 2.0]
+    motion = PlanMotion(replace(plan, joints_rad=joints))
+    own = JointPath(motion.path, kinematics).postures(motion.moments(motion.knots_s)).angles
+    assert np.abs(np.diff(own, axis=0)).max() > JUMP_RAD
+    resolution = RedundancyResolution(motion, kinematics)
+    found = [resolution.at(float(time_s)) for time_s in motion.knots_s]
+    assert np.abs(np.diff(found, axis=0)).max() < 0.2 * JUMP_RAD
 
 
 def test_a_robot_that_is_somewhere_goes_on_from_there(plan: Plan) -> None:

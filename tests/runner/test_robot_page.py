@@ -12,6 +12,7 @@ pytest.importorskip("dynamixel_sdk")
 
 from stancekit.planners.answer.plan_file import write_plan
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.robot.actuators import ActuatorModel, read_actuators
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
@@ -49,3 +50,13 @@ def test_the_table_of_the_set_up_file_has_all_of_its_keys() -> None:
         key for row in table.splitlines()[2:] for key in re.findall(r"`(\w+)`", row.split("|")[1] if row else "")
     }
     assert message == {item.name for item in fields(RosSetup)} - {"format", "timeout_s"}
+
+
+def test_the_table_of_actuators_has_all_of_their_keys_and_its_file_is_read(tmp_path: Path) -> None:
+    rows = PAGE[PAGE.index("| of an actuator |") : PAGE.index("A run says what the plan needs")].splitlines()[2:]
+    said = {key for row in rows if row for key in re.findall(r"`(\w+)`", row.split("|")[1])}
+    assert said == {item.name for item in fields(ActuatorModel)}
+    (text,) = (text for language, text in BLOCKS if language == "yml")
+    (tmp_path / "actuators.yaml").write_text(text)
+    hip, knee = read_actuators(tmp_path / "actuators.yaml").of(["LF_hip", "LF_knee"])
+    assert (hip.stall_nm, knee.stall_nm) == (10.6, 80.0)

@@ -13,7 +13,9 @@ pytest.importorskip("pinocchio")
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
-from stancekit.planners.robot.urdf import hexapod_urdf
+from stancekit.planners.robot.legged import robot_of
+from stancekit.planners.robot.robot_model import model_of
+from stancekit.planners.robot.urdf import Servo, hexapod_urdf
 from stancekit.runner.motion.soft_start import PEAK, soft_motion, soft_start
 from stancekit.runner.motion.time_parametrization import (
     ACCELERATION_RAD_S2,
@@ -24,7 +26,9 @@ from stancekit.runner.motion.time_parametrization import (
 )
 from stancekit.runner.motion.timeline import PlanMotion, Timing
 from stancekit.runner.worlds.capabilities import WorldCapabilities
+from stancekit.runner.worlds.drives import Drives
 from tests.emulators.memory_world import MemoryWorld
+from tests.planners.robot.small_urdfs import quadruped
 
 CAN = MemoryWorld().capabilities
 
@@ -83,7 +87,7 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
     """Power: what the joints' torques do while nobody stands is the change of kinetic energy, and of a rotor alone."""
     from stancekit.runner.motion.time_parametrization import _Limbs
 
-    limbs, sample = _Limbs(kinematics), PlanMotion(plan).at(0.0)
+    limbs, sample = _Limbs(kinematics, kinematics.rotor_kg_m2), PlanMotion(plan).at(0.0)
     pin = pinocchio()
     model = pin.buildModelFromXML(hexapod_urdf(plan.course.robot))  # the body stays where it is
     data = model.createData()
@@ -101,10 +105,30 @@ def test_accelerating_torques_are_those_of_newton_and_euler(
     assert torques @ velocity == pytest.approx((energy(step) - energy(-step)) / (2.0 * step), rel=1e-5)
 
 
+def test_the_rotors_of_a_urdfs_joints_are_those_that_its_world_turns_and_its_verifier_counts(plan: Plan) -> None:
+    """Not the servos': those are of a hexapod, and heavy or light for others."""
+    from stancekit.runner.motion.time_parametrization import _Limbs
+
+    model = model_of(quadruped(effort=60.0))
+    kinematics = Kinematics(robot_of(model))
+    drives = Drives.of(kinematics.robot, Servo(), model)
+    length_m = np.mean([leg.chain.length_m for leg in model.legs])
+    np.testing.assert_allclose(kinematics.rotor_kg_m2, 2e-4 * 9.81 * model.body.mass_kg * length_m)
+    np.testing.assert_array_equal(drives.rotor_kg_m2, kinematics.rotor_kg_m2)
+    still, angles = np.zeros(len(drives.joints)), np.full(len(drives.joints), 0.3)
+    rising = np.linspace(-50.0, 50.0, len(still))
+    air = replace(PlanMotion(plan).at(0.0), foothold=(-1,) * 4)
+    torques, bare = (
+        _Limbs(kinematics, rotors).torques(angles, still, rising, air, np.zeros(3))
+        for rotors in (drives.rotor_kg_m2, 0.0 * drives.rotor_kg_m2)
+    )
+    np.testing.assert_allclose(torques - bare, drives.rotor_kg_m2 * rising, atol=1e-12)
+
+
 def test_a_body_that_accelerates_takes_torques_of_its_mass_times_that(plan: Plan, kinematics: Kinematics) -> None:
     from stancekit.runner.motion.time_parametrization import _Limbs
 
-    limbs, sample, still = _Limbs(kinematics), PlanMotion(plan).at(0.0), np.zeros(24)
+    limbs, sample, still = _Limbs(kinematics, kinematics.rotor_kg_m2), PlanMotion(plan).at(0.0), np.zeros(24)
     angles = np.tile([0.1, 0.4, 0.0, 1.0], 6)
     push = np.array([0.3, -0.2, 0.5])
     torques = limbs.torques(angles, still, still, sample, push)

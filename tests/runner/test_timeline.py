@@ -7,12 +7,12 @@ import pytest
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.motion.swing import clear_swing
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.prism import Solid
-from stancekit.runner.motion.swing import clear_swing
 from stancekit.runner.motion.timeline import PlanMotion, Timing
 
 
@@ -107,7 +107,7 @@ def test_a_swing_rises_over_a_step_that_is_in_its_way() -> None:
     solids = [Solid.behind(low), Solid.behind(high, 0.09)]
     swing = clear_swing(ends, (up, up), 0.05, solids)
     assert swing.lengths_m[0] > 0.05
-    way = np.array([swing.at(float(part)) for part in np.linspace(1.0, 2.0, 200)])
+    way = swing.lifted + np.linspace(0.0, 1.0, 200)[:, None] * (swing.lowered - swing.lifted)
     assert min(solid.distance(way).min() for solid in solids) > FOOT_RADIUS_M
     flat = clear_swing((ends[0], ends[0] + [-0.1, 0.0, 0.0]), (up, up), 0.05, solids[:1])
     assert flat.lengths_m == pytest.approx((0.05, 0.1, 0.05))

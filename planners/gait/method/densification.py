@@ -15,13 +15,17 @@ from numpy.typing import NDArray
 from ...files.arrays import Array
 from ...verify.trajectories import GaitReport
 from ...verify.trajectory_measurements import TrajectoryMeasurements
+from ..constraints.bodies import Overlaps, apart
 from ..constraints.dynamics import dynamics
 from ..constraints.reach import reach
+from ..constraints.torque import LegLoads, torque
 from ..formulation import terms
 from ..gait_program import GaitProgram
 from ..task import GaitSettings
 from ..transcription.blocks import Block, Constraint
 from ..variables.structure import Structure
+from .leg_loads import leg_loads
+from .leg_overlaps import leg_overlaps
 
 Flags = NDArray[np.bool_]
 BAND = 0.06
@@ -35,6 +39,8 @@ WINDOWS = frozenset(("impulse", "angular_impulse", "traction_impulse"))
 """Groups that add up over time."""
 LEAST_BAND = 0.01
 """Nothing narrower is asked for where no balance is off by more."""
+APART_M = 0.003
+"""Links that went through something are asked to be so far off it."""
 FLAW = 1.5
 """A balance is asked for where it is off by this many bands."""
 
@@ -42,21 +48,29 @@ FLAW = 1.5
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Checks:
     """Rows half-way between nodes. balance: in which steps, shape (N,), N steps; reach: of which feet, shape (N, E);
-    band: what the balance may be off there."""
+    band: what the balance may be off there. loads: of joints at the nodes themselves that have to give less;
+    overlaps: of links there that have to come apart."""
 
     balance: Flags
     reach: Flags
     band: float = BAND
+    loads: LegLoads | None = None
+    overlaps: Overlaps | None = None
 
     def joined(self, other: Checks) -> Checks:
-        """Both, with the narrower band."""
+        """Both, with the narrower band, and the other's loads, which are about a later point."""
+        overlaps = other.overlaps or self.overlaps
+        if self.overlaps is not None and other.overlaps is not None:
+            overlaps = self.overlaps.joined(other.overlaps)
         return Checks(
-            balance=self.balance | other.balance, reach=self.reach | other.reach, band=min(self.band, other.band)
-        )
+            balance=self.balance | other.balance, reach=self.reach | other.reach, band=min(self.band, other.band),
+            loads=other.loads or self.loads, overlaps=overlaps,
+        )  # fmt: skip
 
     def __len__(self) -> int:
         """How many balances and reaches are asked for."""
-        return int(self.balance.sum() + self.reach.sum())
+        more = sum(len(found) for found in (self.loads, self.overlaps) if found is not None)
+        return int(self.balance.sum() + self.reach.sum()) + more
 
 
 class DenseProgram(GaitProgram):
@@ -115,7 +129,9 @@ def flaws(program: GaitProgram, report: GaitReport, band: float = BAND) -> Check
         series = measured.reach()
         samples, columns = np.nonzero(series.values > 0.5 * report.limits.reach_m)
         arms[_steps(series.times_s[samples], program), columns] = True
-    return Checks(balance=balance, reach=arms, band=band)
+    loads = leg_loads(program.structure, report) if "torque" in broken else None
+    overlaps = leg_overlaps(program.structure, report) if "bodies" in broken else None
+    return Checks(balance=balance, reach=arms, band=band, loads=loads, overlaps=overlaps)
 
 
 def _steps(times_s: Array, program: GaitProgram) -> NDArray[np.intp]:
@@ -145,6 +161,10 @@ def half_way(structure: Structure, checks: Checks) -> list[Constraint]:
         foot = np.concatenate([group.foot for group in between.feet_at_nodes])
         node = np.concatenate([group.node for group in between.feet_at_nodes])
         found.append(restricted(reach(between), np.repeat(checks.reach[node, foot], 3)))
+    if checks.loads is not None and (rows := torque(structure, checks.loads)) is not None:
+        found.append(rows)
+    if checks.overlaps is not None and (rows := apart(structure, checks.overlaps, APART_M)) is not None:
+        found.append(rows)
     return found
 
 

@@ -127,9 +127,7 @@ def follow_homotopy(
     return HomotopyPath(solutions=tuple(solutions), factors=tuple(factors))
 
 
-def stage_program(
-    bench: Workbench, chart: str, factor: float, by: Homotopy = "height"
-) -> tuple[GaitProgram, float]:
+def stage_program(bench: Workbench, chart: str, factor: float, by: Homotopy = "height") -> tuple[GaitProgram, float]:
     """The program of a stage and the factor to solve it at: 1 where the stage has a terrain and a map of its own."""
     if factor == 1.0 or (CHARTS.get(chart).scales and by == "height"):
         return bench.program(chart), factor

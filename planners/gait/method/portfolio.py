@@ -214,9 +214,10 @@ class PortfolioRun:
         if path.factors[-1] != 1.0:
             solution = solution.on(self.bench.program(attempt.chart))
         searched = len(budget.solves)
-        best = _verified(solution)
+        refines = solution.success and not self._checkpoint.done(index)
+        best = _verified(solution, body=not refines)
         self.feasible.append(best[1] if solution.success else None)
-        if self.feasible[-1] is not None and not self._checkpoint.done(index):
+        if refines:
             best = self._refined(best, lambda x: self._checkpoint.note(index, len(attempt.heights) - 1, x))
         solves = budget.solves[began:]
         provenance = self.bench.provenance(attempt, best[0], sum(one.iterations for one in solves))
@@ -236,17 +237,18 @@ class PortfolioRun:
         )
 
     def _refined(self, start: _Verified, note: Callable[[Array], None]) -> _Verified:
-        """Dense enough for the verifier, smooth, and dense enough again; the best so far is noted."""
-        best = self._dense(start)
+        """Dense enough for the verifier, smooth, and dense enough again, now for the robot's own body, too, which takes
+        the verifier long; the best so far is noted."""
+        best = self._dense(start, body=False)
         note(best[0].x)
         self.budget.phase = "smooth"
         for one in smoothed(best[0], self.caps.smoothing, solve=self.budget, stop=lambda: self.budget.exhausted):
             if one.solution.success:
                 best = _better(best, (one.solution, one.report))
                 note(best[0].x)
-        return self._dense(best)
+        return self._dense(_verified(best[0], body=True), body=True)
 
-    def _dense(self, best: _Verified) -> _Verified:
+    def _dense(self, best: _Verified, *, body: bool) -> _Verified:
         """Rows where the verifier finds fault, until it finds none or the cap is reached."""
         self.budget.phase = "densify"
         at = best
@@ -259,7 +261,7 @@ class PortfolioRun:
             solution = self.budget(program, at[0].x, max_iterations=self.caps.iterations)
             if not solution.success:
                 break
-            at = _verified(solution)
+            at = _verified(solution, body=body)
             best = _better(best, at)
         return best
 
@@ -272,9 +274,9 @@ def _unperturbed(attempt: Attempt) -> Attempt:
     return replace(attempt, noise=0.0, seed=0)
 
 
-def _verified(solution: GaitSolution) -> _Verified:
+def _verified(solution: GaitSolution, *, body: bool) -> _Verified:
     trajectory: Trajectory = solution.trajectory()
-    return solution, check_trajectory(trajectory)
+    return solution, check_trajectory(trajectory, body=body)
 
 
 def _better(before: _Verified, after: _Verified) -> _Verified:

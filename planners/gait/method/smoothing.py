@@ -86,7 +86,7 @@ def smoothed(
     e.g. in a child process. stop: asked between solves.
     """
     settings, program, x = settings or Smoothing(), start.program, start.x
-    last = peak_g(check_trajectory(start.trajectory()))
+    last = peak_g(check_trajectory(start.trajectory(), body=False))
     for _ in range(settings.rounds):
         if stop() or last <= settings.enough_g:
             return
@@ -94,7 +94,7 @@ def smoothed(
             program, x, costs=settings.costs, reference=x, max_iterations=settings.iterations, stop_when_feasible=False
         )
         solution = lowered if lowered.success else solve(program, lowered.x, max_iterations=settings.repair)
-        found = Round(lowered=lowered, solution=solution, report=check_trajectory(solution.trajectory()))
+        found = Round(lowered=lowered, solution=solution, report=check_trajectory(solution.trajectory(), body=False))
         yield found
         if not solution.success or found.peak_g > (1.0 - settings.gain) * last:
             return

@@ -49,6 +49,7 @@ def solve_in_subprocess(
         return program.solve(
             guess, lambda *at: bool(on_iterate and on_iterate(*at)) | bool(callback and callback(*at)), **options
         )
+    program.build(**options)
     here, there = Pipe()
     child = os.fork()
     if child == 0:

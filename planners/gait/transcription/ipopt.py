@@ -79,6 +79,10 @@ class Ipopt:
             seconds_evaluating=sum(stats[key] for key in stats if key.startswith("t_proc_nlp_")),
         )  # fmt: skip
 
+    def build(self, *, costs: bool, max_iterations: int, options: Mapping[str, Any] | None = None) -> None:
+        """Build what ``solve`` needs with these arguments, before a copy of this process does it again."""
+        self._solver(costs, max_iterations, dict(options or {}))
+
     def _solver(self, costs: bool, limit: int, options: dict[str, Any]) -> tuple[Any, IterateRecorder]:
         """IPOPT on the program, and what looks at its iterates; built once for each kind of objective and options."""
         key = (costs, limit, tuple(sorted(options.items())))

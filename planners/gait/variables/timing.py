@@ -41,6 +41,13 @@ class FootGroup:
         """All its instances, or some."""
         return self.variables, np.arange(len(self.foot)) if chosen is None else chosen
 
+    def find(self, foot: Rows, node: Rows) -> tuple[Rows, Rows]:
+        """Of feet at nodes, shape (T,) each, those that are its own: their instances, and their numbers among these."""
+        place = {at: k for k, at in enumerate(zip(self.foot.tolist(), self.node.tolist(), strict=True))}
+        asked = enumerate(zip(foot.tolist(), node.tolist(), strict=True))
+        found = np.array([(place[at], t) for t, at in asked if at in place], dtype=np.intp).reshape(-1, 2)
+        return found[:, 0], found[:, 1]
+
 
 def scheduled_groups(
     layout: Layout, times_s: Array, foot_map: TaylorMap | None, step_s: float = 0.0
@@ -102,9 +109,7 @@ def entry_group(layout: Layout, name: str, entries: Index, entry_map: TaylorMap 
     return VariableGroup(name, layout.entry_rows(entries[:, used]), len(used), entry_map, spread)
 
 
-def moving_groups(
-    layout: Layout, times_s: Array, foot_map: TaylorMap | None, slack_s: float
-) -> tuple[FootGroup, ...]:
+def moving_groups(layout: Layout, times_s: Array, foot_map: TaylorMap | None, slack_s: float) -> tuple[FootGroup, ...]:
     """All feet at all nodes, grouped by the phases that they may be in where switching times may move by slack_s."""
     found: dict[_Key, list[tuple[int, int, Index]]] = {}
     for foot, entries in enumerate(layout.feet):

@@ -14,7 +14,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.urdf import JOINTS, Servo
 
 from ..setup_file import SetupFile, own
-from .control_table import CENTRE_TICK, LATENCY_MS, MODELS, RAD, TICKS, WATCHDOG_S, Model
+from .control_table import CENTRE_TICK, LATENCY_MS, MODELS, P_GAIN, RAD, TICKS, WATCHDOG_S, Model
 
 FORMAT: Literal["stancekit/servos/1"] = "stancekit/servos/1"
 Baud = Literal[57600, 115200, 1000000, 2000000, 3000000, 4000000]
@@ -57,8 +57,9 @@ class Calibration(SetupFile):
     """All servos of a robot. port, baud: where they are; model: all of one, a name in ``control_table.MODELS``.
 
     watchdog_s: a servo that hears nothing for so long stops by itself, in steps of 20 ms. latency_ms: of the adapter;
-    an answer that takes longer is asked for again. desk: the servos lie on a desk or the robot hangs, so that they
-    carry nothing, and plans for all of its torques may be run. joints: by their names.
+    an answer that takes longer is asked for again. p_gain: Position P Gain, how stiff the servos are. desk: the servos
+    lie on a desk or the robot hangs, so that they carry nothing, and plans for all of its torques may be run: they are
+    sent where joints are to be, and no loads. joints: by their names.
     """
 
     format: Literal["stancekit/servos/1"] = FORMAT
@@ -67,6 +68,7 @@ class Calibration(SetupFile):
     model: Literal["XM430-W350", "XM540-W270"] = "XM540-W270"
     watchdog_s: Annotated[float, Field(ge=0.06, le=1.0)] = 0.2
     latency_ms: Annotated[float, Field(ge=1.0, le=200.0)] = LATENCY_MS
+    p_gain: Annotated[int, Field(gt=0, lt=16384, strict=True)] = P_GAIN
     desk: bool = False
     joints: Annotated[dict[str, JointServo], Field(min_length=1)]
 

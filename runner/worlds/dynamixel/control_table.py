@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stancekit.planners.robot.actuators import builtin_actuators
+
 
 class Register(NamedTuple):
     """A field of the control table: what the manual calls it, where it is, and how many bytes it has."""
@@ -28,6 +30,7 @@ SHUTDOWN = Register("Shutdown", 63, 1)
 TORQUE_ENABLE = Register("Torque Enable", 64, 1)
 STATUS_RETURN = Register("Status Return Level", 68, 1)
 HARDWARE_ERROR = Register("Hardware Error Status", 70, 1)
+POSITION_P_GAIN = Register("Position P Gain", 84, 2)
 BUS_WATCHDOG = Register("Bus Watchdog", 98, 1)
 GOAL_CURRENT = Register("Goal Current", 102, 2)
 PROFILE_ACCELERATION = Register("Profile Acceleration", 108, 4)
@@ -56,6 +59,8 @@ WATCHDOG_S = 0.02
 """One unit of the bus watchdog."""
 TRIPPED = 0xFF
 """Bus Watchdog reads −1: the servo heard nothing for too long, stopped, and takes no goals until this is cleared."""
+P_GAIN = 800
+"""Position P Gain of the factory, for which ``builtin_actuators`` says how stiff a servo is."""
 CURRENT_BASED_POSITION = 5
 """Operating mode: position control whose current is limited by Goal Current. In plain position control it is not."""
 REVERSE, TIME_PROFILE, TORQUE_BY_GOAL = 0x01, 0x04, 0x08
@@ -70,23 +75,27 @@ ERRORS = {0x01: "input voltage", 0x04: "overheating", 0x08: "motor encoder", 0x1
 
 @dataclass(frozen=True, kw_only=True)
 class Model:
-    """One servo of the series. current_a: greatest Current Limit; velocity_rad_s: without load at 12 V.
+    """One servo of the series, whose torques and speeds ``builtin_actuators`` has.
 
-    nm_a: stall torque over stall current at 12 V, to say what torque a current stands for; rough.
+    current_a: greatest Current Limit. stall_a: at stall torque, at 12 V.
     """
 
     name: str
     number: int
     current_a: float
-    velocity_rad_s: float
-    nm_a: float
+    stall_a: float
+
+    @property
+    def nm_a(self) -> float:
+        """Stall torque over stall current, to say what torque a current stands for; rough."""
+        return builtin_actuators()[self.name].stall_nm / self.stall_a
 
 
 MODELS = {
     model.name: model
     for model in (
-        Model(name="XM430-W350", number=1020, current_a=1193 * AMPERE, velocity_rad_s=4.82, nm_a=4.1 / 2.3),
-        Model(name="XM540-W270", number=1120, current_a=2047 * AMPERE, velocity_rad_s=3.14, nm_a=10.6 / 4.4),
+        Model(name="XM430-W350", number=1020, current_a=1193 * AMPERE, stall_a=2.3),
+        Model(name="XM540-W270", number=1120, current_a=2047 * AMPERE, stall_a=4.4),
     )
 }
 

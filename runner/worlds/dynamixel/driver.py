@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import Robot
+from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo, joint_names
 
 from ..capabilities import WorldCapabilities
+from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld
 from ..settings import WorldSettings
 from ..world import State, Terrain
@@ -46,9 +48,21 @@ class DynamixelWorld(HardwareWorld):
     catch_up = 3.0
 
     def __init__(
-        self, robot: Robot, calibration: Calibration, servo: Servo = Servo(), *, rate_hz: float = RATE_HZ
+        self,
+        robot: Robot,
+        calibration: Calibration,
+        servo: Servo = Servo(),
+        *,
+        rate_hz: float = RATE_HZ,
+        actuators: Actuators | None = None,
     ) -> None:
         super().__init__(robot, servo, rate_hz)
+        found = Drives.of(robot, servo, self._kinematics.model, actuators or Actuators(joints={"*": calibration.model}))
+        stiffer = 1.0 if actuators is not None else calibration.p_gain / table.P_GAIN
+        self.drives = replace(
+            found, stiffness_nm_rad=stiffer * found.stiffness_nm_rad, damping_nms_rad=stiffer * found.damping_nms_rad,
+            yields=not calibration.desk,
+        )  # fmt: skip
         self.calibration = calibration
         calibration.check(self.joints)
         self._servos = calibration.ordered(self.joints)
@@ -67,7 +81,7 @@ class DynamixelWorld(HardwareWorld):
         calibration = Calibration.from_yaml(settings.file("a calibration file", cls.name), joint_names(settings.robot))
         settings.check_name(calibration.robot)
         rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
-        return cls(settings.robot, calibration, settings.servo, rate_hz=rate_hz)
+        return cls(settings.robot, calibration, settings.servo, rate_hz=rate_hz, actuators=settings.actuators)
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Connect, check every servo, measure; nothing moves, and the torque stays as it was.
@@ -172,11 +186,12 @@ class DynamixelWorld(HardwareWorld):
     def _capable(self) -> WorldCapabilities:
         can = WorldCapabilities.of_servos(self.robot, self.servo, self.rate_hz, senses=False)
         torque = np.array([each.current_a for each in self._servos]) * self._kind.nm_a
+        torque = np.minimum(torque, self.drives.torque_nm)
         return replace(
             can,
             lower_rad=np.maximum(can.lower_rad, [each.lower_rad for each in self._servos]),
             upper_rad=np.minimum(can.upper_rad, [each.upper_rad for each in self._servos]),
-            velocity_rad_s=np.minimum(can.velocity_rad_s, self._kind.velocity_rad_s),
+            velocity_rad_s=np.minimum(can.velocity_rad_s, self.drives.velocity_rad_s),
             # on a desk that of the robot that is planned for: here it is no load
             torque_nm=can.torque_nm if self.calibration.desk else np.minimum(torque, can.torque_nm),
         )
@@ -185,6 +200,7 @@ class DynamixelWorld(HardwareWorld):
         units = self.calibration.watchdog_units
         self._everywhere(table.BUS_WATCHDOG, 0)
         self.bus.write_all(table.GOAL_CURRENT, self._current)
+        self._everywhere(table.POSITION_P_GAIN, self.calibration.p_gain)
         self._everywhere(table.PROFILE_ACCELERATION, 0)
         self._everywhere(table.PROFILE_VELOCITY, int(self.capabilities.velocity_rad_s[0] / table.RAD_S))
         state = self._measured(self._watched())

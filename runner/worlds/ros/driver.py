@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from typing import Self
 
 import numpy as np
@@ -19,9 +20,11 @@ import numpy as np
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array, read_only
 from stancekit.planners.robot import Robot
+from stancekit.planners.robot.actuators import Actuators
 from stancekit.planners.robot.urdf import Servo, joint_names
 
 from ..capabilities import WorldCapabilities
+from ..drives import Drives
 from ..hardware import RATE_HZ, HardwareWorld
 from ..settings import WorldSettings
 from ..world import State, Terrain
@@ -42,8 +45,19 @@ class RosWorld(HardwareWorld):
 
     name = "ros"
 
-    def __init__(self, robot: Robot, setup: RosSetup, servo: Servo = Servo(), *, rate_hz: float = RATE_HZ) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        setup: RosSetup,
+        servo: Servo = Servo(),
+        *,
+        rate_hz: float = RATE_HZ,
+        actuators: Actuators | None = None,
+    ) -> None:
         super().__init__(robot, servo, rate_hz)
+        found = Drives.of(robot, servo, self._kinematics.model, actuators)
+        known = actuators is not None and all(each.stiffness_nm_rad is not None for each in found.actuators)
+        self.drives = replace(found, yields=known)
         self.setup, self.capabilities = setup, WorldCapabilities.of_servos(robot, servo, rate_hz, senses=False)
         self._robot = RosRobot(setup, self.joints, self.latch)
         self._follower = Follower(self._robot)
@@ -55,7 +69,7 @@ class RosWorld(HardwareWorld):
         setup = RosSetup.from_yaml(settings.file("a set-up file", cls.name), joint_names(settings.robot))
         settings.check_name(setup.robot)
         rate_hz = RATE_HZ if settings.rate_hz is None else settings.rate_hz
-        return cls(settings.robot, setup, settings.servo, rate_hz=rate_hz)
+        return cls(settings.robot, setup, settings.servo, rate_hz=rate_hz, actuators=settings.actuators)
 
     def reset(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:
         """Connect, check the controller's joints, measure; nothing is sent that could move the robot.

@@ -240,9 +240,7 @@ def test_what_a_killed_run_was_writing_is_removed(balanced: Path, tmp_path: Path
         ({"distribution": "wall-5"}, "distribution: expected 'wall-5' as planned, got 'wall-3'"),
     ],
 )
-def test_another_plan_is_refused_and_changes_nothing(
-    balanced: Path, changes: dict[str, object], message: str
-) -> None:
+def test_another_plan_is_refused_and_changes_nothing(balanced: Path, changes: dict[str, object], message: str) -> None:
     before = contents(balanced)
     with pytest.raises(InvalidInput) as error:
         label(replace(PLAN, **changes), balanced)  # type: ignore[arg-type]

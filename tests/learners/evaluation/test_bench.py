@@ -59,7 +59,7 @@ def test_rows_are_those_of_an_evaluation_of_the_kept_files_on_the_kept_test_set(
     scenes = scenes_of(Dataset.open(folder / "wall-3" / "test"))
     for score in result.scores[:3]:
         learned = load_selector(folder / "wall-3" / f"{score.selector}.json")
-        again = evaluate(score.selector, learned.selector, scenes, problem_class="wall-3", projections=("fix-p", "scp"))
+        again = evaluate(score.selector, learned, scenes, problem_class="wall-3", projections=("fix-p", "scp"))
         assert (again.p1_feasible, again.p1_infeasible, again.projected) == (
             score.p1_feasible, score.p1_infeasible, score.projected,
         )  # fmt: skip

@@ -15,7 +15,7 @@ from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.data.scenes import scenes_of
 from stancekit.learners.evaluation import evaluate as module
 from stancekit.learners.evaluation.evaluate import Share, evaluate, evaluate_lift, paper_row, rollout
-from stancekit.learners.selectors.selector import FixedSelector
+from stancekit.learners.selectors.selector import FixedSelector, Learned
 from stancekit.learners.training.envelope_methods import fit
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -44,7 +44,7 @@ def test_the_shares_are_what_p1_and_p2_say_when_asked_directly(
     scenes: list[Scene], envelopes: EnvelopeSet, programs: Programs
 ) -> None:
     score = evaluate(
-        "quantile", FixedSelector("quantile", envelopes), scenes, problem_class="wall-3", projections=("fix-toes",)
+        "quantile", Learned.fixed("quantile", envelopes), scenes, problem_class="wall-3", projections=("fix-toes",)
     )
     (box,) = envelopes.envelopes
     box = type(box).from_vector(box.to_vector().astype(np.float32).astype(np.float64))  # what an action can say
@@ -62,7 +62,7 @@ def test_any_number_of_processes_gives_the_same_shares(
     scenes: list[Scene], envelopes: EnvelopeSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "CHUNK", 7)
-    selector = FixedSelector("quantile", envelopes)
+    selector = Learned.fixed("quantile", envelopes)
     message: list[tuple[int, int]] = []
     one, two = (
         evaluate(

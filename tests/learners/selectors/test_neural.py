@@ -86,13 +86,13 @@ def turned_round(problem: PostureProblem) -> PostureProblem:
 def test_boxes_follow_the_order_of_contacts_and_not_that_of_corners(name: str) -> None:
     scenes = tensors_of(drawn(name, 5))
     network = random_network(drawn(name, 40, seed=1))
-    low, high = network(scenes)
-    assert bool((low < high).all())
+    low, high, point = network(scenes)
+    assert bool((low < high).all() and (low <= point).all() and (point <= high).all())
     count = scenes.reach.shape[1]
     for order in itertools.islice(itertools.permutations(range(count)), 1, 8):
         index = torch.tensor(order)
         moved = replace(scenes, **{k: v[:, index] for k, v in vars(scenes).items()})
-        for side, expected in zip(network(moved), (low, high), strict=True):
+        for side, expected in zip(network(moved), (low, high, point), strict=True):
             torch.testing.assert_close(side, expected[:, index], rtol=0.0, atol=1e-5)
     for corners in itertools.permutations(range(3)):
         shuffled = replace(scenes, vertices=scenes.vertices[:, :, torch.tensor(corners)])
@@ -118,7 +118,7 @@ def test_the_mirror_is_an_exact_symmetry_of_scenes_and_of_p1(name: str) -> None:
     high = torch.tensor(middle + rng.uniform(0.05, 0.3, middle.shape))
     here, there = (
         margins_of(low, high, originals, programs),
-        margins_of(*mirror.box(low, high, flipped), turned, programs),
+        margins_of(*mirror.boxes((low, high, low), flipped)[:2], turned, programs),
     )
     assert bool((here != 0.0).sum() > 6)
     torch.testing.assert_close(here, there, rtol=0.0, atol=1e-6)
@@ -161,11 +161,11 @@ def test_the_pinball_loss_is_least_at_the_quantiles() -> None:
 def test_calibration_gives_no_more_room_than_the_target_needs(dataset: Dataset, programs: Programs) -> None:
     rows = Rows.of(dataset.select(dataset.feasible[:60]), "feasible")
     network = random_network(drawn("wall-3", 40))
-    room = calibrated_room(network, rows, programs, 0.8, least=-0.05, most=0.5)
+    room = calibrated_room(network, rows, programs, NeuralSettings(target=0.8), least=-0.05, most=0.5)
 
     def is_feasible(room: float) -> int:
         with torch.no_grad():
-            low, high = (side.numpy().astype(float) for side in network(rows.scenes))
+            low, high, _ = (side.numpy().astype(float) for side in network(rows.scenes))
         return sum(
             programs.get(McCormick, problem.layout).solve(problem, roomy(low[i], high[i], room)).feasible
             for i, problem in enumerate(rows.problems)
@@ -208,7 +208,7 @@ def test_a_trained_network_knows_more_than_the_quantile_box(dataset: Dataset) ->
     box = quantile_box(train.points)
     fixed = [torch.tensor(side, dtype=torch.float32).expand_as(rows.points) for side in (box.low, box.high)]
     with torch.no_grad():
-        low, high = network(rows.scenes)
+        low, high, _ = network(rows.scenes)
     learned, plain = (float(pinball(*pair, rows.points, 0.05).mean()) for pair in ((low, high), fixed))
     assert learned < 0.6 * plain
 

@@ -48,11 +48,12 @@ def test_what_a_method_learns_can_be_written_read_and_asked(dataset: Dataset, tm
     learned.write(path)
     again = load_selector(path)
     assert (again.problem_class, again.boxes) == (learned.problem_class, learned.boxes) == ("wall-3", learned.boxes)
+    assert again.relaxation == learned.relaxation == ("joint" if method == "joint" else "p1")
     assert learned.boxes == (2 if method == "gradient" else 1)
     for problem in list(dataset.problems())[:3]:
         seen = observe(Scaled.of(problem))
         first, second = (one.selector.predict(seen)[0] for one in (learned, again))
-        assert first.shape == (36 * learned.boxes,)
+        assert first.shape == ({"p1": 36, "joint": 54}[learned.relaxation] * learned.boxes,)
         np.testing.assert_allclose(first, second, atol=1e-6)
         assert np.all(np.abs(first) <= 1.0 + 1e-6)
 

@@ -38,7 +38,7 @@ goal_m: [0.1, 0.0, 0.45]
 terrain: {kind: flat, friction: 0.7}
 """
 SHAPELESS = (
-    "bodies: not checked (joints LF_HFE, LF_KFE, RF_HFE, RF_KFE, LH_HFE, LH_KFE, RH_HFE, RH_KFE: "
+    "bodies, motion: NOT CHECKED (joints LF_HFE, LF_KFE, RF_HFE, RF_KFE, LH_HFE, LH_KFE, RH_HFE, RH_KFE: "
     "no shape of what they carry)"
 )
 """The quadruped's file has a trunk and feet alone."""
@@ -220,7 +220,11 @@ def test_a_torque_limit_that_no_joint_has_is_told_and_counts_for_nothing(path: P
     assert check.report.torque["verdict"] == "not checked"
     assert check.report.checked == ("contacts", "joints")
     message = f"a torque limit of {float(effort):g} Nm" if float(effort) else "no torque limit"
-    assert check.message.endswith(f"torque: not checked (joints LF_HAA, LF_HFE, LF_KFE: {message}); {SHAPELESS}")
+    assert check.message.endswith(
+        f"torque: NOT CHECKED (joints LF_HAA, LF_HFE, LF_KFE: {message}); {SHAPELESS}; "
+        "the file lists as checked what nobody can check: torque"
+    )
+    assert not check.accepted
 
 
 def _nan(header: dict[str, Any], arrays: dict[str, Any]) -> None:

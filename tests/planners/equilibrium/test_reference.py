@@ -22,6 +22,8 @@ from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.grid import axes_of
+from stancekit.planners.relaxation.joint import Joint, near_nominal
+from stancekit.planners.relaxation.least_gap import LeastGap
 from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import Boxed, McCormick, WithoutMoment
 from stancekit.planners.verify import check_certificate
@@ -31,18 +33,21 @@ RAGGED = [(0, (3, 4, 5)), (2, (6, 3, 4, 3))]
 COURSES = [(1, 1), (4, 1), (2, 2), (6, 2), (7, 2), (1, 3), (3, 3)]  # seed, frames
 BOUNDED = [("bounded", ("wall-3", 5)), ("bounded", (2, (6, 3, 4, 3))), ("bounded", (4, 1)), ("bounded", (3, 3))]
 SOLED = [("soled", ("wall-3", 5)), ("soled", (4, 1)), ("soled", (3, 3)), ("soled", ("bounded", (6, 2)))]
-PROBLEMS = [*POSTURES, *RAGGED, *COURSES, *BOUNDED, *SOLED]
-SOLVED = [("wall-3", 5), ("ground-3", 86), (2, (6, 3, 4, 3)), (4, 1), (6, 2), (3, 3), *BOUNDED, *SOLED]
+PAIRED = [("paired", (3, 3)), ("paired", ("bounded", (6, 2)))]
+PROBLEMS = [*POSTURES, *RAGGED, *COURSES, *BOUNDED, *SOLED, *PAIRED]
+SOLVED = [("wall-3", 5), ("ground-3", 86), (2, (6, 3, 4, 3)), (4, 1), (6, 2), (3, 3), *BOUNDED, *SOLED, PAIRED[0]]
 Programme = tuple[Callable[..., object], tuple[object, ...]]
 
 
 @pytest.fixture(scope="module")
-def scaled(drawn, mixed, ragged, bounded, soled) -> Callable[[tuple[object, ...]], Scaled]:
+def scaled(drawn, mixed, ragged, bounded, soled, paired) -> Callable[[tuple[object, ...]], Scaled]:
     """The problem of an entry of ``PROBLEMS``."""
 
     def find(which):
         if which[0] == "bounded":
             return bounded(find(which[1]), 7)
+        if which[0] == "paired":
+            return paired(find(which[1]), 9)
         if which[0] == "soled":
             return soled(find(which[1]), 8)
         if isinstance(which[0], str):
@@ -70,6 +75,7 @@ def programs_of(scaled: Scaled, near: Callable[[Scaled, int], Point]) -> Iterato
         yield "lift", (LiftProgram, (scaled.layout, False, least)), Given(scaled)
         yield "fix-toes", (FixToes, (one.layout, False, least)), held
         yield "scp", (Linearised, (one.layout, least)), held
+    yield "least gap", (LeastGap, (one.layout,)), held
     yield "fix-p", (FixToes, (one.layout, True, True)), held
     yield "fix-f", (FixForces, (one.layout,)), held
     yield from p1_of(scaled)
@@ -88,6 +94,11 @@ def p1_of(scaled: Scaled) -> Iterator[tuple[str, Programme, Given]]:
     yield "p̄ inner", (WithoutMoment, (scaled.layout, True)), Given(scaled)
     if scaled.layout.points:
         return
+    one = scaled.chosen(np.array([numbers[-1] for numbers in scaled.which]))
+    box = boxed(one, "contact", 0.4)
+    for signed in (False, True):
+        about = near_nominal(one, 0.5 * (box.low + box.high))
+        yield f"joint {signed}", (Joint, (one.layout, signed)), Boxed(one, about, boxes=(box,))
     allowed = np.ones((len(scaled.layout.stances), 2))
     allowed[0, 1] = 0.0
     for axes in ("contact", "world"):
@@ -145,6 +156,7 @@ def test_every_row_is_an_equation_of_the_reference(scaled, near, which):
                 float(model.cost.value), abs=1e-11
             )
     assert ("bounded" in str(which)) == ("reach_rows" in seen)
+    assert ("paired" in str(which)) == ("relative_reach" in seen)
     assert seen > {"balance", "reach", "cone", "most", "least", "ball", "above", "below", "one", "positive"}
 
 
@@ -276,7 +288,7 @@ def test_rays_of_either_engine_refute_a_course(ragged):
     assert refuted % 2 == 0
 
 
-@pytest.mark.parametrize("projection", ["fix-p", "fix-f", "fix-toes", "scp"])
+@pytest.mark.parametrize("projection", ["fix-p", "fix-f", "fix-toes", "scp", "lift-fix-p"])
 def test_a_projection_ends_on_the_same_residual_with_either_engine(scaled, near, projection):
     rows, reference = Programs(), Programs(engine="cvxpy")
     for which in [("wall-3", 5), ("ground-3", 1), (2, 2)]:

@@ -46,14 +46,33 @@ def test_a_ramp_that_friction_holds_is_never_forbidden(share: float, turn: float
 
 @pytest.mark.parametrize("duration_s", [1.6, 2.0, 3.0, 4.0, 6.0])
 def test_ice_is_forbidden_where_pushing_and_braking_do_not_bring_the_body_there(duration_s: float) -> None:
-    """On level ground ν g T²/2 is the farthest from rest to rest; a goal at three times that is forbidden."""
-    level, friction = ramp(0.0, 0.0), 0.001
-    farthest = (friction + 0.02) * 0.5 * 9.81 * duration_s**2
-    goal = (min(2.0, 1.5 * farthest + 0.05), 0.0)
-    said = forbidden(task(level, friction, goal, duration_s=duration_s), GaitSettings())
-    assert ("from rest to rest" in said) == (goal[0] > (friction + 0.02) * (0.5 * 9.81 * duration_s**2 + 1.7))
-    possible = friction * 0.5 * 9.81 * duration_s**2
-    assert forbidden(task(level, friction, (0.95 * possible, 0.0), duration_s=duration_s), GaitSettings()) == ""
+    """On level ground ν g T²/4 is the farthest from rest to rest, pushed half the time and braked the other half."""
+    level, friction, foot = ramp(0.0, 0.0), 0.001, anymal().feet
+    reach = max(np.linalg.norm(np.maximum(np.abs(each.reach_min_m), np.abs(each.reach_max_m))) for each in foot)
+    half, whole = 0.25 * 9.81 * duration_s**2 + 4.0 * reach, 0.5 * 9.81 * duration_s**2 + 2.0 * reach
+    farthest = (friction + 0.02) * min(half, whole)  # the body may rise as far as its feet reach
+    for share in (0.95, 0.99, 1.01, 1.5):
+        if share * farthest <= 2.0:
+            said = forbidden(task(level, friction, (share * farthest, 0.0), duration_s=duration_s), GaitSettings())
+            assert ("from rest to rest" in said) == (share > 1.0), said
+    goal = (min(1.05 * farthest, 2.0), 0.0)
+    leaps = task(level, friction, goal, duration_s=duration_s, timings="optimised")  # all feet may be in the air
+    assert bool(forbidden(leaps, GaitSettings())) == (goal[0] > (friction + 0.02) * whole)
+    possible = friction * 0.25 * 9.81 * duration_s**2
+    assert forbidden(task(level, friction, (0.99 * possible, 0.0), duration_s=duration_s), GaitSettings()) == ""
+
+
+def test_suction_that_does_not_hold_the_weight_is_no_way_up() -> None:
+    """On a ramp of angle α a foot's pull s adds no more than s to what the angle of friction lacks."""
+    friction, sticks = 0.3, (True, True, False, False)
+    steep, weight = ramp(0.9, 0.0), anymal().weight_n
+    said = [
+        forbidden(task(steep, friction, adhesive=sticks, suction_n=share * weight), GaitSettings())
+        for share in (0.0, 0.05, 0.5)
+    ]
+    assert said[0]
+    assert "and suction of 30 N holds" in said[1]
+    assert said[2] == ""
 
 
 def test_the_benchmarks_are_not_forbidden_and_neither_is_what_sticks() -> None:

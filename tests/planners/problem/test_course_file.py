@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course_file import builtin_courses, read_course, read_spec, spec_from
+from stancekit.planners.problem.course_file import builtin_courses, builtin_scenes, read_course, read_spec, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot import hexapod
 from stancekit.planners.search.methods import make_planner
@@ -169,6 +169,20 @@ def test_all_limbs_may_move_at_once():
     course = laid_out(gait="all")
     assert [len(lifted) for lifted in course.lifts] == [0, 6, 6]
     assert [stance.limbs for stance in course.stances] == [tuple(range(6))] * 3
+
+
+@pytest.mark.parametrize(
+    ("limbs", "shifts"),
+    [("LF LM LR RF RM RR", []), ("LF LR RF RR", [3, 6])],  # of four feet two supports meet in a diagonal twice a cycle
+)
+def test_a_wave_moves_the_body_on_all_feet_where_two_supports_share_a_line_alone(limbs, shifts):
+    along, aside = {"F": 0.15, "M": 0.0, "R": -0.15}, {"L": 0.1, "R": -0.1}
+    placed = {name: {"shoulder_m": [along[name[1]], aside[name[0]], 0.0], "reach_m": 0.5} for name in limbs.split()}
+    robot = {"name": "dog", "mass_kg": 20.0, "limbs": placed}
+    course = laid_out(robot=robot, gait="wave", frames=9)
+    assert [k for k in range(1, 7) if not course.lifts[k]] == shifts
+    cycle = course.lifts[1 : 1 + len(placed) + len(shifts)]
+    assert sorted(name for lifted in cycle for name in lifted) == sorted(placed)
 
 
 def test_a_gait_may_be_written_out():
@@ -332,7 +346,8 @@ def test_two_limbs_on_one_patch_too_small_for_two_toes_are_named():
 
 def test_an_unknown_name_gets_the_names_there_are():
     message = refusal(read_course, "wals")
-    assert message == f"course: expected one of {', '.join(FIVE)} or a YAML file, got 'wals'"
+    known = ", ".join((*FIVE, *builtin_scenes()))
+    assert message == f"course: expected one of {known}, FAMILY:LEVEL:SEED or a YAML file, got 'wals'"
 
 
 @pytest.mark.parametrize("frames", [0, -1, 201, 2.5, True])

@@ -21,7 +21,7 @@ DOG = """
 name: flat
 robot: dog.urdf
 frames: 5
-gait: wave
+gait: [[LH], [LF], [RH], [RF]]
 start_m: [0.0, 0.0]
 goal_m: [0.2, 0.0, 0.45]
 steps: {com_m: 0.12, toe_m: 0.4}

@@ -13,8 +13,8 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import ForceDistribution, Loads
-from stancekit.planners.projection.torque_limits import TorqueLimits
 from stancekit.planners.projection.whole_body import EASY, largest, whole_body, with_joints
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.robot_model import model_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -23,6 +23,7 @@ from stancekit.planners.verify.joints import joint_report
 from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")
+from stancekit.planners.robot.bodies import TOUCH_M
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
 
@@ -137,54 +138,56 @@ def climb() -> Plan:
 
 
 def test_a_climb_is_bent_to_what_its_servos_have(climb: Plan) -> None:
-    limits = TorqueLimits(torque_nm=10.0)
+    limits = WholeBodyLimits(torque_nm=10.0)
     assert joint_report(climb).torque_nm.max() > 15.0
     assert joint_report(with_joints(climb)).torque_nm.max() > 15.0  # forces alone do not do
     bent = whole_body(climb, limits)
     report = check_plan(bent.plan, joints=True)
     assert report.accepted, report.message
     assert report.torque["torque_nm"] <= 9.0 + 1e-9  # the default share
-    assert bent.before[1] == pytest.approx(joint_report(climb).torque_nm.max(), rel=1e-6)
-    assert bent.after == pytest.approx((report.torque["share"], report.torque["torque_nm"]), rel=1e-9)
+    assert bent.before.torque_nm == pytest.approx(joint_report(climb).torque_nm.max(), rel=1e-6)
+    assert bent.after.share == pytest.approx(report.torque["share"], rel=1e-9)
+    assert bent.after.torque_nm == pytest.approx(report.torque["torque_nm"], rel=1e-9)
+    assert bent.after.depth_m <= TOUCH_M
     assert 1 <= bent.steps <= 6
     assert bent.plan.provenance["friction_share"] == climb.provenance["friction_share"]
     np.testing.assert_array_equal(bent.plan.choice, climb.choice)
 
 
 def test_a_quadruped_is_bent_to_less_than_its_forces_alone_allow(plan: Plan) -> None:
-    spared = whole_body(plan, TorqueLimits(torque_nm=20.0, steps=0)).after
-    bent = whole_body(plan, TorqueLimits(torque_nm=20.0))
-    assert spared[0] > 1.3
-    assert 0.5 < bent.after[0] <= 0.9
+    spared = whole_body(plan, WholeBodyLimits(torque_nm=20.0, steps=0)).after
+    bent = whole_body(plan, WholeBodyLimits(torque_nm=20.0))
+    assert spared.share > 1.3
+    assert 0.5 < bent.after.share <= 0.9
     assert check_plan(bent.plan, joints=True).accepted
 
 
 @pytest.mark.parametrize("torque_nm", [4.0, 8.0, 14.0, 30.0])
 def test_what_comes_is_accepted_and_never_worse(climb: Plan, torque_nm: float) -> None:
-    limits = TorqueLimits(torque_nm=torque_nm, steps=4)
+    limits = WholeBodyLimits(torque_nm=torque_nm, steps=4)
     bent = whole_body(climb, limits)
     solver = Kinematics(climb.course.robot)
     assert check_plan(bent.plan).accepted
-    assert bent.after <= bent.before
-    assert bent.after == pytest.approx(largest(bent.plan, solver, limits.of(solver)))
+    assert bent.after is bent.before or bent.after.better(bent.before)
+    assert (bent.after.share, bent.after.torque_nm) == largest(bent.plan, solver, limits.of(solver))
     report = joint_report(bent.plan)  # the plan says what it was made within
-    assert report.share == pytest.approx(bent.after[0])
-    assert report.accepted == (bent.after[0] <= 1.0)
-    if bent.before[0] <= EASY:
+    assert report.share == pytest.approx(bent.after.share)
+    assert report.accepted == (bent.after.share <= 1.0)
+    if bent.before.share <= EASY:
         np.testing.assert_array_equal(bent.plan.forces_n, climb.forces_n)
 
 
 def test_a_result_that_the_verifier_refuses_is_none(climb: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
     refused = type("Refused", (), {"accepted": False})()
     monkeypatch.setattr("stancekit.planners.projection.whole_body.check_plan", lambda plan: refused)
-    bent = whole_body(climb, TorqueLimits(torque_nm=10.0, steps=2))
+    bent = whole_body(climb, WholeBodyLimits(torque_nm=10.0, steps=2))
     assert (bent.steps, bent.after) == (0, bent.before)
     for name in ("com_m", "rotation_rad", "toes_m", "forces_n"):
         np.testing.assert_array_equal(getattr(bent.plan, name), getattr(climb, name))
 
 
 def test_it_is_the_same_twice(climb: Plan) -> None:
-    first, second = (whole_body(climb, TorqueLimits(torque_nm=12.0)) for _ in range(2))
+    first, second = (whole_body(climb, WholeBodyLimits(torque_nm=12.0)) for _ in range(2))
     assert first.steps == second.steps
     for name in ("com_m", "rotation_rad", "toes_m", "forces_n", "joints_rad"):
         np.testing.assert_array_equal(getattr(first.plan, name), getattr(second.plan, name))
@@ -201,5 +204,5 @@ def test_it_is_the_same_twice(climb: Plan) -> None:
 )
 def test_limits_that_make_no_sense_are_refused(given: dict[str, float], message: str) -> None:
     with pytest.raises(InvalidInput) as caught:
-        TorqueLimits(**given)  # type: ignore[arg-type]
+        WholeBodyLimits(**given)  # type: ignore[arg-type]
     assert str(caught.value) == message

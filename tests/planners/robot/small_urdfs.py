@@ -33,13 +33,14 @@ def limit(name: str, effort: float = 40.0) -> str:
     return f'<limit lower="{low}" upper="{high}" effort="{effort}" velocity="10"/>'
 
 
-def leg(name: str, effort: float = 40.0, mass: float = 1.0) -> str:
-    """Three joints, thigh and shank of .3 m, a ball for a foot; every leg a little different."""
+def leg(name: str, effort: float = 40.0, mass: float = 1.0, bone: str = "") -> str:
+    """Three joints, thigh and shank of .3 m, a ball for a foot; every leg a little different. bone: shape of its links,
+    about each one's origin."""
     x, y = HIPS[name]
     side = 0.05 if y > 0 else -0.05
     return "".join(
         [
-            *(link(f"{name}_{part}", mass) for part in ("HIP", "THIGH", "SHANK")),
+            *(link(f"{name}_{part}", mass, bone) for part in ("HIP", "THIGH", "SHANK")),
             link(f"{name}_FOOT", 0.1 * mass, '<sphere radius="0.02"/>'),
             joint(f"{name}_HAA", "base", f"{name}_HIP", f"{x} {y} 0", "1 0 0", limit("HAA", effort)),
             joint(f"{name}_HFE", f"{name}_HIP", f"{name}_THIGH", f"0 {side} 0", "0 1 0", limit("HFE", effort)),
@@ -54,5 +55,7 @@ def robot(parts: Sequence[str], name: str = "quadruped", trunk: float = 10.0) ->
     return f'<?xml version="1.0"?>\n<robot name="{name}">{body}{"".join(parts)}</robot>'
 
 
-def quadruped(order: Sequence[str] = ("LF", "RF", "LH", "RH"), *, effort: float = 40.0, mass: float = 1.0) -> str:
-    return robot([leg(name, effort, mass) for name in order], trunk=10.0 * mass)
+def quadruped(
+    order: Sequence[str] = ("LF", "RF", "LH", "RH"), *, effort: float = 40.0, mass: float = 1.0, bone: str = ""
+) -> str:
+    return robot([leg(name, effort, mass, bone) for name in order], trunk=10.0 * mass)

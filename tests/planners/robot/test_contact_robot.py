@@ -9,7 +9,7 @@ import pytest
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.projection.whole_body import with_joints
+from stancekit.planners.projection.whole_body import whole_body
 from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
 from stancekit.planners.robot.plan_joints import plan_angles
 from stancekit.planners.robot.robot_file import named_robot
@@ -74,8 +74,9 @@ def test_inner_sets_are_reached_and_outer_ones_hold_all_toes(folder: Path) -> No
 
 
 def test_a_plan_over_a_step_is_reached_by_the_urdf_itself(folder: Path, plan: Plan) -> None:
-    plan = with_joints(plan)
-    assert check_plan(plan, joints=True).accepted
+    bent = whole_body(plan).plan  # clear of the step on the way, too
+    assert check_plan(bent, joints=True).accepted
+    plan = bent
     model = plan.course.robot.model
     assert model is not None
     assert plan.joints_rad is not None

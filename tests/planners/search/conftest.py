@@ -38,7 +38,7 @@ def _as_course(problem: PostureProblem, candidates: int = 1, seed: int = 0, spre
     )
     return Course(
         name="posture", robot=Robot(name="posture", mass_kg=problem.mass_kg, limbs=limbs),
-        terrain=tuple(c.patch for c in contacts), footholds=footholds, lifts=((),),
+        terrain=tuple(patch for put in footholds for patch in put.candidates), footholds=footholds, lifts=((),),
         com_nominal_m=problem.com_nominal_m[None], com_radius_m=np.array([problem.com_radius_m]),
         goal_m=problem.com_nominal_m, tilt_limit_rad=problem.tilt_limit_rad, gravity_m_s2=problem.gravity_m_s2,
         length_scale_m=problem.length_scale_m, force_min=contacts[0].force_min, force_max=contacts[0].force_max,

@@ -60,7 +60,8 @@ def walls_of_ice(seed):
         grips = int(rng.integers(2))
         pair = [replace(patch, friction=float(r == grips)) for r, patch in enumerate(put.candidates[:2])]
         footholds.append(replace(put, candidates=tuple(pair)))
-    return replace(course, footholds=tuple(footholds))
+    terrain = tuple(patch for put in footholds for patch in put.candidates)
+    return replace(course, terrain=terrain, footholds=tuple(footholds))
 
 
 def test_the_positions_know_nothing_of_friction(climb):

@@ -346,7 +346,7 @@ def test_gurobis_free_licence_says_that_the_program_is_too_large():
         (lambda: MicpPlanner(time_limit_s=0.0), "time_limit_s: expected a number above 0, got 0"),
         (
             lambda: MicpPlanner(projection="up"),
-            "projection: expected one of fix-p, fix-f, fix-toes, scp, nlp, got 'up'",
+            "projection: expected one of fix-p, fix-f, fix-toes, scp, nlp, lift-fix-p, or FILE.py:NAME, got 'up'",
         ),
     ],
 )

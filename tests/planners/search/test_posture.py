@@ -49,7 +49,7 @@ def point_box(value):
     return Envelope(low=np.full((3, 6), value), high=np.full((3, 6), value))
 
 
-@pytest.mark.parametrize("projection", [*PROJECTIONS, None])
+@pytest.mark.parametrize("projection", [*PROJECTIONS.names(), None])
 @pytest.mark.parametrize("with_box", [True, False])
 def test_a_status_is_always_one_of_the_whole_problem(programs, truth, learned, projection, with_box):
     planner = TwoStagePlanner(envelopes=learned if with_box else None, projection=projection, programs=programs)
@@ -221,7 +221,7 @@ def test_an_envelope_of_another_class_is_refused(programs, drawn, learned):
 
 def test_an_unknown_projection_is_refused():
     assert refusal(TwoStagePlanner, projection="fix-toe") == (
-        "projection: expected one of fix-p, fix-f, fix-toes, scp, nlp, got 'fix-toe'"
+        "projection: expected one of fix-p, fix-f, fix-toes, scp, nlp, lift-fix-p, or FILE.py:NAME, got 'fix-toe'"
     )
 
 

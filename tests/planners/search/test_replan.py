@@ -9,6 +9,7 @@ from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.plan_window import Standing, course_window, joined
 from stancekit.planners.search.replan import replan
@@ -100,3 +101,28 @@ def test_frames_that_there_are_not_are_refused(course):
         replan(state, course, frame=6)
     with pytest.raises(InvalidInput, match="window: expected frames within 0 to 5, got 2 to 1"):
         replan(state, course, frame=2, horizon=-1)
+
+
+def test_the_coming_frames_are_bent_to_what_joints_have_and_it_says_so(course):
+    """Windows of two steps, each from where the one before ended, where the second asks for more than 10 Nm."""
+    pytest.importorskip("pinocchio")
+    limits, state, bent = WholeBodyLimits(torque_nm=10.0), None, 0
+    for frame in (0, 2):
+        plain = replan(state, course, frame=frame, horizon=2)
+        outcome = replan(state, course, frame=frame, horizon=2, limits=limits)
+        assert outcome.status is Status.FEASIBLE, outcome.message
+        assert set(outcome.details) - set(plain.details) == {
+            "torque_steps", "torque_nm_before", "torque_nm", "torque_share_before", "torque_share", "depth_m_before",
+            "depth_m",
+        }  # fmt: skip
+        assert outcome.details["torque_nm"] <= 10.0
+        assert outcome.details["depth_m"] <= 0.001
+        bent += outcome.details["torque_nm_before"] > 10.0
+        report = check_plan(outcome.plan, joints=True)
+        assert report.accepted
+        assert report.checked[-1] == "motion"
+        if state is not None:
+            np.testing.assert_allclose(outcome.plan.toes_m[: len(state.toes_m)], state.toes_m, atol=1e-9)
+            assert np.linalg.norm(outcome.plan.com_m[0] - state.com_m) <= 1.001e-4
+        state = Standing.at_end(outcome.plan)
+    assert bent >= 1

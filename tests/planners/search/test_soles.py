@@ -230,7 +230,7 @@ def test_answers_and_problems_come_back_from_their_files(stood):
     assert "sole_m" not in json.dumps(on_one_sole(0.01, 0.0, sole=None).to_json())
 
 
-@pytest.mark.parametrize("name", PROJECTIONS)
+@pytest.mark.parametrize("name", PROJECTIONS.names())
 def test_every_projection_comes_to_the_surface_of_soles(programs, soled, drawn, name):
     """From the lift's point, or near it; what the program calls balanced the verifier calls a posture."""
     arrived = 0

@@ -1,5 +1,6 @@
 """What becomes of an outcome when its plan is one of the whole body."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -8,8 +9,9 @@ import pytest
 import stancekit
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.projection.torque_limits import TorqueLimits
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.search.answer import objective_of
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -25,7 +27,7 @@ def planned() -> PlanOutcome:
 
 
 def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(planned: PlanOutcome) -> None:
-    outcome = with_whole_body(planned, TorqueLimits(torque_nm=10.0))
+    outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=10.0))
     assert outcome.plan is not None
     assert planned.plan is not None
     assert outcome.status is Status.FEASIBLE
@@ -40,7 +42,7 @@ def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(pla
 
 
 def test_the_same_comes_of_the_library(planned: PlanOutcome) -> None:
-    outcome = with_whole_body(planned, TorqueLimits(torque_nm=12.0, share=0.8))
+    outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=12.0, share=0.8))
     same = stancekit.plan("walls", frames=4, torque_nm=12.0, torque_share=0.8)
     assert outcome.plan is not None
     assert same.plan is not None
@@ -51,29 +53,30 @@ def test_the_same_comes_of_the_library(planned: PlanOutcome) -> None:
 
 
 def test_what_torque_forbids_is_undecided_and_says_where(planned: PlanOutcome) -> None:
-    outcome = with_whole_body(planned, TorqueLimits(torque_nm=1.0, steps=2))
+    outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=1.0, steps=2))
     assert outcome.status is Status.UNDECIDED
     assert outcome.certificate is None
-    assert outcome.message.startswith("frame ")
+    assert outcome.message.startswith("torque: frame ")
     assert outcome.message.endswith(" has 1")
     assert outcome.plan is not None
     assert check_plan(outcome.plan).accepted  # its contacts
     refused = check_plan(outcome.plan, joints=True)
     assert not refused.accepted
-    assert refused.torque["message"] == outcome.message
+    assert f"torque: {refused.torque['message']}" == outcome.message
 
 
 def test_without_a_plan_there_is_nothing_to_bend(planned: PlanOutcome) -> None:
     none = replace(planned, plan=None, status=Status.UNDECIDED)
-    assert with_whole_body(none, TorqueLimits(torque_nm=10.0)) is none
+    assert with_whole_body(none, WholeBodyLimits(torque_nm=10.0)) is none
 
 
-def test_a_robot_of_balls_is_left_alone_unless_torques_are_asked_for(planned: PlanOutcome) -> None:
-    assert planned.plan is not None
-    robot = planned.plan.course.robot
-    assert not TorqueLimits().concern(robot)
-    assert TorqueLimits(torque_nm=10.0).concern(robot)
-    assert stancekit.plan("walls", frames=2).plan.joints_rad is None
+def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_asked_for(
+    planned: PlanOutcome, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pinocchio", None)
+    assert with_whole_body(planned) is planned
+    with pytest.raises(InvalidInput, match="pinocchio"):
+        with_whole_body(planned, WholeBodyLimits(torque_nm=10.0))
 
 
 @pytest.mark.parametrize("written", [1e9, -5.0, "10", None, [10.0]])

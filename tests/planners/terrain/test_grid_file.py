@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.terrain.grid_file import read_heights
 from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.reference import named_terrain
+from stancekit.planners.terrain.terrain_file import read_heights
 
 Image = pytest.importorskip("PIL.Image")
 trimesh = pytest.importorskip("trimesh")
@@ -45,7 +46,7 @@ def test_a_picture_lies_as_it_is_seen_with_black_low_and_white_high(tmp_path):
     Image.fromarray(grey).save(tmp_path / "deep.png")
     Image.fromarray((grey // 257).astype(np.uint8)).save(tmp_path / "flat.png")
     for name in ("deep.png", "flat.png"):
-        field = read_heights(tmp_path / name, height_m=(-0.5, 1.5), spacing_m=0.1)
+        field = read_heights(tmp_path / name, ImportOptions(height_m=(-0.5, 1.5), spacing_m=0.1))
         assert field.heights_m.shape == (8, 6)
         assert field.height(np.array([0.35, 0.25])) == pytest.approx(-0.3, abs=0.01)
         assert field.height(np.array([-0.35, 0.25])) == pytest.approx(-0.5, abs=1e-9)
@@ -54,7 +55,7 @@ def test_a_picture_lies_as_it_is_seen_with_black_low_and_white_high(tmp_path):
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply"])
 def test_a_mesh_is_sampled_at_its_upper_side(tmp_path, suffix):
     mesh().export(tmp_path / f"m.{suffix}")
-    field = read_heights(tmp_path / f"m.{suffix}", spacing_m=0.05)
+    field = read_heights(tmp_path / f"m.{suffix}", ImportOptions(spacing_m=0.05))
     assert field.heights_m.shape == (41, 41)
     expected = wave(field.x_m[:, None], field.y_m)
     np.testing.assert_allclose(field.heights_m, expected, atol=2e-6)
@@ -76,15 +77,17 @@ def test_millimetres_are_noticed_and_read_with_their_unit(tmp_path):
     assert str(caught.value) == (
         "mm.stl: expected 200 m or less along x, got 2000 m; a mesh in millimetres is read with unit_m=0.001"
     )
-    field = read_heights(tmp_path / "mm.stl", unit_m=0.001)
+    field = read_heights(tmp_path / "mm.stl", ImportOptions(unit_m=0.001))
     np.testing.assert_allclose(field.heights_m, wave(field.x_m[:, None], field.y_m), atol=2e-6)
 
 
 def test_a_hole_in_a_mesh_says_where_it_is(tmp_path):
     mesh(skip=[820, 2420]).export(tmp_path / "holed.stl")  # both triangles of the cell at (.025, .025)
     with pytest.raises(InvalidInput) as caught:
-        read_heights(tmp_path / "holed.stl", spacing_m=0.025)
-    assert str(caught.value).endswith("got a hole at (0.025, 0.025) m, 1 of 6561 grid points")
+        read_heights(tmp_path / "holed.stl", ImportOptions(spacing_m=0.025))
+    assert str(caught.value).endswith(
+        "got holes at 1 of 6561 grid points, the first at (0.025, 0.025) m; holes: fill lays a membrane over them"
+    )
 
 
 def test_a_wall_that_its_spline_cannot_hold_is_refused_by_millimetres_and_may_be_smoothed(tmp_path):
@@ -114,7 +117,7 @@ def written(path, content):
 @pytest.mark.parametrize(
     ("name", "content", "options", "message"),
     [
-        ("h.csv", b"1,2,3,4\n1,,3,4\n" * 2, {}, "expected finite heights, got nan at [1, 1] and 1 more of 16"),
+        ("h.csv", b"1,2,3,4\n1,,3,4\n" * 2, {}, "got holes at 2 of 16 grid points, the first at (-0.025, -0.025) m"),
         ("h.csv", b"1,2,3,4\n1,2,3\n", {}, "line 2: expected 4 numbers, got 3"),
         ("h.csv", b"x,y\n1,2\n", {}, "line 1: expected numbers, got 'x,y'"),
         ("h.csv", b"1,2,3,4\n", {}, "h.csv: x_m: expected 4 or more grid lines, got 1"),
@@ -125,13 +128,13 @@ def written(path, content):
         ("h.png", b"no", {"height_m": (0.0, 1.0)}, "expected a .png picture, cannot read it"),
         ("h.png", b"no", {}, "expected height_m with a .png, the heights of black and white [m], got none"),
         ("h.stl", b"no", {}, "expected a mesh with triangles, got an empty one"),
-        ("h.tif", b"no", {}, ".png, .stl, .obj, .ply, .off, .glb, got .tif"),
+        ("h.tif", b"no", {}, ".png, .stl, .obj, .ply, .dae, .off, .glb, .pcd, .xyz, got .tif"),
         ("h.csv", b"1", {"height_m": (0.0, 1.0)}, "height_m: expected a .png with it"),
     ],
 )  # fmt: skip
 def test_what_is_wrong_with_a_file_is_said(tmp_path, name, content, options, message):
     with pytest.raises(InvalidInput) as caught:
-        read_heights(written(tmp_path / name, content), **options)
+        read_heights(written(tmp_path / name, content), ImportOptions(**options))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -140,8 +143,8 @@ def test_a_picture_with_transparent_pixels_has_holes(tmp_path):
     pixels = np.full((6, 6, 2), 255, dtype=np.uint8)
     pixels[2, 3, 1] = 0
     Image.fromarray(pixels, "LA").save(tmp_path / "holes.png")
-    with pytest.raises(InvalidInput, match="expected a picture without holes, got transparent pixels"):
-        read_heights(tmp_path / "holes.png", height_m=(0.0, 1.0))
+    with pytest.raises(InvalidInput, match="expected a height everywhere, got holes at 1 of 36 grid points"):
+        read_heights(tmp_path / "holes.png", ImportOptions(height_m=(0.0, 1.0)))
 
 
 def test_a_pickle_is_not_opened(tmp_path):

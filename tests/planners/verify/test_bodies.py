@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,14 +10,11 @@ import pytest
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.answer.plan_file import check_file, write_plan
-from stancekit.planners.errors import InvalidInput
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
-from stancekit.planners.robot.bodies import WholeBody
-from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import BODY_HEIGHT_M
 
 
@@ -60,32 +56,5 @@ def test_a_file_has_the_verdict_of_its_plan(walk, tmp_path: Path) -> None:
     assert check.same
     assert check.report.digest == report.digest
     assert check.report.checked == ("contacts", "joints", "torque", "bodies")
+    assert check.message.endswith("motion: NOT CHECKED (the plan has no joint angles that the motion could go through)")
     assert "; bodies: failed (frame 0: body is " in check.message
-
-
-def test_a_motion_is_judged_where_somebody_moves_the_robot(walk) -> None:
-    plan = walk(2)
-
-    def sinks(plan: Plan, solver: Kinematics) -> Iterable[tuple[float, WholeBody]]:
-        angles = np.concatenate([leg.stance_rad for leg in solver.model.legs])
-        for part in (0.0, 0.25, 0.3):
-            yield part, WholeBody(
-                rotation=np.eye(3), origin_m=np.array([0.0, 0.0, 0.3 - 0.5 * part]), angles=angles,
-                toes_m=np.zeros((6, 3)), normals=np.tile([0.0, 0.0, 1.0], (6, 1)), stands=np.zeros(6, dtype=bool),
-            )  # fmt: skip
-
-    def cannot(plan: Plan, solver: Kinematics) -> Iterable[tuple[float, WholeBody]]:
-        raise InvalidInput("all of them lift at once")
-
-    report = check_plan(plan, joints=True, way=sinks)
-    assert not report.accepted
-    assert report.bodies["verdict"] == "checked"
-    assert report.checked[-2:] == ("bodies", "motion")
-    assert (report.motion["postures"], report.motion["hit"]) == (3, 2)
-    assert report.motion["message"].startswith("frame 0.3: ")
-    assert report.motion["message"].endswith(" inside patch 0, the deepest of 2 of 3 postures")
-    other = check_plan(plan, joints=True, way=cannot)
-    assert other.accepted
-    assert other.motion == {"verdict": "not checked", "message": "all of them lift at once"}
-    assert "motion" not in other.checked
-    assert "motion" not in check_plan(plan, joints=True).joints_message

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.verify import BETWEEN, PLAN_GROUPS, check_plan
+from stancekit.planners.verify.stances import Schedule
 
 
 def worst_of(report):
@@ -33,6 +34,16 @@ def row_of(plan, frame, limb, *, carries):
     course = plan.course
     i = course.robot.limb_names.index(limb)
     return next(r for r, s in enumerate(course.stances) if s.frame == frame and (i in s.limbs) == carries), i
+
+
+def test_a_schedule_says_who_carries_on_which_foothold(walk):
+    course = walk(5, "tripod").course
+    table = [
+        np.arange(len(course.footholds)) == course.holds[stance.frame, limb]
+        for stance in course.stances
+        for limb in stance.limbs
+    ]
+    np.testing.assert_array_equal(Schedule.of_course(course).on_foothold, table)
 
 
 @pytest.mark.parametrize(("gait", "ways"), [("tripod", 4), ("wave", 4), ("shift", 4), ("all", 0)])

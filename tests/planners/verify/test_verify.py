@@ -121,7 +121,12 @@ def test_the_rotation_moves_the_shoulders_by_its_cross_product():
     posture = standing(com=(0, 0, 0), rotation=(0, -0.1, 0), toe=(0, 0, -0.2))
     shoulder = np.array([0.2, 0, 0.02])  # turning by −0.1 about y lifts the front by 0.2 · 0.1
     excess = np.linalg.norm(np.array([0, 0, -0.2]) - shoulder) - 0.2
-    assert violations(check_posture(problem_of(contact), posture))["reach"] == pytest.approx(excess, rel=1e-12)
+    report = check_posture(problem_of(contact), posture)
+    assert violations(report)["reach"] == pytest.approx(excess, rel=1e-12)
+    turned = 0.2 * np.array([np.cos(0.1), 0, np.sin(0.1)])  # and by the exact rotation, which decides nothing
+    assert report.exact_reach_m == pytest.approx(np.linalg.norm(np.array([0, 0, -0.2]) - turned) - 0.2, rel=1e-12)
+    assert report.linearisation_m == pytest.approx(np.linalg.norm(turned - shoulder), rel=1e-9)
+    assert 0.0 < report.linearisation_m < 0.5 * 0.1**2 * 0.2
 
 
 @given(SEEDS)

@@ -8,9 +8,9 @@ from itertools import pairwise, product
 
 import numpy as np
 
-from stancekit.planners.files.arrays import Array
-from stancekit.planners.robot.urdf import FOOT_RADIUS_M
-from stancekit.planners.terrain.prism import Solid
+from ..files.arrays import Array
+from ..robot.urdf import FOOT_RADIUS_M
+from ..terrain.prism import Solid
 
 KEPT_M = 0.006
 """Feet stay this far from the terrain on their path across."""
@@ -31,15 +31,13 @@ class Swing:
     @property
     def lengths_m(self) -> tuple[float, float, float]:
         """Up, across and down [m]."""
-        points = (self.start, self.lifted, self.lowered, self.end)
-        up, across, down = (float(np.linalg.norm(b - a)) for a, b in pairwise(points))
+        up, across, down = (float(np.linalg.norm(b - a)) for a, b in pairwise(self.corners))
         return up, across, down
 
-    def at(self, part: float) -> Array:
-        """Where the foot is: 0 to 1 lifts, 1 to 2 goes across, 2 to 3 comes down."""
-        points = (self.start, self.lifted, self.lowered, self.end)
-        leg = min(int(part), 2)
-        return points[leg] + (part - leg) * (points[leg + 1] - points[leg])
+    @property
+    def corners(self) -> tuple[Array, Array, Array, Array]:
+        """Where the lines begin and end."""
+        return self.start, self.lifted, self.lowered, self.end
 
 
 def clear_swing(

@@ -1,4 +1,4 @@
-"""What a plan of the whole body is to keep to: the torques of its joints."""
+"""What a plan of the whole body is to keep to: the torques of its joints, and how far bodies are apart."""
 
 from __future__ import annotations
 
@@ -16,30 +16,34 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TorqueLimits:
+class WholeBodyLimits:
     """What a plan of the whole body is to keep to.
 
     Arguments:
         torque_nm: no joint may take more, whatever it has itself [Nm]; None: what it has.
         share: of that, steps aim at it; a plan within its limits is left as it is.
+        clearance_m: where links go through each other or the terrain, steps aim at this distance [m].
         steps: most steps of the whole plan; 0: forces alone.
     Raises:
-        InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative number of steps.
+        InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative number of steps or
+            distance.
     """
 
     torque_nm: float | None = None
     share: float = 0.9
+    clearance_m: float = 0.005
     steps: int = 20
 
     def __post_init__(self) -> None:
         if self.torque_nm is not None:
             checked(self.torque_nm, "torque_nm", above=0.0)
         checked(self.share, "torque_share", above=0.0, most=1.0)
+        checked(self.clearance_m, "clearance_m", least=0.0)
         if self.steps < 0:
             raise InvalidInput(f"steps: expected 0 or more, got {self.steps}")
 
     def concern(self, robot: Robot) -> bool:
-        """Whether a plan for the robot is to have joints: its file has legs, or torques are asked for."""
+        """Whether a plan for the robot has to have joints: its file has legs, or torques are asked for."""
         return robot.model is not None or self.torque_nm is not None
 
     def of(self, solver: Kinematics) -> Array:

@@ -1,0 +1,137 @@
+"""Terrains as the command line names them: a reference, a draw, FILE.py:NAME, or a file with its numbers' meaning."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
+
+import tyro
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.validation import shown
+
+from .options import OptionalFloat, OptionalInt, OptionalText
+
+if TYPE_CHECKING:
+    from stancekit.planners.robot.robot_model import RobotModel
+    from stancekit.planners.terrain.footholds import FootholdLimits
+    from stancekit.planners.terrain.heightfield import HeightField
+    from stancekit.planners.terrain.import_options import ImportOptions
+
+OF_FILES = ("kind", "spacing_m", "unit_m", "up", "offset_m", "crop_m", "holes", "most_triangles", "smooth_m")
+
+
+@dataclass
+class TerrainFile:
+    """What the numbers of a terrain's file mean."""
+
+    kind: Optional[Literal["mesh", "grid", "cloud"]] = None  # noqa: UP045
+    """What the file holds, where its name does not say: a .npy or .csv of three columns may be a cloud or a grid."""
+    spacing_m: float = 0.05
+    """Grid spacing of a file, of the map that a cloud becomes, and at which a mesh is sampled for walks [m]."""
+    unit_m: float = 1.0
+    """What one unit of lengths in a file means [m]; 0.001 for millimetres."""
+    up: Literal["x", "y", "z"] = "z"
+    """Which axis of a mesh or cloud points up."""
+    offset_m: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y,Z")] = None
+    """Added to every point, after unit and axis [m]; before a negative number the sign =, as in --offset-m=-1,0,0."""
+    crop_m: Annotated[OptionalText, tyro.conf.arg(metavar="X,X,Y,Y[,Z,Z]")] = None
+    """What is kept, from and to along each axis, after the offset [m]."""
+    holes: Literal["no-go", "fill"] = "no-go"
+    """What has no height (NaN, transparent pixels, cells without points): no terrain, or a membrane over it."""
+    most_triangles: OptionalInt = None
+    """A mesh with more is refused by its header; 200,000 unless given."""
+    smooth_m: float = 0.0
+    """Deviation of a Gaussian that smooths heights for walks; a wall has to be wider than the grid's spacing [m]."""
+    heights_m: Annotated[OptionalText, tyro.conf.arg(metavar="BLACK,WHITE")] = None
+    """Heights of black and white in a .png [m]."""
+
+    def read(self, name: str) -> HeightField:
+        """The terrain of a name as one height at every place. Raises InvalidInput."""
+        from stancekit.planners.terrain.reference import named_terrain
+
+        with in_options():
+            return named_terrain(name, self.options(), self.smooth_m)
+
+    def options(self) -> ImportOptions:
+        """The same as the reader wants it. Raises InvalidInput."""
+        from stancekit.planners.terrain.import_options import ImportOptions
+
+        given: dict[str, Any] = {name: getattr(self, name) for name in ("kind", "spacing_m", "unit_m", "up", "holes")}
+        if self.heights_m is not None:
+            given["height_m"] = numbers(self.heights_m, "--heights-m", float, 2)
+        if self.offset_m is not None:
+            given["offset_m"] = numbers(self.offset_m, "--offset-m", float, 3)
+        if self.crop_m is not None:
+            given["crop_m"] = numbers(self.crop_m, "--crop-m", float, 6 if self.crop_m.count(",") > 3 else 4)
+        if self.most_triangles is not None:
+            given["most_triangles"] = self.most_triangles
+        with in_options():
+            return ImportOptions(**given)
+
+
+@dataclass
+class FootholdOptions:
+    """What counts as a foothold."""
+
+    slope_rad: float = 0.6
+    """Steepest ground to stand on [rad]."""
+    headroom_m: float = 0.1
+    """What is free above a foothold, along its normal [m]."""
+    margin_m: OptionalFloat = None
+    """Of footholds from the borders of their surface [m]; the radius of the robot's foot."""
+    width_m: OptionalFloat = None
+    """Least width of a foothold inside the margin [m]; the radius of the robot's foot."""
+    roughness_m: float = 0.01
+    """How far heights of a map may be off a foothold's plane, rms [m]."""
+    noise_m: float = 0.0
+    """Deviation of the sensor that made a map, allowed for beside the roughness [m]."""
+
+    def limits(self, robot: RobotModel | None) -> FootholdLimits:
+        """The same with a robot's foot where nothing else is said. Raises InvalidInput."""
+        from stancekit.planners.terrain.footholds import FOOT_M, FootholdLimits
+
+        foot = (
+            FOOT_M if robot is None else max([leg.radius_m for leg in robot.legs if leg.radius_m > 0.0], default=FOOT_M)
+        )
+        with in_options():
+            return FootholdLimits(
+                slope_rad=self.slope_rad, clearance_m=self.headroom_m, roughness_m=self.roughness_m,
+                noise_m=self.noise_m,
+                margin_m=foot if self.margin_m is None else self.margin_m,
+                width_m=foot if self.width_m is None else self.width_m,
+            )  # fmt: skip
+
+
+@contextmanager
+def in_options() -> Iterator[None]:
+    """Let a reader's message name its settings as the options that give them."""
+    try:
+        yield
+    except InvalidInput as error:
+        message = re.sub(r"\bheight_m\b", "--heights-m", str(error))
+        names = "|".join((*OF_FILES, "slope_rad", "clearance_m", "margin_m", "width_m", "roughness_m", "noise_m"))
+        text = re.sub(rf"(?<![-\w])({names})\b(=|: (?=\w+ ?))?", _as_option, message)
+        raise InvalidInput(text) from None
+
+
+def _as_option(found: re.Match[str]) -> str:
+    """A setting as its option; ``kind`` and the like only where a value is set."""
+    name, sign = found[1], found[2] or ""
+    if not name.endswith(("_m", "_rad", "_triangles")) and not sign:
+        return name
+    return f"--{name.replace('_', '-')}{' ' if sign == '=' else sign}"
+
+
+def numbers(text: str, option: str, kind: type, count: int) -> tuple[Any, ...]:
+    """As many numbers as an option wants, with commas between them. Raises InvalidInput."""
+    try:
+        found = tuple(kind(part) for part in text.split(","))
+    except ValueError:
+        found = ()
+    if len(found) != count:
+        raise InvalidInput(f"{option}: expected {count} numbers with commas between them, got {shown(text)}")
+    return found

@@ -1,0 +1,1 @@
+"""Reach polytopes as published, a folder a robot, each with its source and licence."""

@@ -1,0 +1,118 @@
+"""A curriculum of terrain families for ``Traverse-v0``: the level follows success by a weighted up–down rule."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.files.arrays import checked
+from stancekit.planners.problem.course import Course
+from stancekit.planners.problem.course_file import spec_from
+from stancekit.planners.problem.course_keys import MOST_EVERYWHERE
+from stancekit.planners.problem.course_layout import build_course
+from stancekit.planners.problem.family_scene import family_keys
+from stancekit.planners.search.course_features import Features
+from stancekit.planners.terrain.families import TERRAIN_FAMILIES
+
+from .traverse import TraverseEnv
+
+CORNERS = 8
+"""Of a rectangle that is clipped to a square."""
+
+
+class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
+    """Traverse-v0 over scenes of families, each at a level of its own that success raises.
+
+    An episode draws a family, and a scene of it at its level. Where the walk arrives at the last frame the family's
+    level rises by step · (1 − target), else it falls by step · target; it stays in [0, 1]. The expected change is zero
+    where the share of success is ``target``, so that is where the level settles. A scene in which the first key frame
+    does not hold is drawn again; where a level has none that holds, it falls. A reset with a seed begins anew at
+    ``level``: equal seeds and equal actions give equal levels.
+
+    ``info`` has ``level``, that of the episode, beside what Traverse-v0 says, and ``arrived``, 1 in the last step of an
+    episode that did.
+
+    Arguments:
+        families: names in ``terrain.families.TERRAIN_FAMILIES``, one of which is drawn for every episode.
+        target: share of success at which a level stays, in (0, 1).
+        step: of a level, in (0, 1].
+        level: at the beginning.
+        options: of ``TraverseEnv`` (horizon, planners, weights, …).
+    Raises:
+        InvalidInput: for another family, and numbers outside of these ranges.
+    Source:
+        Kaernbach, Simple adaptive testing with the weighted up-down method, 1991.
+    Example:
+        >>> env = Curriculum(["stairs", "gaps"], level=0.3)
+        >>> observation, info = env.reset(seed=0)
+        >>> info["level"], env.levels
+        (0.3, {'stairs': 0.3, 'gaps': 0.3})
+    """
+
+    def __init__(
+        self,
+        families: Sequence[str] = tuple(TERRAIN_FAMILIES),
+        *,
+        target: float = 0.7,
+        step: float = 0.1,
+        level: float = 0.0,
+        **options: Any,
+    ) -> None:
+        for family in families:
+            if isinstance(families, str) or family not in TERRAIN_FAMILIES:
+                known = ", ".join(TERRAIN_FAMILIES)
+                raise InvalidInput(f"families: expected a list of some of {known}, got {families!r}")
+        if not families:
+            raise InvalidInput("families: expected one or more, got none")
+        self._target = checked(target, "target", above=0.0, most=1.0 - 1e-6)
+        self._step = checked(step, "step", above=0.0, most=1.0)
+        self._first = checked(level, "level", least=0.0, most=1.0)
+        self.levels = dict.fromkeys(families, self._first)
+        self._family, self._level, self._last = families[0], self._first, 0
+        super().__init__(TraverseEnv(self._draw, **{"regions": MOST_EVERYWHERE, "corners": CORNERS, **options}))
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Features, dict[str, Any]]:
+        """Begin an episode; with a seed, the curriculum. Raises PlanningFailed where level 0 has nothing that holds."""
+        if seed is not None:
+            self.levels = dict.fromkeys(self.levels, self._first)
+        while True:
+            try:
+                observation, info = self.env.reset(seed=seed, options=options)
+            except PlanningFailed:
+                if self.levels[self._family] == 0.0:
+                    raise
+                self._learn(arrived=False)
+                seed = None
+            else:
+                return observation, self._told(info, arrived=False)
+
+    def step(self, action: np.int64) -> tuple[Features, float, bool, bool, dict[str, Any]]:
+        """Go on; at the end of an episode the level of its family changes."""
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        arrived = bool(terminated and info["feasible"] and info["frame"] == self._last)
+        info = self._told(info, arrived)
+        if terminated or truncated:
+            self._learn(arrived)
+        return observation, float(reward), terminated, truncated, info
+
+    def _draw(self, rng: np.random.Generator) -> Course:
+        names = tuple(self.levels)
+        self._family = names[int(rng.integers(len(names)))]
+        self._level = self.levels[self._family]
+        keys = family_keys(f"{self._family}:{self._level!r}:{int(rng.integers(2**62))}")
+        course = build_course(spec_from(keys))
+        self._last = course.frames - 1
+        return course
+
+    def _learn(self, arrived: bool) -> None:
+        change = self._step * (1.0 - self._target if arrived else -self._target)
+        self.levels[self._family] = min(max(self.levels[self._family] + change, 0.0), 1.0)
+
+    def _told(self, info: dict[str, Any], arrived: bool) -> dict[str, Any]:
+        return {**info, "level": self._level, "arrived": int(arrived)}

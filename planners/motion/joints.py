@@ -1,0 +1,177 @@
+"""The joints along a plan's path: drawn to the straight line between the angles of its key frames.
+
+Feet are spheres that roll, and the whole robot's centre of mass, legs included, is where the plan has it: a robot is
+drawn in the plan as if its legs weighed nothing, and is moved by what they weigh. So the body at a key frame is up to a
+centimetre from where the plan draws it, and the joints are those that bring it there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..answer.plan import Plan
+from ..files.arrays import Array, cross
+from ..robot.bodies import WholeBody
+from ..robot.inverse_kinematics import descend
+from ..robot.kinematics import Kinematics, rotation_of
+from ..robot.plan_joints import normals_at
+from .path import APART_M, Moments, PlanPath
+
+STRAY_M = 1e-4
+"""A foot that is farther from where it should be does not follow its path: what the tracker looks for anew, and the
+runner refuses, too."""
+ROUNDS = 2
+"""Joints are found so often: where the centre of mass is, and how far feet rolled, depends on them."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PathPostures:
+    """A robot at T moments, J joints, N limbs.
+
+    rotations, origins_m: R_WB and p_WB of the base's frame, shape (T, 3, 3), (T, 3) [m]. angles: shape (T, J) [rad].
+    error_m: how far feet stay from where they should be, shape (T, N).
+    """
+
+    rotations: Array
+    origins_m: Array
+    angles: Array
+    error_m: Array
+
+
+class JointPath:
+    """The joints of a robot along the path of a plan that has joint angles.
+
+    They are drawn to the straight line between those of two key frames. Where a limb in the air does not follow its
+    foot's path so, the line goes by way of comfortable postures at the two corners of its swing. apart_m: of the
+    moments at which that is looked at, those that are judged.
+    """
+
+    def __init__(self, path: PlanPath, kinematics: Kinematics, apart_m: float = APART_M) -> None:
+        self.path, self._kinematics, self._apart_m = path, kinematics, apart_m
+        self.corners = dict[tuple[int, int], Array]()
+        """Angles at both corners of a swing, shape (2, n), by key frame that it ends at and limb."""
+
+    def judged(self) -> tuple[Moments, PathPostures]:
+        """Moments so near to each other, and the postures there.
+
+        Raises InvalidInput for a path of which there are too many.
+        """
+        moments = self.path.moments(self._apart_m)
+        postures = self._postures(moments)
+        if postures.error_m.max() > STRAY_M:
+            self._turn(moments, postures)
+            postures = self._postures(moments)
+        return moments, postures
+
+    def postures(self, moments: Moments) -> PathPostures:
+        """The postures at moments that follow each other."""
+        _ = self._turned
+        return self._postures(moments)
+
+    @cached_property
+    def _turned(self) -> bool:
+        """Whether corners are known."""
+        self.judged()
+        return True
+
+    def _turn(self, moments: Moments, postures: PathPostures) -> None:
+        """Find postures for the corners of swings that limbs do not follow."""
+        steps, missed = moments.step, postures.error_m > STRAY_M
+        for t, limb in np.argwhere(missed & (moments.foothold < 0)).tolist():
+            step = int(steps[t])
+            if (step, limb) in self.corners or moments.part[t] < 0:
+                continue
+            ends = np.flatnonzero((steps == step) & (moments.part < 2) & (moments.passed == 1.0))
+            self.corners[step, limb] = np.array([self._comfortable(moments, postures, int(end), limb) for end in ends])
+
+    def _comfortable(self, moments: Moments, postures: PathPostures, t: int, limb: int) -> Array:
+        """A comfortable posture of a limb at a moment, near to where it is drawn."""
+        normals = self.path.normals[moments.surface[t]]
+        found = self._kinematics.solve(
+            moments.com_m[t], moments.rotation_rad[t], moments.feet_m[t] - self.path.radii_m[:, None] * normals,
+            normals=normals, seed=postures.angles[t], obstacles=self.path.solids,
+        )  # fmt: skip
+        return np.asarray(found.angles[self._kinematics.joints_of(limb)])
+
+    def _drawn(self, moments: Moments) -> Array:
+        """What the joints are drawn to, shape (T, J)."""
+        key = self.path.plan.joints_rad
+        assert key is not None
+        angles = key[moments.before] + moments.share[:, None] * (key[moments.after] - key[moments.before])
+        for (step, limb), corners in self.corners.items():
+            its = self._kinematics.joints_of(limb)
+            line = np.stack([key[step - 1, its], *corners, key[step, its]])
+            on = np.flatnonzero((moments.step == step) & (moments.part >= 0))
+            part, passed = moments.part[on], moments.passed[on, None]
+            angles[np.ix_(on, its)] = line[part] + passed * (line[part + 1] - line[part])
+        return np.asarray(angles)
+
+    def _postures(self, moments: Moments) -> PathPostures:
+        kinematics, angles = self._kinematics, self._drawn(moments)
+        rotations = Rotation.from_rotvec(moments.rotation_rad).as_matrix()
+        normals, feet, drawn = self.path.normals[moments.surface], moments.feet_m, angles
+        origins, error = moments.com_m, np.zeros(feet.shape[:2])
+        for _ in range(ROUNDS):
+            shifts = np.array([kinematics.com_offset(q) for q in angles])
+            origins = moments.com_m - np.einsum("tij,tj->ti", rotations, shifts)
+            feet = moments.feet_m + _rolled(kinematics, moments, rotations, angles, normals)
+            angles, error = _reached(kinematics, np.einsum("tij,tni->tnj", rotations, feet - origins[:, None]), drawn)
+        return PathPostures(rotations=rotations, origins_m=origins, angles=angles, error_m=error)
+
+
+def path_bodies(path: PlanPath, moments: Moments, postures: PathPostures) -> Iterator[tuple[float, WholeBody]]:
+    """The same one by one, with its progress in key frames, as ``Bodies`` takes them."""
+    for t, frame in enumerate(moments.frame.tolist()):
+        normals = path.normals[moments.surface[t]]
+        yield frame, WholeBody(
+            rotation=postures.rotations[t], origin_m=postures.origins_m[t], angles=postures.angles[t],
+            toes_m=moments.feet_m[t] - path.radii_m[:, None] * normals, normals=normals,
+            stands=moments.foothold[t] >= 0,
+        )  # fmt: skip
+
+
+def key_postures(plan: Plan, angles: Array) -> Iterator[WholeBody]:
+    """The postures of the key frames as they are drawn, rotations taken exactly; angles: shape (M, J) [rad]."""
+    robot = plan.course.robot
+    for frame, its in enumerate(angles):
+        turn = rotation_of(plan.rotation_rad[frame])
+        yield WholeBody(
+            rotation=turn, origin_m=plan.com_m[frame] - turn @ robot.origin_m, angles=its, toes_m=plan.toes_at(frame),
+            normals=normals_at(plan, frame), stands=np.ones(len(robot.limbs), dtype=bool),
+        )  # fmt: skip
+
+
+def _reached(kinematics: Kinematics, feet: Array, drawn: Array) -> tuple[Array, Array]:
+    """Joints whose feet are there, each leg as near to what it is drawn to as it goes; and what they miss."""
+    found, errors = np.empty_like(drawn), np.empty(feet.shape[:2])
+    for i, leg in enumerate(kinematics.model.legs):
+        its = kinematics.joints_of(i)
+        found[:, its], errors[:, i] = descend(leg, feet[:, i], drawn[:, its])
+    return found, errors
+
+
+def _rolled(kinematics: Kinematics, moments: Moments, rotations: Array, angles: Array, normals: Array) -> Array:
+    """How far feet have rolled since they were put down, shape (T, N, 3) [m]; lifted, they go back to their path.
+
+    A sphere that rolls by a small turn ω moves by ω × r n.
+    """
+    legs = kinematics.model.legs
+    turned = np.stack(
+        [rotations @ leg.chain.frames(angles[:, kinematics.joints_of(i)])[0][:, -1] for i, leg in enumerate(legs)],
+        axis=1,
+    )
+    between = turned[1:] @ np.swapaxes(turned[:-1], 2, 3)
+    skewed = 0.5 * (between - np.swapaxes(between, 2, 3))
+    turns = np.stack([skewed[..., 2, 1], skewed[..., 0, 2], skewed[..., 1, 0]], axis=-1)
+    moved = kinematics.radii_m[:, None] * cross(turns, normals[1:])
+    stands, rolled = moments.foothold >= 0, np.zeros_like(normals)
+    last = rolled[0]
+    for t in range(1, len(rolled)):
+        last = np.where(stands[t, :, None], np.where(stands[t - 1, :, None], last + moved[t - 1], 0.0), last)
+        rolled[t] = last * (1.0 - moments.lifted[t, :, None])
+    return rolled

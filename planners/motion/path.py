@@ -1,0 +1,185 @@
+"""Where body and feet go from one key frame to the next, whatever the time that it takes.
+
+The limbs of a frame lift along their surface's normal, go across while the body moves on a straight line from one key
+frame to the next, and come down along the normal of the surface that they come to. The others stay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..answer.plan import Plan
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..robot.legged import foot_radii
+from ..terrain.prism import Solid
+from .swing import clear_swing
+
+CLEARANCE_M = 0.05
+"""How far feet are lifted, at least."""
+APART_M = 0.01
+"""Between two moments that are judged no foot and no body's origin goes farther."""
+MOST = 50_000
+"""More moments than this are not judged."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Segment:
+    """A straight part of the path, N limbs: body between two key frames, or at one, feet from here to there.
+
+    frames: between which the body goes. foothold: what every limb stands on, −1 in the air. surface: the foothold that
+    it stands on, leaves or comes to, shape (N,). feet_m: centres of the feet at both ends, shape (2, N, 3). part: of a
+    step: 0 lifts, 1 goes across, 2 comes down; −1 of none.
+    """
+
+    frames: tuple[int, int]
+    foothold: tuple[int, ...]
+    surface: NDArray[np.int_]
+    feet_m: Array
+    part: int = -1
+
+    @property
+    def length_m(self) -> float:
+        """The way of the foot that goes farthest."""
+        return float(np.linalg.norm(self.feet_m[1] - self.feet_m[0], axis=1).max())
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Moments:
+    """T moments of a path, N limbs.
+
+    before, after, share: the key frames that the body is between, and how far, (T,) each. com_m, rotation_rad: of the
+    body, shape (T, 3). feet_m: centres, shape (T, N, 3). foothold, surface: as of ``Segment``, shape (T, N). part,
+    passed: of a step, as of ``Segment``, and how much of it is behind, (T,) each.
+    """
+
+    before: NDArray[np.int_]
+    after: NDArray[np.int_]
+    share: Array
+    com_m: Array
+    rotation_rad: Array
+    feet_m: Array
+    foothold: NDArray[np.int_]
+    surface: NDArray[np.int_]
+    part: NDArray[np.int_]
+    passed: Array
+
+    @property
+    def step(self) -> NDArray[np.int_]:
+        """The key frame that the step goes to, shape (T,): where a moment is of one (``part``)."""
+        return np.where(self.part == 0, self.before + 1, self.after)
+
+    @property
+    def lifted(self) -> Array:
+        """How much of their lift feet have behind them, 0 where they stand and 1 later on, shape (T, N)."""
+        return np.where(self.foothold >= 0, 0.0, np.where(self.part > 0, 1.0, self.passed)[:, None])
+
+    @property
+    def frame(self) -> Array:
+        """Progress in key frames, e.g. 1.5 half way from frame 1 to 2, shape (T,)."""
+        return np.asarray(self.before + self.share * (self.after - self.before))
+
+
+class PlanPath:
+    """The path of a plan. clearance_m: how far feet are lifted.
+
+    normals, feet_m: of every foothold, shape (P, 3): of its patch, and the foot's centre there [m]. Raises InvalidInput
+    where all limbs lift at once: nobody carries, and no position control can do that.
+    """
+
+    def __init__(self, plan: Plan, clearance_m: float = CLEARANCE_M) -> None:
+        self.plan, self._clearance_m, course = plan, clearance_m, plan.course
+        self._names = course.robot.limb_names
+        for frame, lifts in enumerate(course.lifts):
+            if frame and len(lifts) == len(self._names):
+                raise InvalidInput(
+                    f"frame {frame}: expected limbs that stay and carry the robot, got a schedule that lifts all of "
+                    "them at once: no position control can execute that"
+                )
+        self.solids = tuple(Solid.behind(patch) for patch in course.terrain)
+        patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
+        self.normals = np.array([patch.normal for patch in patches])
+        self.radii_m = foot_radii(course.robot)
+        radii = self.radii_m[[self._names.index(each.limb) for each in course.footholds]]
+        self.feet_m = plan.toes_m + radii[:, None] * self.normals
+        self._holds = np.asarray(course.holds)
+
+    def standing(self, frame: int) -> Segment:
+        """All limbs where they are at a key frame."""
+        holds = self._holds[frame]
+        return Segment(
+            frames=(frame, frame), foothold=tuple(holds.tolist()), surface=holds,
+            feet_m=np.stack([self.feet_m[holds]] * 2),
+        )  # fmt: skip
+
+    @cached_property
+    def steps(self) -> tuple[tuple[Segment, ...], ...]:
+        """Of every key frame but the first: lift, across and down; across alone where no limb moves."""
+        return tuple(self._step(k) for k in range(1, self.plan.course.frames))
+
+    def _step(self, k: int) -> tuple[Segment, ...]:
+        old, new = self._holds[k - 1], self._holds[k]
+        moving = [self._names.index(name) for name in self.plan.course.lifts[k]]
+        corners = np.stack([self.feet_m[old]] * 4)
+        for i in moving:
+            swing = clear_swing(
+                (self.feet_m[old[i]], self.feet_m[new[i]]), (self.normals[old[i]], self.normals[new[i]]),
+                self._clearance_m, self.solids, float(self.radii_m[i]),
+            )  # fmt: skip
+            corners[:, i] = swing.corners
+        held = np.isin(np.arange(len(old)), moving, invert=True)
+        foothold, leaves, comes = tuple(np.where(held, old, -1).tolist()), old, np.where(held, old, new)
+        across = Segment(frames=(k - 1, k), foothold=foothold, surface=comes, feet_m=corners[1:3], part=1)
+        if not moving:
+            return (across,)
+        lift = Segment(frames=(k - 1, k - 1), foothold=foothold, surface=leaves, feet_m=corners[:2], part=0)
+        return lift, across, Segment(frames=(k, k), foothold=foothold, surface=comes, feet_m=corners[2:], part=2)
+
+    def moments(self, apart_m: float = APART_M) -> Moments:
+        """The whole path, with its first and its last moment; none goes farther than this from the one before.
+
+        Raises InvalidInput for a path of more than ``MOST`` moments.
+        """
+        segments = tuple(self._segments())
+        lengths = np.array([self._length(segment) for segment in segments])
+        if not lengths.sum() <= MOST * apart_m:
+            raise InvalidInput(f"path: expected at most {MOST * apart_m:g} m of it, got {lengths.sum():.3g} m")
+        counts = np.maximum(1, np.ceil(lengths / apart_m)).astype(int)
+        return self.at([(of, np.arange(1, n + 1) / n) for of, n in zip(segments, counts.tolist(), strict=True)])
+
+    def at(self, parts: list[tuple[Segment, Array]]) -> Moments:
+        """Moments of segments, at shares of them of shape (K,)."""
+        plan, counts = self.plan, [len(shares) for _, shares in parts]
+        share = np.concatenate([shares for _, shares in parts])
+        ends = np.repeat(np.array([segment.frames for segment, _ in parts]), counts, axis=0)
+        feet = [
+            segment.feet_m[0] + shares[:, None, None] * (segment.feet_m[1] - segment.feet_m[0])
+            for segment, shares in parts
+        ]
+        foothold = np.repeat(np.array([segment.foothold for segment, _ in parts]), counts, axis=0)
+        body = np.where(ends[:, 0] == ends[:, 1], 0.0, share)[:, None]
+        before, after = ends.T
+        return Moments(
+            before=before, after=after, share=body[:, 0],
+            com_m=plan.com_m[before] + body * (plan.com_m[after] - plan.com_m[before]),
+            rotation_rad=plan.rotation_rad[before] + body * (plan.rotation_rad[after] - plan.rotation_rad[before]),
+            feet_m=np.concatenate(feet), foothold=foothold,
+            surface=np.repeat(np.array([segment.surface for segment, _ in parts]), counts, axis=0),
+            part=np.repeat([segment.part for segment, _ in parts], counts), passed=share,
+        )  # fmt: skip
+
+    def _segments(self) -> Iterator[Segment]:
+        yield self.standing(0)
+        for step in self.steps:
+            yield from step
+            yield self.standing(step[-1].frames[1])
+
+    def _length(self, segment: Segment) -> float:
+        """How far the foot, or the body's origin, goes that goes farthest [m]."""
+        first, last = segment.frames
+        return max(segment.length_m, float(np.linalg.norm(self.plan.com_m[last] - self.plan.com_m[first])))

@@ -1,0 +1,24 @@
+"""Is a course the one that was asked for?"""
+
+from __future__ import annotations
+
+from ..files.comparison import first_difference
+from ..robot.model_json import without_folders
+from .course import Course
+from .course_json import course_to_json
+
+
+def course_difference(course: Course, expected: Course) -> str:
+    """Where a course asks for something else than another one, in a line; empty where it does not.
+
+    Names, weights and modes may be others, and so may the candidates of footholds, which have to be pieces of the
+    terrain in any case.
+    """
+    said, asked = (
+        {name: value for name, value in course_to_json(each).items() if name not in ("name", "weights", "modes")}
+        for each in (course, expected)
+    )
+    for each in (said, asked):
+        each["placements"] = [{k: v for k, v in put.items() if k != "candidates"} for put in each["placements"]]
+        each["robot"] = without_folders(each["robot"])
+    return first_difference(said, asked)

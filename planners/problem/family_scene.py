@@ -1,0 +1,76 @@
+"""Terrains of courses that are drawn from a family at a level, and the course that goes with each."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, field_validator
+
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..terrain.families import TERRAIN_FAMILIES, FamilyTerrain, family_terrain
+from .terrain_spec import Terrain, TerrainSpec
+
+FRAMES, STRIDE_M, HEIGHT_M = 4, 0.08, 0.20
+"""Of the courses, see ``family_keys``."""
+
+
+class FamilyScene(TerrainSpec):
+    """A scene of a family, see ``terrain.families``, about the origin. friction: a factor on what is drawn."""
+
+    kind: Literal["family"] = "family"
+    family: str
+    level: Annotated[float, Field(ge=0.0, le=1.0)]
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+
+    @field_validator("family")
+    @classmethod
+    def _is_family(cls, family: str) -> str:
+        if family not in TERRAIN_FAMILIES:
+            raise InvalidInput(f"expected one of {', '.join(TERRAIN_FAMILIES)}, got {family!r}")
+        return family
+
+    def drawn(self) -> FamilyTerrain:
+        """The scene with all that was drawn."""
+        return family_terrain(self.family, self.level, self.seed)
+
+    def along(self, path_m: Array, folder: Path) -> Terrain:
+        """The scene, wherever the path goes."""
+        found = self.drawn()
+        patches = (patch.with_friction(self.friction * patch.friction) for patch in found.patches)
+        return Terrain(tuple(patches), found.footing)
+
+
+def family_name(name: str) -> bool:
+    """Whether a course's name is that of a family, as ``stairs:0.6`` or ``stairs:0.6:7``."""
+    family, *numbers = name.split(":")
+    return bool(numbers) and family in TERRAIN_FAMILIES
+
+
+def family_keys(name: str) -> dict[str, Any]:
+    """The course of a name FAMILY:LEVEL or FAMILY:LEVEL:SEED, in keys as YAML has them. Raises InvalidInput.
+
+    The default hexapod walks FRAMES key frames of a tripod gait, STRIDE_M each, in the mean HEIGHT_M above the ground
+    and along it; between walls it climbs. A toe is offered all that it could reach.
+    """
+    family, *numbers = name.split(":")
+    try:
+        level, seed = float(numbers[0]), int(numbers[1]) if len(numbers) == 2 else 0
+        if len(numbers) > 2:
+            raise ValueError
+    except (ValueError, IndexError):
+        raise InvalidInput(f"course: expected {family}:LEVEL:SEED as in {family}:0.5:7, got {name!r}") from None
+    rise = family_terrain(family, level, seed).rise
+    far = STRIDE_M * (FRAMES - 1)
+    along = 1.0 if rise is None else float((1.0 + rise**2) ** 0.5)
+    goal = (0.0, 0.0, HEIGHT_M + far) if rise is None else (far / along, 0.0, HEIGHT_M + far * rise / along)
+    stance = {"outward_m": 0.13, "down_m": 0.0 if rise is None else HEIGHT_M}
+    return {
+        "name": name.replace(":", "-"), "frames": FRAMES, "gait": "tripod", "start_m": [0.0, 0.0, HEIGHT_M],
+        "goal_m": list(goal), "stride_m": STRIDE_M, "stance": stance,
+        "body": {"com_radius_m": 0.06, "first_radius_m": 0.02},
+        "steps": {"com_m": 0.15, "toe_m": 0.40, "rotation_rad": 0.15, "progress_m": 0.02},
+        "candidates": {"everywhere": True, "margin_m": 0.01},
+        "terrain": {"kind": "family", "family": family, "level": level, "seed": seed},
+    }  # fmt: skip

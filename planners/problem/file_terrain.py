@@ -1,0 +1,78 @@
+"""Terrains of courses from files: meshes, grids and point clouds, with footholds on them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
+
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from ..terrain.footholds import (
+    CLEARANCE_M,
+    FOOT_M,
+    ROUGHNESS_M,
+    SLOPE_RAD,
+    FootholdLimits,
+    Footholds,
+    read_footholds,
+)
+from ..terrain.import_options import MOST_TRIANGLES, ImportOptions
+from .terrain_spec import MOST_PATCHES, Length, Point, Positive, Terrain, TerrainSpec
+
+
+class FootholdKeys(BaseModel):
+    """What counts as a foothold on a file's terrain, see ``FootholdLimits``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
+    slope_rad: Annotated[float, Field(ge=0.0, le=np.pi)] = SLOPE_RAD
+    clearance_m: Annotated[float, Field(ge=0.0, le=10.0)] = CLEARANCE_M
+    margin_m: Annotated[float, Field(ge=0.0, le=10.0)] = FOOT_M
+    width_m: Annotated[float, Field(ge=0.0, le=10.0)] = FOOT_M
+    roughness_m: Annotated[float, Field(gt=0.0, le=1.0)] = ROUGHNESS_M
+    noise_m: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+
+
+class FileTerrain(TerrainSpec):
+    """A file: a mesh, a grid of heights, or a point cloud, as ``kind`` says, or as its name does (``file``).
+
+    unit_m, up, offset_m, crop_m, spacing_m, height_m, holes, most_triangles: what its numbers mean, see
+    ``ImportOptions``. footholds: where on it toes may stand.
+    """
+
+    kind: Literal["mesh", "grid", "cloud", "file"] = "file"
+    file: str
+    unit_m: Positive = 1.0
+    up: Literal["x", "y", "z"] = "z"
+    offset_m: Point = (0.0, 0.0, 0.0)
+    crop_m: Annotated[list[Length], Field(min_length=4, max_length=6)] | None = None
+    spacing_m: Positive = 0.05
+    height_m: tuple[Length, Length] | None = None
+    holes: Literal["no-go", "fill"] = "no-go"
+    most_triangles: Annotated[int, Field(ge=1)] = MOST_TRIANGLES
+    footholds: FootholdKeys = FootholdKeys()
+    _found: Footholds | None = PrivateAttr(None)
+
+    def along(self, path_m: Array, folder: Path) -> Terrain:
+        """All of the file, wherever the path goes; read once."""
+        found = self._found
+        if found is None:
+            found = self._found = self.read(folder)
+        each = [patch.with_friction(self.friction) for patch in found.surfaces]
+        pieces = tuple(piece.patch.with_friction(self.friction) for piece in found.pieces)
+        return Terrain(tuple(each), (False,) * len(each), pieces, self.footholds.margin_m)
+
+    def read(self, folder: Path) -> Footholds:
+        """The footholds of the file, and its surfaces. Raises InvalidInput."""
+        keys = ("unit_m", "up", "offset_m", "crop_m", "spacing_m", "height_m", "holes", "most_triangles")
+        kind = None if self.kind == "file" else self.kind
+        options = ImportOptions(kind=kind, **{key: getattr(self, key) for key in keys})
+        found = read_footholds(folder / self.file, options, FootholdLimits(**self.footholds.model_dump()))
+        if len(found.surfaces) + len(found.pieces) > MOST_PATCHES:
+            raise InvalidInput(
+                f"{self.file}: expected at most {MOST_PATCHES} surfaces and footholds, got "
+                f"{len(found.surfaces) + len(found.pieces)}; crop_m takes a part, spacing_m a coarser map"
+            )
+        return found

@@ -1,0 +1,253 @@
+"""How near bodies are to each other and to the terrain along a plan's path, and to first order what changes that.
+
+Of two points x, y that are nearest, n the unit vector from y to x, the distance changes by n·(δx − δy). With δc, δ the
+change of the body's place and a small turn, a point of a leg whose joints are q moves by
+
+    δx = δc + δ × (x − c) + J_x δq,    δq = N δq̃ + J⁺ (δf − δc − δ × (f − c)),
+
+since its foot f is held at its toe, or on its swing: J⁺ is the pseudo-inverse of the foot's Jacobian, N = I − J⁺J, and
+q̃ the joints of the key frames that the moment is between, as the body is: every number is of key frames and toes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.spatial.transform import Rotation
+
+from ..answer.plan import Plan
+from ..equilibrium.gather import Fill
+from ..equilibrium.layout import Index
+from ..equilibrium.rows import Rows
+from ..equilibrium.terms import Given
+from ..files.arrays import Array, cross
+from ..motion.joints import STRAY_M, JointPath, PathPostures, path_bodies
+from ..motion.path import Moments, PlanPath
+from ..robot.bodies import TOUCH_M, Bodies, Near
+from ..robot.kinematics import Kinematics
+from ..robot.leg_slopes import turning
+from ..terrain.obstacles import Obstacles
+
+APART_M = 0.03
+"""Moments are looked at so far apart: a third of those that are judged."""
+NEAR_M = 0.02
+"""Beyond what they should keep, bodies farther apart than this are not looked at."""
+CLEAR_PRICE = 20.0
+"""Of what is missing to a distance at one moment, in the length scale, in units of the objective."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Nearness:
+    """K pairs of bodies that are near at some moment of a path.
+
+    distance_m: shape (K,), negative inside. slopes: of the distances, in metres a metre or radian, in the numbers of M
+    key frames and P toes, laid end to end: c (M, 3) [m], Θ (M, 3), q (M, J), p (P, 3) [m]. astray_m: how far feet stay
+    from their path.
+    """
+
+    distance_m: Array
+    slopes: csr_array
+    astray_m: float
+
+    def within(self, clearance_m: float, rooms_m: Array) -> Nearness:
+        """Those alone that may come nearer than this where no number changes by more than so much."""
+        falls = abs(self.slopes) @ rooms_m
+        kept = np.flatnonzero(self.distance_m - falls < clearance_m)
+        return replace(self, distance_m=self.distance_m[kept], slopes=self.slopes[kept])
+
+    def missing(self, clearance_m: float) -> Array:
+        """What is missing to a distance, shape (K,) [m]."""
+        return np.asarray(np.maximum(clearance_m - self.distance_m, 0.0))
+
+
+class PathClearance:
+    """Looks along the paths of plans over one course. Raises InvalidInput without coal, as ``Bodies`` does."""
+
+    def __init__(self, plan: Plan, solver: Kinematics) -> None:
+        self._solver = solver
+        self._bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
+
+    def deepest(self, plan: Plan) -> float:
+        """How deep a link is in something at most, at the moments that are judged [m]; that a foot strays from its path
+        is too deep, too."""
+        path = JointPath(PlanPath(plan), self._solver)
+        moments, postures = _with_keys(path.path, *path.judged())
+        found = [
+            overlap.depth_m
+            for _, body in path_bodies(path.path, moments, postures)
+            for overlap in self._bodies.overlaps(body)
+        ]
+        stray = float(postures.error_m.max())
+        return max([*found, TOUCH_M + stray if stray > STRAY_M else 0.0])
+
+    def nearness(self, plan: Plan, clearance_m: float, apart_m: float = APART_M) -> Nearness:
+        """What is nearer than that and a little more, at moments so far apart: of every pair of bodies where it is
+        nearest, and wherever it is too near."""
+        path = JointPath(PlanPath(plan), self._solver, apart_m)
+        moments, postures = _with_keys(path.path, *path.judged())
+        near = list[tuple[int, Near]]()
+        for t, (_, body) in enumerate(path_bodies(path.path, moments, postures)):
+            loose = replace(body, stands=np.ones_like(body.stands))  # feet lift off what they stand on
+            near += [(t, each) for each in self._bodies.near(loose, clearance_m + NEAR_M)]
+        near = _nearest(near, clearance_m)
+        mounts = [self._solver.model.mounts[link] for link in self._bodies.links]
+        carriers = np.array([(-1 if of.leg is None else of.leg, of.joint) for of in mounts] + [(-2, 0)])
+        slopes, times = _Slopes(path, self._solver, moments, postures), np.array([t for t, _ in near], dtype=int)
+        for side, sign in ((0, 1.0), (1, -1.0)):
+            shapes = np.array([(each.shape, each.other)[side] for _, each in near], dtype=int)
+            its, rows = carriers[shapes], np.arange(len(near))  # −1, the terrain, is the last one
+            points = np.array([each.points_m[side] for _, each in near]).reshape(-1, 3)
+            push = sign * np.array([each.normal for _, each in near]).reshape(-1, 3)
+            for leg in range(-1, len(self._solver.model.legs)):
+                of = np.flatnonzero(its[:, 0] == leg)
+                slopes.add(leg, rows[of], times[of], its[of, 1], points[of], push[of])
+        return Nearness(
+            distance_m=np.array([each.distance_m for _, each in near]), slopes=slopes.matrix(len(near)),
+            astray_m=float(postures.error_m.max()),
+        )  # fmt: skip
+
+
+def _nearest(near: list[tuple[int, Near]], clearance_m: float) -> list[tuple[int, Near]]:
+    """Those that are too near, and of every two bodies those moments at which they are no farther than before and
+    after."""
+    found, runs = list[tuple[int, Near]](), dict[tuple[int, int, str], list[tuple[int, Near]]]()
+    for t, each in near:
+        runs.setdefault((each.shape, each.other, each.name), []).append((t, each))
+    for run in runs.values():
+        distance = np.array([np.inf, *(each.distance_m for _, each in run), np.inf])
+        least = (distance[1:-1] <= distance[:-2]) & (distance[1:-1] <= distance[2:])
+        found += [run[k] for k in np.flatnonzero(least | (distance[1:-1] < clearance_m))]
+    return sorted(found, key=lambda each: each[0])
+
+
+def keep_clear(rows: Rows[Any], columns: Sequence[Index | None], at: Given, near: Nearness, clearance_m: float) -> None:
+    """Rows d + S (x − x̄) ≥ clearance − slack, in the length scale; what is missing costs.
+
+    columns: of c, Θ, of the steps of the joints and of p (None where they are held), as ``Nearness.slopes`` has them.
+    """
+    length_m, held = at.scaled.length_m, at.held
+    slack, clear = rows.variable("slack", len(near.distance_m)), rows.at_most("clear", len(near.distance_m))
+    bars = (held.com, held.rotation, np.zeros(0 if columns[2] is None else columns[2].shape), held.toes)
+    right, begin = (near.distance_m - clearance_m) / length_m, 0
+    for its, bar, unit in zip(columns, bars, (1.0, length_m, length_m, 1.0), strict=True):
+        part = near.slopes[:, begin : begin + bar.size].tocoo()
+        begin += bar.size
+        if its is not None:
+            rows.put(clear[part.row], its.ravel()[part.col], _constant(-part.data / unit))
+            right = right - (part @ bar.ravel()) / unit
+    rows.put(clear, slack, -1.0)
+    rows.right(clear, _constant(right))
+    positive = rows.at_most("no_less", len(near.distance_m))
+    rows.put(positive, slack, -1.0)
+    rows.linear(slack, CLEAR_PRICE)
+
+
+def _constant(values: Array) -> Fill[Any]:
+    return lambda _: values
+
+
+def _with_keys(path: PlanPath, moments: Moments, postures: PathPostures) -> tuple[Moments, PathPostures]:
+    """And the key frames as they are drawn, behind them."""
+    plan = path.plan
+    assert plan.joints_rad is not None
+    keys = path.at([(path.standing(k), np.ones(1)) for k in range(plan.course.frames)])
+    turns = Rotation.from_rotvec(keys.rotation_rad).as_matrix()
+    drawn = PathPostures(
+        rotations=turns, origins_m=keys.com_m - turns @ plan.course.robot.origin_m, angles=plan.joints_rad,
+        error_m=np.zeros(keys.foothold.shape),
+    )  # fmt: skip
+    return _joined(moments, keys), _joined(postures, drawn)
+
+
+T = TypeVar("T", Moments, PathPostures)
+
+
+def _joined(one: T, other: T) -> T:
+    names = [item.name for item in fields(one)]
+    return replace(one, **{name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in names})
+
+
+class _Slopes:
+    """Collects what distances change by; moments and postures: all that are looked at."""
+
+    def __init__(self, path: JointPath, solver: Kinematics, moments: Moments, postures: PathPostures) -> None:
+        self._path, self._solver, self._moments, self._postures = path, solver, moments, postures
+        plan = path.path.plan
+        self._shares = np.stack([1.0 - moments.share, moments.share], axis=1)
+        self._frames = np.stack([moments.before, moments.after], axis=1)
+        self._turns = turning(moments.rotation_rad)
+        self._sizes = [plan.com_m.size, plan.rotation_rad.size, plan.course.frames * len(solver.joints)]
+        self._width = sum(self._sizes) + plan.toes_m.size
+        self._rows, self._columns, self._values = list[Index](), list[Index](), list[Array]()
+
+    def matrix(self, count: int) -> csr_array:
+        """The slopes of so many distances."""
+        if not self._rows:
+            return csr_array((count, self._width))
+        rows, columns, values = (np.concatenate(part) for part in (self._rows, self._columns, self._values))
+        return coo_array((values, (rows, columns)), shape=(count, self._width)).tocsr()
+
+    def add(self, leg: int, rows: Index, times: Index, joints: Index, points: Array, push: Array) -> None:
+        """Points of a leg, moved along by its first joints up to these, or of the body (leg −1), pushed this way."""
+        if not len(rows):
+            return
+        held, feet = np.zeros_like(push), points
+        if leg >= 0:
+            held, feet = self._leg(leg, rows, times, joints, points, push)
+        by_turn = cross(points - self._moments.com_m[times], push) - cross(feet - self._moments.com_m[times], held)
+        self._body(0, rows, times, push - held)
+        self._body(self._sizes[0], rows, times, np.einsum("ki,kij->kj", by_turn, self._turns[times]))
+
+    def _leg(
+        self, leg: int, rows: Index, times: Index, joints: Index, points: Array, push: Array
+    ) -> tuple[Array, Array]:
+        """The part of the joints and the toes; what holds the foot, and where the foot is, shapes (K, 3)."""
+        its, chain = self._solver.joints_of(leg), self._solver.model.legs[leg].chain
+        rotations, origins = self._postures.rotations[times], self._postures.origins_m[times]
+        turns, places = chain.frames(self._postures.angles[np.ix_(times, its)])
+        axes = np.einsum("kij,knj->kni", rotations, np.einsum("knij,nj->kni", turns, chain.axes))
+        places = origins[:, None] + np.einsum("kij,knj->kni", rotations, places)
+        feet = self._moments.feet_m[times, leg]
+        slides = chain.slides[:, None]
+        of_foot = np.where(slides, axes, cross(axes, feet[:, None] - places))
+        of_point = np.where(slides, axes, cross(axes, points[:, None] - places))
+        of_point = of_point * (np.arange(len(its)) <= joints[:, None])[..., None]
+        pulled = np.einsum("knj,kj->kn", of_point, push)
+        inverse = np.linalg.pinv(of_foot)  # (K, 3, n): of J transposed
+        held = np.einsum("kjn,kn->kj", inverse, pulled)
+        free = pulled - np.einsum("knj,kj->kn", of_foot, held)
+        corners, steps = self._path.corners, self._moments.step[times]
+        bent = [(int(step), leg) in corners for step in steps] & (self._moments.part[times] >= 0)
+        free = np.where(np.asarray(bent)[:, None], 0.0, free)
+        count = len(self._solver.joints)
+        for end in range(2):
+            columns = sum(self._sizes[:2]) + count * self._frames[times, end][:, None] + its
+            self._put(rows, columns, self._shares[times, end][:, None] * free)
+        self._toes(leg, rows, times, held)
+        return held, feet
+
+    def _toes(self, leg: int, rows: Index, times: Index, held: Array) -> None:
+        """A foot goes with the toe that it stands on, leaves or comes to."""
+        moments, holds = self._moments, np.asarray(self._path.path.plan.course.holds)
+        step, part, passed = moments.step[times], moments.part[times], moments.passed[times]
+        old = holds[np.maximum(step - 1, 0), leg]
+        new = np.where(moments.foothold[times, leg] >= 0, moments.foothold[times, leg], holds[step, leg])
+        old = np.where(moments.foothold[times, leg] >= 0, new, old)
+        share = np.where(part == 0, 0.0, np.where(part == 1, passed, 1.0))
+        for foothold, weight in ((old, 1.0 - share), (new, share)):
+            self._put(rows, sum(self._sizes) + 3 * foothold[:, None] + np.arange(3), weight[:, None] * held)
+
+    def _body(self, begin: int, rows: Index, times: Index, values: Array) -> None:
+        for end in range(2):
+            columns = begin + 3 * self._frames[times, end][:, None] + np.arange(3)
+            self._put(rows, columns, self._shares[times, end][:, None] * values)
+
+    def _put(self, rows: Index, columns: Index, values: Array) -> None:
+        rows = np.broadcast_to(rows[:, None], values.shape)
+        self._rows.append(rows.ravel())
+        self._columns.append(np.broadcast_to(columns, values.shape).ravel())
+        self._values.append(values.ravel())

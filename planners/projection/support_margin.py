@@ -1,0 +1,38 @@
+"""Plans that do not balance on an edge: found on a course in which every foot that carries bears a part of the weight.
+
+A foot that a plan lets carry next to nothing is one about whose neighbours the robot tips over: its centre of mass is
+above the line between them. A plan of such a course is one of the course itself, as its forces are fewer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..answer.plan import Plan
+from ..problem.course import Course
+from .force_distribution import ForceDistribution
+
+PRESSES = (0.1, 0.05)
+"""Shares of the weight that every foot that carries bears at least, the most cautious first."""
+
+
+def pressing(course: Course, share: float) -> Course:
+    """The course in which every foot that carries presses with this share of the weight or more."""
+    least = max(float(course.force_min[0]), share)
+    return replace(course, force_min=np.array([least, *course.force_min[1:]]))
+
+
+def steady(plan: Plan, share: float) -> bool:
+    """Whether there are forces in every stance of a plan with which every foot that carries presses so hard.
+
+    True of a plan for soles, whose points are not feet of their own.
+    """
+    if plan.course.has_soles:
+        return True
+    distribution = ForceDistribution(len(plan.course.robot.limbs))
+    return all(
+        distribution.solve(plan, index, reserves=(1.0,), least=share) is not None
+        for index in range(len(plan.course.stances))
+    )

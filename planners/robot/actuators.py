@@ -1,0 +1,139 @@
+"""What turns the joints, as data: how much torque for a moment, how much for ever, how fast, and how soon it is hot.
+
+A file ``stancekit/actuators/1``, YAML or JSON, says which joint has which: ``joints`` maps names, or patterns such as
+``*_knee``, to names of ``actuators``, those of the file or those that come with the package; the first that fits is it.
+Where there is no file, joints have what the robot's own URDF says: its effort, at any speed up to its velocity.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
+from functools import cache
+from importlib import resources
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import ConfigDict, Field
+
+from ..errors import InvalidInput
+from ..files.arrays import checked, collect_errors
+from ..files.documents import parse_yaml, read_json, read_yaml
+from ..files.validation import shown, validated
+from .leg import Joint
+
+FORMAT: Literal["stancekit/actuators/1"] = "stancekit/actuators/1"
+Curve = Literal["linear", "flat"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ActuatorModel:
+    """One kind of actuator, all at the joint, behind its gears.
+
+    stall_nm: greatest torque at rest, for a moment. continuous_nm: what it bears for ever, None where nobody says.
+    no_load_rad_s: fastest, without load. curve: "linear", torque falls with speed to none at no_load_rad_s, as that of
+    a motor at its supply's voltage does; "flat", all of it up to there. gear: turns of the rotor for one of the joint.
+    rotor_kg_m2: the rotor's own inertia, before the gears, None where nobody says. thermal_s: time constant of its
+    heat, which with continuous_nm says how long it bears more; None where nobody says: then it is taken to be as hot
+    as it gets. stiffness_nm_rad, damping_nms_rad: of its own position loop, τ = Kp (q* − q) − Kd q̇; None for what the
+    robot is driven by otherwise. source: of the numbers.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    stall_nm: float
+    no_load_rad_s: float
+    continuous_nm: float | None = None
+    curve: Curve = "linear"
+    gear: float = 1.0
+    rotor_kg_m2: float | None = None
+    thermal_s: float | None = None
+    stiffness_nm_rad: float | None = None
+    damping_nms_rad: float | None = None
+    source: str = ""
+
+    def __post_init__(self) -> None:
+        positive = [n for n in POSITIVE if getattr(self, n) is not None]
+        collect_errors(
+            *(lambda n=n: checked(getattr(self, n), n, above=0.0) for n in positive),
+            lambda: None if self.rotor_kg_m2 is None else checked(self.rotor_kg_m2, "rotor_kg_m2", least=0.0),
+            lambda: (
+                None
+                if self.continuous_nm is None
+                else checked(self.continuous_nm, "continuous_nm", least=0.0, most=self.stall_nm)
+            ),
+        )
+
+    @classmethod
+    def of_joint(cls, joint: Joint) -> ActuatorModel:
+        """What a URDF says of a joint: ``effort`` and ``velocity``. Raises InvalidInput where it lacks one."""
+        if joint.torque_nm <= 0.0:
+            raise InvalidInput(f"joint {joint.name}: expected a torque limit above 0 Nm, got {joint.torque_nm:g}")
+        if joint.velocity_rad_s <= 0.0:
+            raise InvalidInput(f"joint {joint.name}: expected a velocity limit above 0 rad/s, its file has none")
+        source = "the robot's URDF"
+        return cls(stall_nm=joint.torque_nm, no_load_rad_s=joint.velocity_rad_s, curve="flat", source=source)
+
+    @property
+    def reflected_kg_m2(self) -> float | None:
+        """The rotor's inertia as the joint feels it: gear² times its own."""
+        return None if self.rotor_kg_m2 is None else self.gear**2 * self.rotor_kg_m2
+
+
+POSITIVE = ("stall_nm", "continuous_nm", "no_load_rad_s", "gear", "thermal_s", "stiffness_nm_rad", "damping_nms_rad")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Actuators:
+    """Which joint has which actuator; joints: names or patterns, the first that fits counts."""
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    joints: Annotated[Mapping[str, str], Field(min_length=1)]
+    actuators: Mapping[str, ActuatorModel] = field(default_factory=dict)
+    format: Literal["stancekit/actuators/1"] = FORMAT
+
+    def __post_init__(self) -> None:
+        known = {**builtin_actuators(), **self.actuators}
+        wrong = [
+            f"joints.{pattern}: expected one of {', '.join(known)}, got {shown(name)}"
+            for pattern, name in self.joints.items()
+            if name not in known
+        ]
+        if wrong:
+            raise InvalidInput("; ".join(wrong))
+
+    def of(self, joints: Sequence[str]) -> tuple[ActuatorModel, ...]:
+        """Of each of these joints. Raises InvalidInput for joints that have none, and for patterns of no joint."""
+        known = {**builtin_actuators(), **self.actuators}
+        fits = {joint: [p for p in self.joints if fnmatchcase(joint, p)] for joint in joints}
+        lacks = [joint for joint, patterns in fits.items() if not patterns]
+        if lacks:
+            raise InvalidInput(f"actuators: joints: expected joint {', '.join(lacks)}, got nothing")
+        idle = [p for p in self.joints if not any(fnmatchcase(joint, p) for joint in joints)]
+        if idle:
+            raise InvalidInput(f"actuators: joints: unknown joint {', '.join(idle)}")
+        return tuple(known[self.joints[fits[joint][0]]] for joint in joints)
+
+
+@cache
+def builtin_actuators() -> Mapping[str, ActuatorModel]:
+    """Those that come with the package, by name: ``configs/actuators.yaml``, every number with its source."""
+    text = resources.files("stancekit.configs").joinpath("actuators.yaml").read_text(encoding="utf-8")
+    data = parse_yaml(text, "actuators.yaml")
+    return {name: validated(ActuatorModel, each, f"actuators.yaml: {name}") for name, each in data.items()}
+
+
+def read_actuators(what: str | Path) -> Actuators:
+    """Of a name, all joints have that one; or of a file. Raises InvalidInput with all that is wrong."""
+    name = str(what)
+    if name in builtin_actuators():
+        return Actuators(joints={"*": name})
+    if not Path(name).suffix and not Path(name).exists():
+        raise InvalidInput(f"actuators: expected one of {', '.join(builtin_actuators())} or a file, got {shown(name)}")
+    data: Any = read_json(name) if Path(name).suffix == ".json" else read_yaml(name)
+    if not isinstance(data, dict) or data.get("format") != FORMAT:
+        found = data.get("format") if isinstance(data, dict) else data
+        raise InvalidInput(f"{name}: format: expected {FORMAT}, got {shown(found, 40)}")
+    return validated(Actuators, data, name)

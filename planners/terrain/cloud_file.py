@@ -1,0 +1,75 @@
+"""Point clouds from files: .ply and .pcd by the libraries that know them, .xyz, .csv and .npy as rows of x, y, z."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.archive import array_of
+from ..files.arrays import Array
+from ..files.documents import read_bytes
+from .grid_file import table
+from .mesh_file import MOST_BYTES, check_declared, loaded
+
+SUFFIXES = (".pcd", ".xyz")
+"""Of files that hold nothing else."""
+MOST_POINTS = 20_000_000
+
+
+def read_points(path: Path) -> Array:
+    """Points, shape (K, 3), in the file's unit; those that are not finite, as scanners write misses, are left out.
+
+    Of an array or table with more than three columns the first three are x, y and z.
+    Raises InvalidInput for what is no such file, and where no point is left.
+    """
+    suffix = path.suffix.lower()
+    content = read_bytes(path, MOST_BYTES)
+    if not content:
+        raise InvalidInput(f"{path}: expected points, the file is empty")
+    if suffix == ".ply":
+        points = _of_ply(content, path)
+    elif suffix == ".pcd":
+        points = _of_pcd(content, path)
+    else:
+        points = array_of(content, str(path)) if suffix == ".npy" else table(content, path)
+    if points.dtype.kind not in "fiu" or points.ndim != 2 or points.shape[1] < 3:
+        raise InvalidInput(f"{path}: expected points of shape (K, 3), got {points.dtype} of shape {points.shape}")
+    points = np.asarray(points[:, :3], dtype=np.float64)
+    kept = points[np.all(np.isfinite(points), axis=1)]
+    if not len(kept):
+        raise InvalidInput(f"{path}: expected points, got none of {len(points)} that is finite")
+    return kept
+
+
+def _of_ply(content: bytes, path: Path) -> Array:
+    try:
+        check_declared(content, ".ply")
+        return np.asarray(loaded(content, ".ply", path).vertices, dtype=np.float64)
+    except InvalidInput as error:
+        raise InvalidInput(f"{path}: expected points: {error}") from None
+    except Exception as error:  # trimesh's readers raise whatever struck them
+        raise InvalidInput(f"{path}: expected points, which trimesh cannot read: {_told(error)}") from None
+
+
+def _of_pcd(content: bytes, path: Path) -> Array:
+    try:
+        from pypcd4.pypcd4 import PointCloud
+    except ImportError:
+        raise InvalidInput(f"{path}: .pcd clouds need pypcd4: pip install 'stancekit[terrain]'") from None
+    head = content[:4096]
+    declared = re.search(rb"^POINTS\s+(\d{1,18})", head, re.MULTILINE)
+    if declared and int(declared[1]) > min(MOST_POINTS, 40 * len(content)):
+        raise InvalidInput(f"{path}: expected points: its header declares {int(declared[1])} in {len(content)} bytes")
+    try:
+        found = PointCloud.from_fileobj(io.BufferedReader(io.BytesIO(content)))
+        return np.asarray(found.numpy(("x", "y", "z")), dtype=np.float64)
+    except Exception as error:  # as above
+        raise InvalidInput(f"{path}: expected points, which pypcd4 cannot read: {_told(error)}") from None
+
+
+def _told(error: Exception) -> str:
+    return f"{' '.join(str(error).split()) or type(error).__name__:.120}"

@@ -1,0 +1,204 @@
+"""Elevation maps: heights on a grid with holes, as files, sensors and point clouds give them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt
+from scipy.sparse import coo_array
+from scipy.sparse.linalg import spsolve
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, read_only
+from .heightfield import FEWEST, MOST_POINTS, WIDEST_M, HeightField
+from .import_options import Holes
+
+LAYER_M = 0.05
+"""Points of a cell this far below its highest one are of the surface seen from above [m]."""
+MOST_FILLED = 400_000
+"""Holes in cells that are filled at once."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ElevationMap:
+    """Heights at the nodes of a rectilinear grid, NaN where there is none.
+
+    x_m, y_m: grid lines, shape (n,) and (m,), increasing [m]. heights_m: shape (n, m) [m]. samples: how many points
+    each height is of, shape (n, m); one each where that is not known. name: for messages.
+    Raises InvalidInput for fewer than four grid lines, one that is wider than any robot walks, and one of holes alone.
+    """
+
+    x_m: Array
+    y_m: Array
+    heights_m: Array
+    name: str
+    samples: NDArray[np.int_] | None = None
+
+    def __post_init__(self) -> None:
+        for axis in ("x_m", "y_m"):
+            lines = read_only(getattr(self, axis), (None,), f"{self.name}: {axis}")
+            object.__setattr__(self, axis, lines)
+            if len(lines) < FEWEST:
+                raise InvalidInput(f"{self.name}: {axis}: expected {FEWEST} or more grid lines, got {len(lines)}")
+            if not float(np.diff(lines).min()) > 0.0:
+                raise InvalidInput(
+                    f"{self.name}: {axis}: expected increasing values, got a step of {np.diff(lines).min():g} m"
+                )
+            if lines[-1] - lines[0] > WIDEST_M:
+                raise InvalidInput(
+                    f"{self.name}: {axis}: expected {WIDEST_M:g} m or less from end to end, got "
+                    f"{lines[-1] - lines[0]:g} m; a file in millimetres is read with unit_m=0.001"
+                )
+        heights = np.array(self.heights_m, dtype=np.float64)
+        if heights.shape != (len(self.x_m), len(self.y_m)):
+            raise InvalidInput(
+                f"{self.name}: expected heights of shape ({len(self.x_m)}, {len(self.y_m)}), got {heights.shape}"
+            )
+        heights[~np.isfinite(heights)] = np.nan
+        if np.all(np.isnan(heights)):
+            raise InvalidInput(f"{self.name}: expected heights, got {heights.size} holes and nothing else")
+        if np.nanmax(heights) - np.nanmin(heights) > WIDEST_M:
+            raise InvalidInput(
+                f"{self.name}: expected heights within {WIDEST_M:g} m, got {np.nanmax(heights) - np.nanmin(heights):g} "
+                "m from lowest to highest; a file in millimetres is read with unit_m=0.001"
+            )
+        heights.setflags(write=False)
+        object.__setattr__(self, "heights_m", heights)
+
+    @classmethod
+    def of_heights(cls, heights: Array, spacing_m: float, name: str) -> ElevationMap:
+        """Heights, shape (n, m) [m], on a square grid of this spacing with its middle at the origin."""
+        if heights.size > MOST_POINTS:
+            raise InvalidInput(f"{name}: expected {MOST_POINTS} grid points or fewer, got {heights.size}")
+        x_m, y_m = (spacing_m * (np.arange(count) - 0.5 * (count - 1)) for count in heights.shape)
+        return cls(x_m=x_m, y_m=y_m, heights_m=heights, name=name)
+
+    @classmethod
+    def of_field(cls, field: HeightField) -> ElevationMap:
+        """The nodes of a height field."""
+        return cls(x_m=field.x_m, y_m=field.y_m, heights_m=field.heights_m, name=field.name)
+
+    @classmethod
+    def of_points(cls, points_m: Array, spacing_m: float, name: str) -> ElevationMap:
+        """The upper side of a point cloud, shape (K, 3) [m]: in each cell the mean of the points within 5 cm of its
+        highest one. Cells without points are holes. Grid lines are at multiples of the spacing."""
+        cells = np.round(points_m[:, :2] / spacing_m).astype(np.int64)
+        first, last = cells.min(axis=0), cells.max(axis=0)
+        wide = spacing_m * float((last - first).max())
+        if wide > WIDEST_M:
+            raise InvalidInput(
+                f"{name}: expected points within {WIDEST_M:g} m, got {wide:g} m from end to end; a file in "
+                "millimetres is read with unit_m=0.001"
+            )
+        shape = tuple((last - first + 1).tolist())
+        if shape[0] * shape[1] > MOST_POINTS:
+            raise InvalidInput(
+                f"{name}: expected {MOST_POINTS} cells or fewer, got {shape[0] * shape[1]}; see spacing_m"
+            )
+        cell = np.ravel_multi_index(tuple((cells - first).T), shape)
+        top = np.full(shape[0] * shape[1], -np.inf)
+        np.maximum.at(top, cell, points_m[:, 2])
+        upper = points_m[:, 2] >= top[cell] - LAYER_M
+        samples = np.bincount(cell[upper], minlength=len(top))
+        total = np.bincount(cell[upper], weights=points_m[upper, 2], minlength=len(top))
+        heights = np.where(samples > 0, total / np.maximum(samples, 1), np.nan)
+        x_m, y_m = (spacing_m * np.arange(a, b + 1) for a, b in zip(first, last, strict=True))
+        return cls(x_m=x_m, y_m=y_m, heights_m=heights.reshape(shape), name=name, samples=samples.reshape(shape))
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Array], name: str) -> ElevationMap:
+        """Read what ``HeightField.to_arrays`` wrote. Raises InvalidInput."""
+        for key in ("x_m", "y_m", "heights_m"):
+            if key not in arrays:
+                raise InvalidInput(f"{name}: {key}: expected this array, got nothing")
+            if arrays[key].dtype.kind not in "fiu":
+                raise InvalidInput(f"{name}: {key}: expected numbers, got an array of {arrays[key].dtype}")
+        if arrays["heights_m"].size > MOST_POINTS:
+            raise InvalidInput(f"{name}: expected {MOST_POINTS} grid points or fewer, got {arrays['heights_m'].size}")
+        return cls(x_m=arrays["x_m"], y_m=arrays["y_m"], heights_m=arrays["heights_m"], name=name)
+
+    @property
+    def spacing_m(self) -> float:
+        """Of the grid lines, the same along both axes [m]. Raises InvalidInput where it is not."""
+        steps = np.concatenate([np.diff(self.x_m), np.diff(self.y_m)])
+        if float(np.ptp(steps)) > 1e-3 * float(steps.min()):
+            raise InvalidInput(
+                f"{self.name}: expected a square, even grid, got spacings of {steps.min():g} to {steps.max():g} m"
+            )
+        return float(steps.mean())
+
+    def cropped(self, box_m: Array) -> ElevationMap:
+        """What is in a box, shape (2, 3) [m]; heights beyond it become holes. Raises InvalidInput for none."""
+        (x0, y0, z0), (x1, y1, z1) = box_m
+        i, j = ((line >= a) & (line <= b) for line, a, b in ((self.x_m, x0, x1), (self.y_m, y0, y1)))
+        if i.sum() < FEWEST or j.sum() < FEWEST:
+            raise InvalidInput(
+                f"{self.name}: crop_m: expected {FEWEST} or more grid lines inside, got {min(i.sum(), j.sum())}"
+            )
+        heights = self.heights_m[np.ix_(i, j)]
+        with np.errstate(invalid="ignore"):
+            heights = np.where((heights >= z0) & (heights <= z1), heights, np.nan)
+        samples = None if self.samples is None else self.samples[np.ix_(i, j)]
+        return ElevationMap(x_m=self.x_m[i], y_m=self.y_m[j], heights_m=heights, name=self.name, samples=samples)
+
+    def filled(self) -> ElevationMap:
+        """The same with its holes on a membrane over their borders (Δh = 0): planes stay planes. No samples there."""
+        hole = np.isnan(self.heights_m)
+        measured = np.where(hole, 0, 1 if self.samples is None else self.samples)
+        return ElevationMap(
+            x_m=self.x_m, y_m=self.y_m, heights_m=_membrane(self.heights_m, hole), name=self.name, samples=measured
+        )
+
+    def with_holes(self, holes: Holes) -> ElevationMap:
+        """Filled where that is wanted."""
+        return self.filled() if holes == "fill" else self
+
+    def field(self) -> HeightField:
+        """The map as a smooth surface. Raises InvalidInput where it has holes."""
+        hole = np.argwhere(np.isnan(self.heights_m))
+        if len(hole):
+            i, j = hole[0]
+            raise InvalidInput(
+                f"{self.name}: expected a height everywhere, got holes at {len(hole)} of {self.heights_m.size} grid "
+                f"points, the first at ({self.x_m[i]:.3f}, {self.y_m[j]:.3f}) m; holes: fill lays a membrane over them"
+            )
+        return HeightField(self.x_m, self.y_m, self.heights_m, self.name)
+
+
+def _membrane(heights: Array, hole: NDArray[np.bool_]) -> Array:
+    """Heights with each hole the mean of its neighbours, those beyond the grid's border left out."""
+    if not hole.any():
+        return heights
+    if hole.sum() > MOST_FILLED:
+        nearest = distance_transform_edt(hole, return_distances=False, return_indices=True)
+        return np.asarray(heights[tuple(nearest)])
+    number = np.full(hole.shape, -1)
+    number[hole] = np.arange(hole.sum())
+    diagonal, known = np.zeros(hole.sum()), np.zeros(hole.sum())
+    rows, columns = list[NDArray[np.int_]](), list[NDArray[np.int_]]()
+    for here, there in _neighbours(hole.ndim):
+        mine, theirs, value = number[here].ravel(), number[there].ravel(), heights[there].ravel()
+        of_hole, border = (mine >= 0) & (theirs >= 0), (mine >= 0) & (theirs < 0)
+        diagonal += np.bincount(mine[mine >= 0], minlength=len(diagonal))
+        known += np.bincount(mine[border], weights=value[border], minlength=len(known))
+        rows.append(mine[of_hole])
+        columns.append(theirs[of_hole])
+    count = len(diagonal)
+    values = np.concatenate([diagonal, np.full(sum(map(len, rows)), -1.0)])
+    places = (np.concatenate([np.arange(count), *rows]), np.concatenate([np.arange(count), *columns]))
+    found = heights.copy()
+    found[hole] = spsolve(coo_array((values, places), shape=(count, count)).tocsc(), known)
+    return found
+
+
+def _neighbours(axes: int) -> list[tuple[tuple[slice, ...], tuple[slice, ...]]]:
+    """Slices of an array, and of the neighbours along each axis and each way."""
+    found = []
+    for axis in range(axes):
+        low, high = ([slice(None)] * axes for _ in range(2))
+        low[axis], high[axis] = slice(None, -1), slice(1, None)
+        found += [(tuple(low), tuple(high)), (tuple(high), tuple(low))]
+    return found

@@ -1,0 +1,221 @@
+"""Facets of a mesh, whatever its edges do: triangles of one plane and one side, their union a polygon.
+
+No manifold is asked for: an edge may be of one triangle, of three, or of two that face opposite ways, and what covers
+the same place twice counts once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import KDTree
+
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from .convex_pieces import convex_pieces
+from .patch import Patch
+from .polygon import shear_of, width
+from .triangle_mesh import TriangleMesh
+
+COPLANAR_RAD = 1e-3
+"""Triangles whose normals differ by less may be of one facet [rad]."""
+FLAT_M = 2e-4
+"""No corner of a facet is farther off its plane [m]."""
+SNAP_M = 1e-8
+"""Corners of a facet are moved by up to half of this to fit each other [m]."""
+CRACK_M = 2e-5
+"""Cracks between triangles of a facet that are no wider are closed [m]."""
+ROUNDS = 20
+"""After these, what is left of triangles that bend away from their neighbours stays single."""
+
+
+def shapely_module() -> Any:
+    """shapely. Raises InvalidInput without it."""
+    try:
+        import shapely
+    except ImportError:
+        raise InvalidInput("terrain: facets need shapely: pip install 'stancekit[terrain]'") from None
+    return shapely
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Plane:
+    """A plane with its coordinates: origin, shape (3,) [m], unit normal (3,), and axes in it, shape (3, 2)."""
+
+    origin_m: Array
+    normal: Array
+    axes: Array
+
+    @classmethod
+    def through(cls, origin_m: Array, normal: Array) -> Plane:
+        """One with the house's shear axis first."""
+        shear = shear_of(normal)
+        up = shear - (shear @ normal) * normal
+        up /= np.linalg.norm(up)
+        return cls(origin_m=origin_m, normal=normal, axes=np.stack([up, np.cross(normal, up)], axis=1))
+
+    def flat(self, points_m: Array) -> Array:
+        """Coordinates in the plane, shape (…, 3) → (…, 2) [m]."""
+        return np.asarray((points_m - self.origin_m) @ self.axes)
+
+    def height(self, points_m: Array) -> Array:
+        """Distance above the plane, shape (…, 3) → (…) [m]."""
+        return np.asarray((points_m - self.origin_m) @ self.normal)
+
+    def world(self, points: Array) -> Array:
+        """Back again, shape (…, 2) → (…, 3) [m]."""
+        return np.asarray(self.origin_m + points @ self.axes.T)
+
+    def patch(self, corners: Array, friction: float) -> Patch:
+        """The patch of a convex polygon in the plane, shape (U, 2)."""
+        return Patch(
+            vertices_m=self.world(corners), normal=self.normal, shear_reference=shear_of(self.normal), friction=friction
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Facet:
+    """A plane, a polygon or several in it (shapely's), the triangles that it is of, and the rms of their corners off
+    the plane [m]."""
+
+    plane: Plane
+    polygon: Any
+    triangles: NDArray[np.int_]
+    rms_m: float
+
+    def pieces(self, least_m: float) -> Iterator[Array]:
+        """Its convex pieces that are nowhere to be called a sliver, see ``wide``."""
+        yield from (piece for part in parts_of(self.polygon) for piece in convex_pieces(part) if wide(piece, least_m))
+
+
+def parts_of(polygon: Any) -> list[Any]:
+    """The polygons with an area that something of shapely's has."""
+    shapely = shapely_module()
+    parts = shapely.get_parts(polygon) if hasattr(polygon, "geoms") else [polygon]
+    return [part for part in parts if part.geom_type == "Polygon" and part.area > SNAP_M**2]
+
+
+def wide(piece: Array, least_m: float) -> bool:
+    """Whether a convex piece is wide enough, and wider than a thousandth of its length."""
+    return width(piece) > max(least_m, 1e-3 * float(np.ptp(piece, axis=0).max()))
+
+
+def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> list[Facet]:
+    """The facets of a mesh, the largest first; wanted: of which triangles, shape (T,), all if missing."""
+    shapely = shapely_module()
+    corners = mesh.spread_m
+    doubles = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * np.linalg.norm(doubles, axis=1)
+    normals = doubles / (2.0 * area)[:, None]
+    chosen = np.arange(len(corners)) if wanted is None else np.flatnonzero(wanted)
+    labels = _joined(corners[chosen], normals[chosen], area[chosen], mesh.triangles[chosen])
+    order = np.argsort(labels, kind="stable")
+    groups = np.split(chosen[order], np.flatnonzero(np.diff(labels[order])) + 1) if len(chosen) else []
+    found = []
+    for group in sorted(groups, key=lambda group: -float(area[group].sum())):
+        first = int(group[np.argmax(area[group])])
+        plane = Plane.through(corners[first, 0], normals[first])
+        flat = plane.flat(corners[group])
+        polygon = shapely.polygons(flat)
+        polygon = polygon[0] if len(group) == 1 else _united(polygon)
+        rms = float(np.sqrt(np.mean(plane.height(corners[group]) ** 2)))
+        found.append(Facet(plane=plane, polygon=polygon, triangles=group, rms_m=rms))
+    return found
+
+
+def facet_patches(mesh: TriangleMesh, friction: float, least_m: float) -> tuple[Patch, ...]:
+    """Every facet as convex patches, their normals outward by the order of the triangles.
+
+    Raises InvalidInput for a mesh of an unlikely size, and where nothing is as wide as ``least_m``.
+    """
+    patches = [facet.plane.patch(piece, friction) for facet in facets_of(mesh) for piece in facet.pieces(least_m)]
+    if not patches:
+        raise InvalidInput(f"{mesh.name}: expected facets to stand on, got none wider than {1e3 * least_m:g} mm")
+    return tuple(patches)
+
+
+def _united(triangles: Any) -> Any:
+    """The union of triangles in one plane, cracks between them closed where they spoil it."""
+    shapely = shapely_module()
+    whole = shapely.union_all(triangles, grid_size=SNAP_M)
+    if whole.geom_type != "Polygon" or len(whole.interiors):
+        closed = whole.buffer(CRACK_M, join_style="mitre").buffer(-CRACK_M, join_style="mitre")
+        whole = closed if closed.area > 0.0 else whole
+    return whole.simplify(SNAP_M)
+
+
+def _joined(corners: Array, normals: Array, area: Array, triangles: NDArray[np.int_]) -> NDArray[np.int_]:
+    """A label for every triangle, the same for those of one facet: first over shared edges, then plane by plane."""
+    pairs = _edge_pairs(triangles)
+    pairs = pairs[_agree(normals, *pairs.T)]
+    labels, left, count = np.full(len(corners), -1), np.arange(len(corners)), 0
+    for _ in range(ROUNDS):
+        if not len(left):
+            break
+        within = np.full(len(corners), -1)
+        within[left] = np.arange(len(left))
+        some = within[pairs[np.all(within[pairs] >= 0, axis=1)]]
+        number, group = _connected(some, len(left))
+        seed = left[_largest(group, area[left], number)]
+        fits = _fits(corners[left], normals[left], corners[seed[group], 0], normals[seed[group]])
+        labels[left[fits]] = count + group[fits]
+        left, count = left[~fits], count + number
+    labels[left] = count + np.arange(len(left))
+    return _merged_planes(labels, corners, normals, area)
+
+
+def _merged_planes(labels: NDArray[np.int_], corners: Array, normals: Array, area: Array) -> NDArray[np.int_]:
+    """Labels with groups of one plane as one, though no edge joins them."""
+    _, labels = np.unique(labels, return_inverse=True)
+    number = int(labels.max(initial=-1)) + 1
+    seed = _largest(labels, area, number)
+    about = corners.mean(axis=(0, 1)) if len(corners) else np.zeros(3)
+    offset = np.vecdot(corners[seed, 0] - about, normals[seed])
+    reach = float(np.abs(corners - about).max(initial=0.0)) * COPLANAR_RAD + FLAT_M
+    near = KDTree(np.column_stack([normals[seed] / COPLANAR_RAD, offset / reach])).query_pairs(
+        1.0, output_type="ndarray"
+    )
+    keep = np.ones(len(near), dtype=bool)
+    for one, other in (near.T, near.T[::-1]):
+        off = np.einsum("kij,kj->ki", corners[seed[one]] - corners[seed[other], :1], normals[seed[other]])
+        keep &= np.abs(off).max(axis=1, initial=0.0) <= FLAT_M
+    _, group = _connected(near[keep], number)
+    return np.asarray(group[labels])
+
+
+def _fits(corners: Array, normals: Array, at: Array, seed: Array) -> NDArray[np.bool_]:
+    """Which triangles lie in the planes of their seeds."""
+    off = np.abs(np.einsum("kij,kj->ki", corners - at[:, None], seed)).max(axis=1)
+    return np.asarray((np.vecdot(normals, seed) > np.cos(COPLANAR_RAD)) & (off <= FLAT_M))
+
+
+def _agree(normals: Array, one: NDArray[np.int_], other: NDArray[np.int_]) -> NDArray[np.bool_]:
+    return np.asarray(np.vecdot(normals[one], normals[other]) > np.cos(COPLANAR_RAD))
+
+
+def _edge_pairs(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Pairs of triangles that share an edge, neighbours in the order of each edge's triangles, shape (K, 2)."""
+    edges = np.sort(np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1)
+    owner = np.tile(np.arange(len(triangles)), 3)
+    order = np.lexsort(edges.T)
+    same = np.all(edges[order[1:]] == edges[order[:-1]], axis=1)
+    return np.stack([owner[order[:-1]][same], owner[order[1:]][same]], axis=1)
+
+
+def _connected(pairs: NDArray[np.int_], size: int) -> tuple[int, NDArray[np.int_]]:
+    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
+    number, group = connected_components(graph, directed=False)
+    return int(number), np.asarray(group)
+
+
+def _largest(group: NDArray[np.int_], area: Array, number: int) -> NDArray[np.int_]:
+    """Of each group the member with the largest area."""
+    order = np.lexsort((area, group))
+    last = np.searchsorted(group[order], np.arange(number), side="right") - 1
+    return np.asarray(order[last])

@@ -1,0 +1,148 @@
+"""Footholds: the planar convex pieces of a terrain that a foot may be put on, each with how certain it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import checked
+from .elevation import ElevationMap
+from .import_options import ImportOptions
+from .patch import Patch
+from .terrain_file import read_terrain
+from .triangle_mesh import TriangleMesh
+
+SLOPE_RAD = 0.6
+"""About the friction cone of μ = .68."""
+FOOT_M = 0.02
+"""Radius of a foot where no robot says otherwise [m]."""
+CLEARANCE_M, ROUGHNESS_M = 0.10, 0.01
+REASONS = ("steep", "covered", "inside", "rough", "edge", "small", "hole")
+"""Why a surface is no foothold: its slope; something else within the clearance above it; a solid around it; off every
+plane; nearer to a border than the margin; narrower than a foot; not measured."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FootholdLimits:
+    """What counts as a foothold.
+
+    Arguments:
+        slope_rad: largest angle between the surface's normal and the vertical [rad].
+        clearance_m: what is free above the surface, along its normal [m].
+        margin_m: of every foothold from the borders of its surface [m].
+        width_m: least width of what is left [m].
+        roughness_m: largest rms of heights off the plane of a foothold in a map [m].
+        noise_m: deviation of the heights of a map by its sensor, allowed for beside the roughness [m].
+    Raises:
+        InvalidInput: for a value out of range.
+    """
+
+    slope_rad: float = SLOPE_RAD
+    clearance_m: float = CLEARANCE_M
+    margin_m: float = FOOT_M
+    width_m: float = FOOT_M
+    roughness_m: float = ROUGHNESS_M
+    noise_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        checked(self.slope_rad, "slope_rad", least=0.0, most=np.pi)
+        for name in ("clearance_m", "margin_m", "width_m", "noise_m"):
+            checked(getattr(self, name), name, least=0.0, most=10.0)
+        checked(self.roughness_m, "roughness_m", above=0.0, most=1.0)
+
+    @property
+    def rms_m(self) -> float:
+        """Largest rms of measured heights off a foothold's plane [m]."""
+        return float(np.hypot(self.roughness_m, self.noise_m))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TerrainPatch:
+    """A convex piece of a surface and how certain it is.
+
+    rms_m: of the corners (mesh) or the heights (map) off its surface's plane [m]; samples: how many triangles or
+    heights that is of; surface: number of the surface that it is a piece of.
+    """
+
+    patch: Patch
+    rms_m: float
+    samples: int
+    surface: int
+
+    @property
+    def area_m2(self) -> float:
+        """Of the piece [m²]."""
+        about = self.patch.vertices_m - self.patch.vertices_m[0]
+        return 0.5 * float(np.linalg.norm(np.cross(about, np.roll(about, -1, axis=0)).sum(axis=0)))
+
+    @property
+    def slope_rad(self) -> float:
+        """Between its normal and the vertical [rad]."""
+        return float(np.arccos(np.clip(self.patch.normal[2], -1.0, 1.0)))
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready values."""
+        return {
+            "vertices_m": self.patch.vertices_m.tolist(), "normal": self.patch.normal.tolist(),
+            "area_m2": self.area_m2, "slope_rad": self.slope_rad, "rms_m": self.rms_m, "samples": self.samples,
+            "surface": self.surface,
+        }  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Footholds:
+    """All of a terrain.
+
+    pieces: what may be stood on; a place may be in several of one surface. area_m2: that they cover [m²].
+    refused_m2: the area of what else there is, by reason (``REASONS``) [m²]. surfaces: the whole terrain as patches,
+    for bodies to keep out of and for pictures. limits: that they are within. name: of the terrain.
+    """
+
+    name: str
+    pieces: tuple[TerrainPatch, ...]
+    area_m2: float
+    refused_m2: dict[str, float]
+    surfaces: tuple[Patch, ...]
+    limits: FootholdLimits
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready values."""
+        return {
+            "terrain": self.name, "area_m2": self.area_m2, "refused_m2": self.refused_m2,
+            "patches": [piece.to_json() for piece in self.pieces],
+        }  # fmt: skip
+
+
+def footholds_of(
+    terrain: TriangleMesh | ElevationMap, limits: FootholdLimits = FootholdLimits(), friction: float = 1.0
+) -> Footholds:
+    """The footholds of a mesh or a map. Raises InvalidInput, with the reasons, where there is none."""
+    if isinstance(terrain, TriangleMesh):
+        from .mesh_footholds import mesh_footholds
+
+        found = mesh_footholds(terrain, limits, friction)
+    else:
+        from .map_footholds import map_footholds
+
+        found = map_footholds(terrain, limits, friction)
+    if not found.pieces:
+        refused = ", ".join(f"{area:.3g} m² {name}" for name, area in found.refused_m2.items() if area > 0.0)
+        raise InvalidInput(f"{terrain.name}: expected footholds, got none: {refused or 'no area'}")
+    return found
+
+
+def read_footholds(
+    path: str | Path,
+    options: ImportOptions = ImportOptions(),
+    limits: FootholdLimits = FootholdLimits(),
+    friction: float = 1.0,
+) -> Footholds:
+    """The footholds of a terrain's file. Raises InvalidInput for one that is none, or has none."""
+    terrain = read_terrain(path, options)
+    if isinstance(terrain, TriangleMesh):
+        terrain.check_size(options.unit_m)
+    return footholds_of(terrain, limits, friction)

@@ -1,0 +1,82 @@
+"""What the numbers of a terrain file mean: kind, unit, axis up, place, extent, grid, holes. Asked, never guessed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import Array, checked
+
+Kind = Literal["mesh", "grid", "cloud"]
+Holes = Literal["no-go", "fill"]
+UPS = ("x", "y", "z")
+KINDS: tuple[Kind, ...] = ("mesh", "grid", "cloud")
+HOLES: tuple[Holes, ...] = ("no-go", "fill")
+MOST_TRIANGLES = 200_000
+"""Of a mesh, unless it is said otherwise."""
+WIDEST_M = 200.0
+"""No terrain of a legged robot spans more [m]; one that does is a file in millimetres."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportOptions:
+    """How a file becomes a terrain in the world's frame, in metres, z up.
+
+    Arguments:
+        kind: what the file holds, "mesh", "grid" or "cloud"; None where its name says so.
+        unit_m: length of the file's unit [m]; 0.001 for millimetres.
+        up: the file's axis that points up, "x", "y" or "z"; of meshes and clouds.
+        offset_m: added to every point, after unit and axis, shape (3,) [m].
+        crop_m: what is kept, in the world's frame: x from, to, y from, to, or with z from, to besides [m].
+        spacing_m: of a grid's cells, of the map that a cloud becomes, and at which a mesh is sampled for walks [m].
+        height_m: heights of black and white in a .png [m].
+        holes: what has no height: "no-go" is no terrain, "fill" lies on a membrane over its border.
+        most_triangles: a mesh with more is refused before it is read.
+    Raises:
+        InvalidInput: for a value out of range.
+    """
+
+    kind: Kind | None = None
+    unit_m: float = 1.0
+    up: Literal["x", "y", "z"] = "z"
+    offset_m: Sequence[float] = (0.0, 0.0, 0.0)
+    crop_m: Sequence[float] | None = None
+    spacing_m: float = 0.05
+    height_m: tuple[float, float] | None = None
+    holes: Holes = "no-go"
+    most_triangles: int = MOST_TRIANGLES
+
+    def __post_init__(self) -> None:
+        for name, known in (("kind", (None, *KINDS)), ("up", UPS), ("holes", HOLES)):
+            if getattr(self, name) not in known:
+                words = ", ".join(word for word in known if word)
+                raise InvalidInput(f"{name}: expected one of {words}, got {getattr(self, name)!r}")
+        checked(self.unit_m, "unit_m", above=0.0)
+        checked(self.spacing_m, "spacing_m", above=0.0, most=WIDEST_M)
+        if isinstance(self.most_triangles, bool) or self.most_triangles < 1:
+            raise InvalidInput(f"most_triangles: expected 1 or more, got {self.most_triangles}")
+        if len(self.offset_m) != 3 or not np.all(np.isfinite(self.offset_m)):
+            raise InvalidInput(f"offset_m: expected three lengths, got {list(self.offset_m)}")
+        crop = self.crop_m
+        if crop is not None and (
+            len(crop) not in (4, 6) or not np.all(np.isfinite(crop)) or np.any(np.diff(crop)[::2] <= 0.0)
+        ):
+            raise InvalidInput(
+                "crop_m: expected x from, x to, y from, y to, and z if wanted, each to beyond its from, got "
+                f"{list(crop)}"
+            )
+
+    def placed(self, points: Array) -> Array:
+        """Points of the file, shape (K, 3), in the world's frame [m]: unit, then axis, then offset."""
+        turn = {"x": [1, 2, 0], "y": [2, 0, 1], "z": [0, 1, 2]}[self.up]  # axes change places in a circle: no mirror
+        return np.asarray(self.unit_m * points[:, turn] + np.asarray(self.offset_m, dtype=np.float64))
+
+    @property
+    def box_m(self) -> Array:
+        """Lowest and highest corner of what is kept, shape (2, 3) [m]."""
+        crop = np.array([*(self.crop_m or (-np.inf, np.inf) * 3), -np.inf, np.inf][:6], dtype=np.float64)
+        return crop.reshape(3, 2).T

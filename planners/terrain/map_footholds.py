@@ -1,0 +1,291 @@
+"""Footholds of an elevation map: its cells grouped into planes, each plane's cells cut into convex pieces.
+
+1. At every cell a plane through the heights about it, by moments (box filters). Cells that are off it are no ground.
+2. Neighbouring cells whose planes go on in one another are of one surface (connected components).
+3. A surface that is no plane within the roughness is parted in two, again and again: two planes, each cell to the
+   nearer one (Lloyd).
+4. Surfaces grow back to their edges, over cells that are on their plane.
+5. The outline of each surface, less the margin, is cut into convex pieces.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from contourpy import contour_generator
+from numpy.typing import NDArray
+from scipy.ndimage import find_objects, uniform_filter
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from ..files.arrays import Array
+from .elevation import ElevationMap
+from .facets import Facet, Plane, shapely_module
+from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
+from .mesh_footholds import standing_pieces
+from .patch import Patch
+from .polygon import SMALLEST_M
+
+WINDOW_M = 0.06
+"""Half width of the window of a cell's plane [m]."""
+FEWEST, MOST = 2, 5
+"""Cells in it to each side."""
+ROUNDS, LLOYD = 12, 4
+"""How often surfaces are parted, and how often cells choose the nearer of two planes then."""
+TURN_RAD = 0.12
+"""Planes of neighbouring cells that differ by more are of two surfaces, where there is no noise [rad]."""
+OFF, ALONE = 2.5, 4.5
+"""Cells are on a plane up to this many rms, and those that it is all about up to so many."""
+POCKET = 1.0
+"""An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
+MOMENTS = ("1", "x", "y", "xx", "xy", "yy", "z", "xz", "yz", "zz")
+
+Cells = NDArray[np.int_]
+
+
+def map_footholds(terrain: ElevationMap, limits: FootholdLimits, friction: float) -> Footholds:
+    """The footholds of a map; what else there is of it is no surface."""
+    spacing = terrain.spacing_m
+    lowest = float(np.nanmean(terrain.heights_m))
+    heights = terrain.heights_m - lowest
+    known = np.isfinite(heights)
+    labels = _grown(_surfaces(heights, known, spacing, limits), heights, spacing, limits)
+    planes, rms, count = _fitted(labels, heights)
+    normal_z = 1.0 / np.sqrt(1.0 + (planes[:, :2] ** 2).sum(axis=1) / spacing**2)
+    cell_m2 = spacing**2 / normal_z
+    level, flat = normal_z >= np.cos(limits.slope_rad), rms <= limits.rms_m * _slack(count)
+    refused = dict.fromkeys(REASONS, 0.0)
+    refused["steep"] = float((count * cell_m2)[flat & ~level].sum())
+    refused["rough"] = float(spacing**2 * (labels[known] < 0).sum() + (count * cell_m2)[~flat].sum())
+    refused["hole"] = float(spacing**2 * (~known).sum())
+    pieces, surfaces = list[TerrainPatch](), list[Patch]()
+    for number, where in enumerate(find_objects(labels + 1, max_label=len(planes))):
+        if where is None or not (flat[number] and level[number]):
+            continue
+        a, b, c = planes[number]
+        middle = np.array([terrain.x_m[0], terrain.y_m[0], lowest + c])
+        plane = Plane.through(middle, normal_z[number] * np.array([-a / spacing, -b / spacing, 1.0]))
+        outline = _outline(labels[where] == number, (where[0].start, where[1].start), terrain, plane)
+        samples = (
+            labels[where] == number if terrain.samples is None else terrain.samples[where][labels[where] == number]
+        )
+        facet = Facet(plane=plane, polygon=outline, triangles=np.arange(int(samples.sum())), rms_m=float(rms[number]))
+        pieces += standing_pieces(facet, outline, number, limits, friction, refused)
+        surfaces += [plane.patch(piece, friction) for piece in facet.pieces(SMALLEST_M)]
+        refused["edge"] += max(float(count[number] * cell_m2[number]) - outline.area, 0.0)
+    return Footholds(
+        name=terrain.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
+        surfaces=tuple(surfaces), limits=limits,
+    )  # fmt: skip
+
+
+def _outline(mask: NDArray[np.bool_], corner: tuple[int, int], terrain: ElevationMap, plane: Plane) -> Any:
+    """The cells of a mask as polygons in a plane: what is half a cell inside of the line half way to foreign cells,
+    which is straightened by as much."""
+    shapely = shapely_module()
+    lines = contour_generator(z=np.pad(mask, 1).T.astype(np.float64), fill_type="OuterOffset").filled(0.5, 1.5)
+    rings = [
+        [(points[a:b] - 1.0 + corner) for a, b in pairwise(offsets.tolist())]
+        for points, offsets in zip(*lines, strict=True)
+    ]
+    polygons = [shapely.Polygon(outer, holes) for outer, *holes in rings]
+    inner = [_inner(polygon) for polygon in polygons]
+    spacing = terrain.spacing_m
+    slopes = -plane.normal[:2] / plane.normal[2]
+
+    def on_plane(cells: Array) -> Array:
+        xy = spacing * cells
+        return plane.flat(plane.origin_m + np.column_stack([xy, xy @ slopes]))
+
+    return shapely.transform(shapely.union_all(inner), on_plane)
+
+
+def _inner(polygon: Any) -> Any:
+    """An outline in cells made simpler, inside of itself: convex where it nearly is."""
+    shapely = shapely_module()
+    hull = polygon.convex_hull
+    pocket = np.inf if polygon.interiors else shapely.hausdorff_distance(polygon.exterior, hull.exterior)
+    if pocket <= POCKET:
+        return hull.buffer(-max(pocket, 0.5), join_style="mitre").simplify(0.05)
+    return polygon.buffer(-0.5, join_style="mitre").simplify(POCKET).buffer(-POCKET, join_style="mitre")
+
+
+def _surfaces(heights: Array, known: NDArray[np.bool_], spacing: float, limits: FootholdLimits) -> Cells:
+    """The surface of every cell, −1 for none, by the planes about cells."""
+    half = int(np.clip(round(WINDOW_M / spacing), FEWEST, MOST))
+    moments = _windowed(heights, known, half)
+    plane, rms = _solved(moments)
+    slope = np.hypot(plane[0], plane[1]) / spacing
+    steepest = np.tan(min(limits.slope_rad + TURN_RAD, 1.5))
+    window = (2 * half + 1) ** 2
+    ground = (
+        known & (moments[0] * window >= 3.0) & (rms <= limits.rms_m * _slack(moments[0] * window)) & (slope <= steepest)
+    )
+    spread = spacing * np.sqrt((2 * half + 1) ** 2 * half * (half + 1) / 3.0)
+    turn = TURN_RAD + 3.0 * limits.noise_m / spread
+    step = OFF * limits.rms_m
+    pairs = [_continued(plane, ground, axis, spacing, turn, step) for axis in (0, 1)]
+    one, other = map(np.concatenate, zip(*pairs, strict=True))
+    graph = coo_array((np.ones(len(one)), (one, other)), shape=(heights.size, heights.size))
+    _, group = connected_components(graph, directed=False)
+    labels = np.where(ground, group.reshape(heights.shape), -1)
+    return _parted(_renumbered(labels), heights, plane[2], limits.rms_m)
+
+
+def _slack(count: Any) -> Any:
+    """By how much the rms of so many heights may be above their deviation: three of its own deviations."""
+    return 1.0 + 3.0 / np.sqrt(2.0 * np.maximum(count, 1.0))
+
+
+def _windowed(heights: Array, known: NDArray[np.bool_], half: int) -> list[Array]:
+    """Means of the moments about each cell, as ``MOMENTS``, over its window, relative to the cell; beyond: nothing."""
+    z = np.where(known, heights, 0.0)
+    i, j = np.indices(heights.shape, dtype=np.float64)
+    weight = known.astype(np.float64)
+
+    def mean(values: Array) -> Array:
+        return np.asarray(uniform_filter(values, 2 * half + 1, mode="constant"))
+
+    one, x, y = mean(weight), mean(weight * i), mean(weight * j)
+    xx, xy, yy = mean(weight * i * i), mean(weight * i * j), mean(weight * j * j)
+    total, xz, yz, zz = mean(z), mean(z * i), mean(z * j), mean(z * z)
+    return [
+        one, x - i * one, y - j * one, xx - 2.0 * i * x + i * i * one, xy - i * y - j * x + i * j * one,
+        yy - 2.0 * j * y + j * j * one, total, xz - i * total, yz - j * total, zz,
+    ]  # fmt: skip
+
+
+def _solved(moments: list[Array] | Array) -> tuple[Array, Array]:
+    """Least-squares planes z = a·x + b·y + c by moments, (a, b, c) a column, and the rms off them."""
+    one, x, y, xx, xy, yy, z, xz, yz, zz = moments
+    one = np.maximum(one, 1e-12)
+    cxx, cxy, cyy = xx - x * x / one, xy - x * y / one, yy - y * y / one
+    cxz, cyz, czz = xz - x * z / one, yz - y * z / one, zz - z * z / one
+    double = cxx * cyy - cxy * cxy
+    safe = np.where(double > 1e-9 * one * one, double, 1.0)
+    a = np.where(double > 1e-9 * one * one, (cxz * cyy - cyz * cxy) / safe, 0.0)
+    b = np.where(double > 1e-9 * one * one, (cyz * cxx - cxz * cxy) / safe, 0.0)
+    c = (z - a * x - b * y) / one
+    rest = czz - 2.0 * (a * cxz + b * cyz) + a * a * cxx + 2.0 * a * b * cxy + b * b * cyy
+    return np.stack([a, b, c]), np.sqrt(np.maximum(rest, 0.0) / one)
+
+
+def _continued(
+    plane: Array, ground: NDArray[np.bool_], axis: int, spacing: float, turn: float, step: float
+) -> tuple[Cells, Cells]:
+    """Pairs of neighbouring cells along an axis whose planes go on in one another."""
+    here = (slice(None, -1), slice(None)) if axis == 0 else (slice(None), slice(None, -1))
+    there = (slice(1, None), slice(None)) if axis == 0 else (slice(None), slice(1, None))
+    (a, b, c), (d, e, f) = (plane[(slice(None), *side)] for side in (here, there))
+    bend = np.hypot(a - d, b - e) / spacing
+    rise = np.abs(f - c - 0.5 * ((a + d) if axis == 0 else (b + e)))
+    fits = ground[here] & ground[there] & (bend <= turn * (1.0 + (a * a + b * b) / spacing**2)) & (rise <= step)
+    index = np.arange(ground.size).reshape(ground.shape)
+    return index[here][fits], index[there][fits]
+
+
+def _renumbered(labels: Cells) -> Cells:
+    """Labels from 0 on without gaps; −1 stays."""
+    known = labels >= 0
+    found = np.full(labels.shape, -1)
+    found[known] = np.unique(labels[known], return_inverse=True)[1]
+    return found
+
+
+def _moments_of(number: Cells, i: Array, j: Array, z: Array, count: int) -> Array:
+    """Sums of the moments of cells, as ``MOMENTS``, by number, shape (10, count)."""
+    values = (None, i, j, i * i, i * j, j * j, z, i * z, j * z, z * z)
+    return np.array([np.bincount(number, weights=value, minlength=count) for value in values])
+
+
+def _fitted(labels: Cells, heights: Array) -> tuple[Array, Array, Cells]:
+    """Of every surface its plane (a, b, c) with i and j in cells, shape (S, 3), rms, and how many heights."""
+    i, j = np.nonzero(labels >= 0)
+    number = labels[i, j]
+    count = int(labels.max(initial=-1)) + 1
+    planes, rms = _solved(_moments_of(number, i.astype(float), j.astype(float), heights[i, j], count))
+    return planes.T, rms, np.bincount(number, minlength=count)
+
+
+def _parted(labels: Cells, heights: Array, smooth: Array, most_rms: float) -> Cells:
+    """Surfaces parted in two until each is a plane within ``most_rms``. smooth: heights by the planes about cells."""
+    for _ in range(ROUNDS):
+        planes, rms, count = _fitted(labels, heights)
+        bent = rms > most_rms * _slack(count)
+        if not bent.any():
+            break
+        i, j = np.nonzero((labels >= 0) & np.append(bent, False)[labels])
+        number, z = labels[i, j], smooth[i, j]
+        x, y = i.astype(float), j.astype(float)
+        side = _halves(number, x, y, len(planes))
+        for _ in range(LLOYD):
+            both, _ = _solved(_moments_of(2 * number + side, x, y, z, 2 * len(planes)))
+            planes_of = both[:, np.stack([2 * number, 2 * number + 1])]
+            off = np.abs(planes_of[0] * x + planes_of[1] * y + planes_of[2] - z)
+            side = (off[1] < off[0]).astype(int)
+        halves = np.full(labels.shape, -1)
+        halves[i, j] = 2 * number + side
+        labels = _connected_again(labels, halves)
+    return labels
+
+
+def _halves(number: Cells, x: Array, y: Array, count: int) -> Cells:
+    """On which side of the middle of its surface, across its longer axis, each cell is."""
+    one, sx, sy, sxx, sxy, syy = (
+        np.bincount(number, weights=value, minlength=count) for value in (None, x, y, x * x, x * y, y * y)
+    )
+    one = np.maximum(one, 1)
+    mx, my = sx / one, sy / one
+    angle = 0.5 * np.arctan2(2.0 * (sxy / one - mx * my), sxx / one - mx * mx - (syy / one - my * my))
+    return ((x - mx[number]) * np.cos(angle)[number] + (y - my[number]) * np.sin(angle)[number] > 0.0).astype(int)
+
+
+def _connected_again(labels: Cells, halves: Cells) -> Cells:
+    """Labels anew: what was parted by its halves, and what does not hang together apart."""
+    key = np.where(halves >= 0, halves + labels.max() + 1, labels)
+    index = np.arange(key.size).reshape(key.shape)
+    one = np.concatenate([index[:-1][key[:-1] == key[1:]], index[:, :-1][key[:, :-1] == key[:, 1:]]])
+    other = np.concatenate([index[1:][key[:-1] == key[1:]], index[:, 1:][key[:, :-1] == key[:, 1:]]])
+    _, group = connected_components(coo_array((np.ones(len(one)), (one, other)), shape=(key.size,) * 2), directed=False)
+    return _renumbered(np.where(key >= 0, group.reshape(key.shape), -1))
+
+
+def _grown(labels: Cells, heights: Array, spacing: float, limits: FootholdLimits) -> Cells:
+    """Surfaces that take in cells at their borders which are on their planes, as far as the windows reached."""
+    half = int(np.clip(round(WINDOW_M / spacing), FEWEST, MOST))
+    planes = _fitted(labels, heights)[0]
+    if not len(planes):
+        return labels
+    sizes = np.bincount(labels[labels >= 0], minlength=len(planes))
+    open_ = np.isfinite(heights) & (labels < 0)
+    i, j = np.indices(labels.shape, dtype=np.float64)
+    labels = labels.copy()
+    for turn in range(half + 3):
+        if turn > half:
+            alike = sum((_shifted(labels, *way) == labels).astype(int) for way in ((0, 1), (0, -1), (1, 1), (1, -1)))
+            open_ = np.isfinite(heights) & ((labels < 0) | (alike <= 1))
+        best, least = np.full(labels.shape, -1), np.full(labels.shape, (OFF if turn <= half else ALONE) * limits.rms_m)
+        votes = np.zeros(labels.shape, dtype=np.int_)
+        for axis, shift in ((0, 1), (0, -1), (1, 1), (1, -1)):
+            near = _shifted(labels, axis, shift)
+            of = np.maximum(near, 0)
+            a, b, c = np.moveaxis(planes[of], -1, 0)
+            off = np.abs(a * i + b * j + c - heights)
+            votes += near == best
+            better = open_ & (near >= 0) & (off < least) & (sizes[of] >= 4)
+            best[better], least[better] = near[better], off[better]
+        chosen = (best >= 0) if turn <= half else (best >= 0) & (votes >= 2)
+        labels[chosen] = best[chosen]
+        open_ &= ~chosen
+    return labels
+
+
+def _shifted(labels: Cells, axis: int, shift: int) -> Cells:
+    """Labels moved by a cell, −1 where they come from beyond the map."""
+    near = np.roll(labels, shift, axis=axis)
+    edge = [slice(None), slice(None)]
+    edge[axis] = slice(0, 1) if shift == 1 else slice(-1, None)
+    near[tuple(edge)] = -1
+    return near

@@ -1,0 +1,260 @@
+"""Footholds of a mesh: its facets, less what is steep, covered by something close above, or inside a solid.
+
+In the plane of a facet other triangles are polygons: the part of a triangle between the plane and the clearance above
+it, seen along the normal, covers what is under it. Whether a place is inside a solid is asked of a ray: above a place
+that is outside as many triangles face up as down. That changes only where a surface crosses the facet, and under edges
+at which a surface ends, so that one ray is cast for each part of the facet between such lines.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from ..files.arrays import Array
+from .facets import COPLANAR_RAD, FLAT_M, Facet, facets_of, parts_of, shapely_module
+from .footholds import REASONS, FootholdLimits, Footholds, TerrainPatch
+from .polygon import SMALLEST_M
+from .triangle_mesh import TriangleMesh
+
+ABOVE_M = 1e-4
+"""What is no higher above a facet is on it [m]."""
+THIN_M = 1e-5
+"""Borders this close are one [m]."""
+LEAN = (1.414e-3, 1.732e-3)
+"""Rays lean by this along x and y, so that they hit no edge of a terrain that is drawn along the axes."""
+
+
+def mesh_footholds(mesh: TriangleMesh, limits: FootholdLimits, friction: float) -> Footholds:
+    """The footholds of a mesh; its other facets are surfaces only."""
+    facets = facets_of(mesh)
+    around = _Around(mesh)
+    refused = dict.fromkeys(REASONS, 0.0)
+    standing = list[tuple[int, Facet]]()
+    for number, facet in enumerate(facets):
+        area = facet.polygon.area
+        if facet.plane.normal[2] < np.cos(limits.slope_rad) - 1e-9:
+            refused["steep"] += area
+        elif area < limits.width_m * limits.width_m * 0.5:
+            refused["small"] += area
+        else:
+            free = around.uncovered(facet, limits.clearance_m)
+            refused["covered"] += area - free.area
+            standing.append((number, replace(facet, polygon=free)))
+    outside = around.outside([facet for _, facet in standing])
+    pieces, tops = list[TerrainPatch](), dict[int, Facet]()
+    for (number, facet), free in zip(standing, outside, strict=True):
+        tops[number] = replace(facet, polygon=free)
+        refused["inside"] += facet.polygon.area - free.area
+        pieces += standing_pieces(facet, free, number, limits, friction, refused)
+    facets = _one_sided(facets, tops)
+    return Footholds(
+        name=mesh.name, pieces=tuple(pieces), area_m2=sum(piece.area_m2 for piece in pieces), refused_m2=refused,
+        surfaces=tuple(facet.plane.patch(piece, friction) for facet in facets for piece in facet.pieces(SMALLEST_M)),
+        limits=limits,
+    )  # fmt: skip
+
+
+def _one_sided(facets: list[Facet], free: dict[int, Facet]) -> list[Facet]:
+    """Facets without what lies behind a foothold and looks the other way: of a sheet that a mesh has from both sides
+    one is its surface, or what stands on it would be inside. free: the footholds, by their facet's number."""
+    if not free:
+        return facets
+    shapely, numbers = shapely_module(), np.array(list(free))
+    planes = np.array([[*facet.plane.normal, facet.plane.normal @ facet.plane.origin_m] for facet in facets])
+    behind, kept = KDTree(planes[numbers]).query_ball_point(-planes, COPLANAR_RAD), list[Facet]()
+    for number, (facet, found) in enumerate(zip(facets, behind, strict=True)):
+        over = []
+        for top in (free[k] for k in numbers[found].tolist() if number not in free or k < number):
+            corners = top.plane.world(shapely.get_coordinates(top.polygon))
+            if len(corners) and np.abs(facet.plane.height(corners)).max() < FLAT_M:
+                over.append(shapely.set_coordinates(shapely.force_2d(top.polygon), facet.plane.flat(corners)))
+        left = _difference(facet.polygon, shapely.union_all(over, grid_size=1e-7)) if over else facet.polygon
+        kept.append(replace(facet, polygon=left))
+    return kept
+
+
+def standing_pieces(
+    facet: Facet, free: Any, surface: int, limits: FootholdLimits, friction: float, refused: dict[str, float]
+) -> list[TerrainPatch]:
+    """The convex pieces of what is free of a facet, the margin away from its border; refused gets what is lost."""
+    inner = free.buffer(-limits.margin_m, join_style="mitre") if limits.margin_m > 0.0 else free
+    kept = replace(facet, polygon=inner).pieces(max(limits.width_m, SMALLEST_M))
+    found = [
+        TerrainPatch(
+            patch=facet.plane.patch(piece, friction), rms_m=facet.rms_m, samples=len(facet.triangles), surface=surface
+        )
+        for piece in kept
+    ]
+    refused["edge"] += max(free.area - inner.area, 0.0)
+    refused["small"] += max(inner.area - sum(piece.area_m2 for piece in found), 0.0)
+    return found
+
+
+class _Around:
+    """The triangles of a mesh by where they are."""
+
+    def __init__(self, mesh: TriangleMesh) -> None:
+        self._shapely = shapely_module()
+        self._corners = mesh.spread_m
+        self._open = mesh.corners_m[_open_edges(mesh.triangles)]
+        self._low, self._high = self._corners.min(axis=1), self._corners.max(axis=1)
+        self._tree = self._shapely.STRtree(self._shapely.box(*self._low[:, :2].T, *self._high[:, :2].T))
+
+    def uncovered(self, facet: Facet, clearance_m: float) -> Any:
+        """What of a facet has nothing within the clearance above it."""
+        corners = self._corners[self._near(facet, clearance_m)]
+        heights = facet.plane.height(corners)
+        within = (heights.max(axis=1) > ABOVE_M) & (heights.min(axis=1) < clearance_m)
+        corners, heights = corners[within], heights[within]
+        flat = facet.plane.flat(corners)
+        whole = (heights.min(axis=1) >= ABOVE_M) & (heights.max(axis=1) <= clearance_m)
+        cut = [_slab(*each, clearance_m) for each in zip(flat[~whole], heights[~whole], strict=True)]
+        shadows = [_closed(flat[whole]), *(_closed(piece[None]) for piece in cut if len(piece))]
+        polygons = np.concatenate([self._shapely.polygons(each) for each in shadows if len(each)] or [np.zeros(0)])
+        touching = polygons[self._shapely.intersects(facet.polygon, polygons)]
+        if not len(touching):
+            return facet.polygon
+        return _difference(facet.polygon, self._shapely.union_all(touching, grid_size=1e-7))
+
+    def outside(self, facets: list[Facet]) -> list[Any]:
+        """What of each facet is outside of all solids."""
+        parts = [self._parts(facet) for facet in facets]
+        points = [
+            facet.plane.world(np.array([_within(part) for part in of]).reshape(-1, 2)) + ABOVE_M * facet.plane.normal
+            for facet, of in zip(facets, parts, strict=True)
+        ]
+        free = iter(self._winding(np.concatenate([*points, np.zeros((0, 3))])) <= 0)
+        kept = [[part for part in of if next(free)] for of in parts]
+        return [
+            facet.polygon if len(left) == len(of) else self._shapely.union_all(left, grid_size=1e-7)
+            for facet, of, left in zip(facets, parts, kept, strict=True)
+        ]
+
+    def _near(self, facet: Facet, above_m: float) -> NDArray[np.int_]:
+        """Triangles whose boxes meet the facet moved up by as much as ``above_m``, its own left out."""
+        corners = facet.plane.world(np.array(self._shapely.get_coordinates(facet.polygon)))
+        corners = np.concatenate([corners, corners + above_m * facet.plane.normal])
+        low, high = corners.min(axis=0) - ABOVE_M, corners.max(axis=0) + ABOVE_M
+        near = np.asarray(self._tree.query(self._shapely.box(*low[:2], *high[:2])))
+        near = near[(self._low[near, 2] <= high[2]) & (self._high[near, 2] >= low[2])]
+        return np.setdiff1d(near, facet.triangles, assume_unique=True)
+
+    def _parts(self, facet: Facet) -> list[Any]:
+        """The parts of a facet between the lines along which other triangles cross it."""
+        parts = parts_of(facet.polygon)
+        if not parts:
+            return []
+        corners = self._corners[self._near(facet, 2.0 * ABOVE_M)]
+        heights = facet.plane.height(corners) - ABOVE_M
+        across = (heights.min(axis=1) < 0.0) & (heights.max(axis=1) > 0.0)
+        ends = np.concatenate([_crossings(facet.plane.flat(corners[across]), heights[across]), self._shadows(facet)])
+        if not len(ends):
+            return parts
+        lines = self._shapely.linestrings(ends)
+        core = facet.polygon.buffer(-THIN_M)
+        lines = lines[self._shapely.intersects(core, lines)]
+        if not len(lines):
+            return parts
+        borders = [facet.polygon.boundary, *lines]
+        cut = self._shapely.get_parts(self._shapely.polygonize([self._shapely.union_all(borders, grid_size=1e-7)]))
+        return [part for part in cut if core.intersects(part.representative_point())] or parts
+
+    def _shadows(self, facet: Facet) -> Array:
+        """Where rays from the plane of a facet meet edges above that are open, shape (K, 2, 2)."""
+        heights = facet.plane.height(self._open)
+        over = heights.max(axis=1) > ABOVE_M
+        along = np.array([*LEAN, 1.0])
+        rise = float(facet.plane.normal @ along)
+        if abs(rise) < 1e-6:
+            return np.zeros((0, 2, 2))
+        return facet.plane.flat(self._open[over] - (heights[over] / rise)[..., None] * along)
+
+    def _winding(self, points: Array) -> NDArray[np.int_]:
+        """Triangles that face up above each point less those that face down, shape (K,)."""
+        lean = np.zeros((3, 3))
+        lean[2, :2] = LEAN
+        corners, points = self._corners - self._corners @ lean, points - points @ lean
+        a, b, c = np.moveaxis(corners, 1, 0)
+        u, v = b - a, c - a
+        double = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
+        low, high = corners[:, :, :2].min(axis=1), corners[:, :, :2].max(axis=1)
+        tree = self._shapely.STRtree(self._shapely.box(*low.T, *high.T))
+        point, triangle = tree.query(self._shapely.points(points[:, :2]))
+        of, way = double[triangle], points[point] - a[triangle]
+        with np.errstate(all="ignore"):
+            s = (way[:, 0] * v[triangle, 1] - way[:, 1] * v[triangle, 0]) / of
+            t = (u[triangle, 0] * way[:, 1] - u[triangle, 1] * way[:, 0]) / of
+            hit = (s >= 0.0) & (t >= 0.0) & (s + t <= 1.0) & (s * u[triangle, 2] + t * v[triangle, 2] > way[:, 2])
+        return np.bincount(point[hit], weights=np.sign(of[hit]), minlength=len(points)).astype(np.int_)
+
+
+def _open_edges(triangles: NDArray[np.int_]) -> NDArray[np.int_]:
+    """Edges that are not gone along as often one way as the other, shape (K, 2)."""
+    edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    ordered = np.sort(edges, axis=1)
+    found, number = np.unique(ordered, axis=0, return_inverse=True)
+    ways = np.bincount(number.reshape(-1), weights=np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0))
+    return np.asarray(found[ways != 0.0])
+
+
+def _difference(polygon: Any, covered: Any) -> Any:
+    """What is left of a polygon, without its cracks and threads."""
+    free = polygon.difference(covered, grid_size=1e-7)
+    for grow in (THIN_M, -2.0 * THIN_M, THIN_M):
+        free = free.buffer(grow, join_style="mitre")
+    return free
+
+
+def _closed(triangles: Array) -> Array:
+    """Polygons seen along the normal that have an area, shape (K, U, 2)."""
+    about = triangles - triangles[:, :1]
+    ahead = np.roll(about, -1, axis=1)
+    area = (about[..., 0] * ahead[..., 1] - about[..., 1] * ahead[..., 0]).sum(axis=1)
+    return np.asarray(triangles[np.abs(area) > THIN_M * np.ptp(triangles, axis=1).max(axis=1)])
+
+
+def _slab(flat: Array, heights: Array, top: float) -> Array:
+    """The part of a triangle between just above the plane and ``top``, in the plane's coordinates, shape (U, 2)."""
+    points, levels = flat, heights
+    for sign, level in ((-1.0, -ABOVE_M), (1.0, top)):
+        if len(points) < 3:
+            break
+        over = sign * levels - level
+        corners = list[Array]()
+        rows = np.column_stack([points, levels])
+        for here, there, h, g in zip(rows, np.roll(rows, -1, axis=0), over, np.roll(over, -1), strict=True):
+            if h <= 0.0:
+                corners.append(here)
+            if (h < 0.0 < g) or (g < 0.0 < h):
+                corners.append(here + h / (h - g) * (there - here))
+        rows = np.array(corners).reshape(-1, 3)
+        points, levels = rows[:, :2], rows[:, 2]
+    return points if len(points) >= 3 else np.zeros((0, 2))
+
+
+def _crossings(flat: Array, heights: Array) -> Array:
+    """Where triangles, shape (K, 3, 2), with corners on both sides of a plane cross it, shape (K, 2, 2).
+
+    An edge is always gone down, so that the triangles on both sides of it give the same point to the last bit.
+    """
+    alone = np.where((heights > 0.0).sum(axis=1) == 1, heights.argmax(axis=1), heights.argmin(axis=1))
+    rows = np.arange(len(flat))
+    ends = []
+    for turn in (1, 2):
+        other = (alone + turn) % 3
+        down = heights[rows, alone] > 0.0
+        high, low = np.where(down, alone, other), np.where(down, other, alone)
+        h, g = heights[rows, high], heights[rows, low]
+        share = (h / np.where(h == g, 1.0, h - g))[:, None]
+        ends.append(flat[rows, high] + share * (flat[rows, low] - flat[rows, high]))
+    return np.stack(ends, axis=1)
+
+
+def _within(part: Any) -> tuple[float, float]:
+    point = part.representative_point()
+    return point.x, point.y

@@ -1,0 +1,115 @@
+"""The one reader of terrain files: meshes, grids and point clouds, for postures, courses, walks and environments."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from ..errors import InvalidInput
+from ..files.arrays import checked
+from ..files.documents import read_bytes
+from . import cloud_file, grid_file, mesh_file
+from .elevation import ElevationMap
+from .heightfield import WIDEST_M, HeightField
+from .import_options import ImportOptions, Kind
+from .triangle_mesh import TriangleMesh
+
+SUFFIXES = tuple(dict.fromkeys((*grid_file.SUFFIXES, *mesh_file.SUFFIXES, *cloud_file.SUFFIXES)))
+MAY_HOLD: dict[Kind, tuple[str, ...]] = {
+    "mesh": mesh_file.SUFFIXES,
+    "grid": grid_file.SUFFIXES,
+    "cloud": (*cloud_file.SUFFIXES, ".ply", ".npy", ".csv"),
+}
+ROWS_POINTS = 200_000
+"""Points at which a spline is looked at in one go."""
+TOLERANCE_M = 0.025
+"""How far a spline may swing beyond the heights about a cell; beyond, the terrain is too fine for it [m]."""
+
+
+def read_terrain(
+    path: str | Path, options: ImportOptions = ImportOptions(), *, name: str = ""
+) -> TriangleMesh | ElevationMap:
+    """A mesh, or the elevation map of a grid or a point cloud, in the world's frame; holes as ``options`` has them.
+
+    A .ply without faces is a cloud. Raises InvalidInput, in one line, for anything that is no terrain.
+    """
+    path = Path(path)
+    label = name or path.name
+    kind = _kind(path, options.kind)
+    if options.height_m is not None and path.suffix.lower() != ".png":
+        raise InvalidInput(f"height_m: expected a .png with it, got {path}")
+    if kind == "mesh":
+        return TriangleMesh.of(*mesh_file.read_corners(path, options.most_triangles), options, label)
+    if kind == "grid":
+        return grid_file.read_grid(path, options, label).with_holes(options.holes)
+    points = options.placed(cloud_file.read_points(path))
+    low, high = options.box_m
+    points = points[np.all((points >= low) & (points <= high), axis=1)]
+    if not len(points):
+        raise InvalidInput(f"{path}: crop_m: expected some points inside, got none")
+    return ElevationMap.of_points(points, options.spacing_m, label).with_holes(options.holes)
+
+
+def read_heights(
+    path: str | Path,
+    options: ImportOptions = ImportOptions(),
+    *,
+    smooth_m: float = 0.0,
+    tolerance_m: float = TOLERANCE_M,
+    name: str = "",
+) -> HeightField:
+    """A terrain as one height at every place, smoothed by a Gaussian of deviation smooth_m where that is above 0; a
+    mesh is seen from above.
+
+    Raises InvalidInput for what is no terrain, holes that are not to be filled, fewer than four grid lines, sizes no
+    robot walks on, and for a terrain that is finer than its spline can hold: in a cell it swings by more than
+    tolerance_m beyond its corners.
+    """
+    found = read_terrain(path, options, name=name)
+    if isinstance(found, TriangleMesh):
+        found = found.from_above(options.spacing_m).with_holes(options.holes)
+    field = found.field()
+    smoothed = field.smoothed(smooth_m) if checked(smooth_m, "smooth_m", least=0.0, most=WIDEST_M) else field
+    _check_held(smoothed, checked(tolerance_m, "tolerance_m", above=0.0))
+    return smoothed
+
+
+def _kind(path: Path, wanted: Kind | None) -> Kind:
+    """What a file holds: as it is told, or by its name where that leaves no doubt. Raises InvalidInput."""
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InvalidInput(f"{path}: expected a terrain that ends in {', '.join(SUFFIXES)}, got {suffix or 'none'}")
+    if wanted is not None:
+        if suffix not in MAY_HOLD[wanted]:
+            raise InvalidInput(f"{path}: expected a {wanted} that ends in {', '.join(MAY_HOLD[wanted])}, got {suffix}")
+        return wanted
+    if suffix == ".ply":
+        head = read_bytes(path, mesh_file.MOST_BYTES)[: mesh_file.PLY_HEAD].partition(b"end_header")[0]
+        faces = re.search(rb"^element\s+face\s+(\d+)", head, re.MULTILINE)
+        points = re.search(rb"^element\s+vertex\s+(\d+)", head, re.MULTILINE)
+        return "cloud" if points and int(points[1]) and not (faces and int(faces[1])) else "mesh"
+    return next(kind for kind in ("mesh", "grid", "cloud") if suffix in MAY_HOLD[kind])
+
+
+def _check_held(field: HeightField, tolerance_m: float) -> None:
+    """Raise InvalidInput where the spline between grid points is far above or below all that are about."""
+    h = field.heights_m
+    corners = np.stack([h[:-1, :-1], h[1:, :-1], h[:-1, 1:], h[1:, 1:]])
+    x, y = (0.5 * (line[1:] + line[:-1]) for line in (field.x_m, field.y_m))
+    rows = max(1, ROWS_POINTS // len(y))
+    middles = np.concatenate(
+        [
+            field.height(np.stack(np.meshgrid(x[k : k + rows], y, indexing="ij"), axis=-1))
+            for k in range(0, len(x), rows)
+        ]
+    )
+    beyond = np.maximum(middles - corners.max(axis=0), corners.min(axis=0) - middles)
+    i, j = np.unravel_index(int(beyond.argmax()), beyond.shape)
+    if beyond[i, j] > tolerance_m:
+        raise InvalidInput(
+            f"{field.name}: finer than its spline can hold: between grid points it swings {1e3 * beyond[i, j]:.0f} mm "
+            f"beyond the heights about ({x[i]:.2f}, {y[j]:.2f}) m, expected {1e3 * tolerance_m:g} mm or less; "
+            f"take a finer grid, or smooth it, e.g. smooth_m={field.x_m[1] - field.x_m[0]:g}"
+        )

@@ -1,0 +1,178 @@
+"""A mesh as a terrain: triangles in the world's frame, cropped, and seen from above."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InvalidInput
+from ..files.arrays import Array
+from .elevation import ElevationMap
+from .heightfield import MOST_POINTS, WIDEST_M
+from .import_options import ImportOptions
+
+WELD_M = 1e-6
+"""Corners closer than this are one [m]: STL files have no others."""
+LARGEST_M, SMALLEST_MESH_M = 50.0, 0.01
+"""A terrain is no larger and no smaller than this from end to end [m]: what is, is in another unit."""
+MOST_COVERED = 2e8
+"""Grid points under all triangles of a mesh together, as each has to be looked at."""
+INSIDE_OUT = 1e-6
+"""Volume that a closed mesh may have inside out [m³]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TriangleMesh:
+    """Corners, shape (V, 3) [m], and triangles by their numbers, shape (T, 3), each with an area. name: for messages.
+
+    Seen from where the terrain may be stood on, a triangle's corners turn to the left.
+    """
+
+    corners_m: Array
+    triangles: NDArray[np.int_]
+    name: str
+
+    @classmethod
+    def of(cls, corners: Array, triangles: NDArray[np.int_], options: ImportOptions, name: str) -> TriangleMesh:
+        """Those of a file, welded, in the world's frame, cropped.
+
+        Raises InvalidInput where nothing is left, for an unlikely size, and for a closed mesh that is inside out.
+        """
+        with np.errstate(all="ignore"):  # absurd magnitudes end as no area
+            corners, triangles = _welded(options.placed(corners), triangles)
+        if len(triangles) == 0:
+            raise InvalidInput(f"{name}: expected a mesh with triangles, got an empty one")
+        if options.crop_m is not None:
+            corners, triangles = _cropped(corners, triangles, options.box_m)
+            if len(triangles) == 0:
+                raise InvalidInput(f"{name}: crop_m: expected some of the mesh inside, got none of it")
+        volume = _closed_volume(corners, triangles)
+        if volume < -INSIDE_OUT:
+            raise InvalidInput(
+                f"{name}: expected triangles that turn to the left as seen from outside, got a closed mesh that is "
+                f"inside out ({volume:.3g} m³); turn its normals, or crop the ceiling off a room"
+            )
+        return cls(corners_m=corners, triangles=triangles, name=name)
+
+    @property
+    def spread_m(self) -> Array:
+        """Corners of the triangles, shape (T, 3, 3) [m]."""
+        return np.asarray(self.corners_m[self.triangles])
+
+    def check_size(self, unit_m: float) -> None:
+        """Raise InvalidInput for a mesh that nobody walks on; unit_m: what its file's unit was taken for."""
+        size = float(np.ptp(self.corners_m, axis=0).max())
+        if size > LARGEST_M:
+            raise InvalidInput(
+                f"{self.name}: expected a terrain of at most {LARGEST_M:g} m from end to end, got {size:g} m; a file "
+                f"in millimetres is read with unit_m: {0.001 * unit_m:g}"
+            )
+        if size < SMALLEST_MESH_M:
+            raise InvalidInput(
+                f"{self.name}: expected a terrain of at least {SMALLEST_MESH_M:g} m from end to end, got {size:g} m; "
+                "see unit_m"
+            )
+
+    def from_above(self, spacing_m: float) -> ElevationMap:
+        """The upper side on the largest grid within the extent, with holes where there is no triangle.
+
+        Raises InvalidInput for a mesh that is too wide, too small, or takes too long.
+        """
+        triangles = self.spread_m
+        x_m, y_m = _grid_lines(triangles, spacing_m, self.name)
+        _check_cover(triangles, spacing_m, self.name)
+        heights = np.full((len(x_m), len(y_m)), -np.inf)
+        for corners in triangles:
+            _raise_to(heights, x_m, y_m, corners)
+        return ElevationMap(x_m=x_m, y_m=y_m, heights_m=np.where(np.isfinite(heights), heights, np.nan), name=self.name)
+
+
+def _welded(corners: Array, triangles: NDArray[np.int_]) -> tuple[Array, NDArray[np.int_]]:
+    """Corners and triangles without corners given twice and triangles without an area."""
+    _, first, number = np.unique(np.round(corners / WELD_M), axis=0, return_index=True, return_inverse=True)
+    corners, triangles = corners[first], number.reshape(-1)[triangles]
+    a, b, c = (corners[triangles[:, i]] for i in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return corners, triangles[area > WELD_M**2]
+
+
+def _cropped(corners: Array, triangles: NDArray[np.int_], box: Array) -> tuple[Array, NDArray[np.int_]]:
+    """What is inside a box, triangles cut at its sides."""
+    from trimesh.intersections import slice_faces_plane
+
+    sliced: Any = slice_faces_plane
+
+    for axis in range(3):
+        for sign, at in ((1.0, box[0, axis]), (-1.0, box[1, axis])):
+            if not np.isfinite(at) or not len(triangles):
+                continue
+            normal, origin = sign * np.eye(3)[axis], at * np.eye(3)[axis]
+            corners, triangles, *_ = sliced(corners, triangles, normal, origin)
+    return _welded(np.asarray(corners, dtype=np.float64), np.asarray(triangles, dtype=np.int_).reshape(-1, 3))
+
+
+def _closed_volume(corners: Array, triangles: NDArray[np.int_]) -> float:
+    """Volume inside a mesh each of whose edges is gone along once each way, by the divergence theorem; 0 for others."""
+    edges = np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)])
+    key = edges.min(axis=1) * len(corners) + edges.max(axis=1)
+    order = np.argsort(key, kind="stable")
+    if len(order) % 2 or np.any(key[order[::2]] != key[order[1::2]]) or np.any(np.diff(key[order[::2]]) == 0):
+        return 0.0
+    if np.any(edges[order[::2], 0] == edges[order[1::2], 0]):
+        return 0.0
+    a, b, c = (corners[triangles[:, i]] - corners.mean(axis=0) for i in range(3))
+    return float(np.vecdot(a, np.cross(b, c)).sum()) / 6.0
+
+
+def _grid_lines(triangles: Array, spacing: float, name: str) -> list[Array]:
+    """Grid lines along x and y, a spacing apart, within the extent of triangles."""
+    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    for axis in range(2):
+        if high[axis] - low[axis] > WIDEST_M:
+            raise InvalidInput(
+                f"{name}: expected {WIDEST_M:g} m or less along {'xy'[axis]}, got {high[axis] - low[axis]:g} m; "
+                "a mesh in millimetres is read with unit_m=0.001"
+            )
+    edge = 1e-9 * (high - low)  # the outermost nodes lie just within the mesh
+    counts = np.floor((high - low - 2.0 * edge)[:2] / spacing + 1e-6).astype(int) + 1
+    if counts[0] * counts[1] > MOST_POINTS:
+        raise InvalidInput(f"{name}: expected {MOST_POINTS} grid points or fewer, got {counts[0] * counts[1]}")
+    if counts.min() < 4:
+        raise InvalidInput(
+            f"{name}: expected {4 * spacing:g} m or more at spacing_m={spacing:g}, "
+            f"got {high[0] - low[0]:g} x {high[1] - low[1]:g} m"
+        )
+    lines = [np.linspace(low[k] + edge[k], low[k] + edge[k] + (n - 1) * spacing, n) for k, n in enumerate(counts)]
+    return [np.minimum(line, high[k] - edge[k]) for k, line in enumerate(lines)]
+
+
+def _check_cover(triangles: Array, spacing: float, name: str) -> None:
+    """Raise InvalidInput for triangles that lie over one another so often that reading them takes minutes."""
+    spans = np.ptp(triangles[:, :, :2], axis=1) / spacing + 1.0
+    covered = float(np.prod(spans, axis=1).sum())
+    if covered > MOST_COVERED:
+        raise InvalidInput(
+            f"{name}: expected triangles over {MOST_COVERED:g} grid points in all or fewer, got {covered:.3g}"
+        )
+
+
+def _raise_to(heights: Array, x: Array, y: Array, corners: Array) -> None:
+    """Raise the grid to one triangle, shape (3, 3), where it lies higher."""
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = corners.tolist()
+    double = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    if abs(double) < 1e-14:
+        return
+    i = slice(*np.searchsorted(x, (min(ax, bx, cx) - 1e-6, max(ax, bx, cx) + 1e-6)))
+    j = slice(*np.searchsorted(y, (min(ay, by, cy) - 1e-6, max(ay, by, cy) + 1e-6)))
+    if i.start == i.stop or j.start == j.stop:
+        return
+    u, v = x[i, None] - ax, y[None, j] - ay
+    second = (u * (cy - ay) - v * (cx - ax)) / double
+    third = (v * (bx - ax) - u * (by - ay)) / double
+    edge = 1e-5  # of the triangle: corners are often in single precision
+    inside = (second > -edge) & (third > -edge) & (second + third < 1.0 + edge)
+    found = np.where(inside, az + second * (bz - az) + third * (cz - az), -np.inf)
+    heights[i, j] = np.maximum(heights[i, j], found)

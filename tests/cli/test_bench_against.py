@@ -1,0 +1,152 @@
+"""Walks of other programs as tables: judged as the walks they were written of, and refused where they are none."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+from stancekit.cli.bench_against import judge
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.gait.walk_table import read_walk, table_of, walk_names
+from stancekit.planners.robot.single_body import anymal
+from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.planners.verify.trajectories import check_trajectory
+
+TIMES_S = 0.005 * np.arange(61)
+KEYS = {
+    "program": "standing", "robot": "anymal", "terrain": "level.npy", "spacing_m": 0.1, "friction": 0.5,
+    "start_xy_m": [0.0, 0.0], "goal_xy_m": [0.0, 0.0], "cpu_process_s": 2.5, "cpu_solver_s": 1.5,
+}  # fmt: skip
+
+
+def standing() -> Trajectory:
+    """ANYmal on level ground, a quarter of the weight on every foot, which are placed evenly about it."""
+    robot = anymal()
+    feet = np.array([foot.nominal_m for foot in robot.feet]) + robot.stand_height_m * np.array([0.0, 0.0, 1.0])
+    force = np.array([0.0, 0.0, 0.25 * robot.weight_n])
+    count = len(TIMES_S)
+    return Trajectory(
+        times_s=TIMES_S, torso_m=np.tile([0.0, 0.0, robot.stand_height_m], (count, 1)),
+        rotation=np.tile(np.eye(3), (count, 1, 1)), feet_m=np.tile(feet, (count, 1, 1)),
+        forces_n=np.tile(force, (count, 4, 1)), contact=np.ones((count, 4), dtype=bool), robot=robot,
+        terrain=HeightField.from_array(np.zeros((41, 41)), spacing_m=0.1), friction=0.5,
+        adhesive=np.zeros(4, dtype=bool), start_xy_m=np.zeros(2), goal_xy_m=np.zeros(2),
+    )  # fmt: skip
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """A walk as CSV."""
+    np.save(tmp_path / "level.npy", np.zeros((41, 41)))
+    (tmp_path / "stands.yaml").write_text(yaml.safe_dump(KEYS))
+    (tmp_path / "stands.csv").write_text(table_of(standing()))
+    return tmp_path
+
+
+def verdicts(trajectory: Trajectory) -> dict[str, float]:
+    return {group.group: group.value for group in check_trajectory(trajectory).groups}
+
+
+def test_a_table_is_judged_as_the_walk_it_was_written_of(folder):
+    walk, own = read_walk(folder / "stands.yaml"), standing()
+    assert walk.keys.cpu_process_s == 2.5
+    assert check_trajectory(walk.trajectory).accepted
+    assert verdicts(walk.trajectory) == pytest.approx(verdicts(own), abs=1e-9)
+    for name in ("times_s", "torso_m", "rotation", "feet_m", "forces_n", "contact"):
+        np.testing.assert_allclose(getattr(walk.trajectory, name), getattr(own, name), atol=1e-12)
+
+
+def test_an_archive_says_the_same_and_a_foot_that_is_pushed_stands(folder):
+    own = standing()
+    (folder / "stands.csv").unlink()
+    wxyz = np.tile([-1.0, 0.0, 0.0, 0.0], (own.samples, 1))
+    arrays = {"t_s": own.times_s, "base_m": own.torso_m, "base_wxyz": wxyz, "feet_m": own.feet_m}
+    forces = own.forces_n.copy()
+    forces[:, 0] = 0.0
+    np.savez(folder / "stands.npz", **arrays, forces_n=forces)
+    walk = read_walk(folder / "stands.yaml")
+    assert walk.trajectory.contact.sum(axis=0).tolist() == [0, own.samples, own.samples, own.samples]
+    refused = {group.group for group in check_trajectory(walk.trajectory).refused}
+    assert "force_balance" in refused
+
+
+def test_a_forged_table_is_refused_by_the_check_not_believed(folder):
+    """A base that says it is 10 cm higher than its feet can reach, with everything else as it was."""
+    text = (folder / "stands.csv").read_text().splitlines()
+    high = [",".join([*row.split(",")[:3], repr(0.9), *row.split(",")[4:]]) for row in text[1:]]
+    (folder / "stands.csv").write_text("\n".join([text[0], *high]))
+    report = check_trajectory(read_walk(folder / "stands.yaml").trajectory)
+    assert "reach" in {group.group for group in report.refused}
+
+
+def test_all_walks_of_a_folder_are_judged_beside_our_cells(folder, tmp_path, capsys):
+    (folder / "again.yaml").write_text(yaml.safe_dump({**KEYS, "terrain": "ripple", "task": 3}))
+    (folder / "again.csv").write_text((folder / "stands.csv").read_text())
+    cells = tmp_path / "cells"
+    cells.mkdir()
+    row = {"verified": True, "cpu_s": 4.0, "force_rms": 0.01}
+    (cells / "ripple-03-0-portfolio.json").write_text(json.dumps({"row": row}))
+    assert judge(folder, cells, as_json=False) == 0
+    shown = capsys.readouterr().out
+    assert "stancekit, portfolio" in shown
+    found = json.loads((cells / "against.json").read_text())
+    by_walk = {row["walk"]: row for row in found["walks"]}
+    assert by_walk["stands"]["verified"]
+    assert not by_walk["again"]["verified"]  # flat feet on a ripple
+    assert by_walk["ripple-03-0-portfolio"]["cpu_solver_s"] == 4.0
+    sums = {each["program"]: each for each in found["programs"]}
+    assert (sums["standing"]["walks"], sums["standing"]["verified"]) == (2, 1)
+    assert sums["standing"]["cpu_process_s"] == 2.5
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"program": None}, r"stands\.yaml: program: expected"),
+        ({"terrain": "nowhere"}, r"stands\.yaml: terrain"),
+        ({"robot": "spider"}, r"stands\.yaml: robot: expected"),
+        ({"friction": -1.0}, r"stands\.yaml: friction"),
+        ({"speed": 1.0}, r"stands\.yaml: speed"),
+    ],
+)
+def test_keys_that_are_wrong_are_refused_in_one_line(folder, changed, message):
+    (folder / "stands.yaml").write_text(yaml.safe_dump({**KEYS, **changed}))
+    with pytest.raises(InvalidInput, match=message) as caught:
+        read_walk(folder / "stands.yaml")
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        (lambda text: text.replace("base_x_m", "x"), r"stands\.csv: .* missing base_x_m$"),
+        (lambda text: text.replace("t_s,", "t_s,more,", 1), r"stands\.csv: .* got more$"),
+        (lambda text: text.replace("\n0.005,", "\nnow,"), r"stands\.csv: expected 36 numbers in every row"),
+        (lambda text: text.replace("\n0.005,", "\n"), r"stands\.csv: expected 36 numbers in every row"),
+        (lambda text: text.replace(",1.0,0.0,0.0,0.0,", ",0.5,0.0,0.0,0.0,"), r"unit quaternions, got one of .* 0\.5"),
+        (lambda text: text.replace(",1.0\n", ",0.5\n"), r"stands: expected 0 or 1 for every foot$"),
+        (lambda text: "", r"stands\.csv: expected some text, the file is empty$"),
+    ],
+)
+def test_samples_that_are_wrong_are_refused_in_one_line(folder, wrong, message):
+    path = folder / "stands.csv"
+    path.write_text(wrong(path.read_text()))
+    with pytest.raises(InvalidInput, match=message) as caught:
+        read_walk(folder / "stands.yaml")
+    assert "\n" not in str(caught.value)
+
+
+def test_folders_without_walks_and_walks_without_samples(folder, tmp_path):
+    with pytest.raises(InvalidInput, match=r"expected a folder of walks, found none$"):
+        walk_names(tmp_path / "nowhere")
+    (folder / "stands.csv").unlink()
+    with pytest.raises(InvalidInput, match=r"stands\.csv or stands\.npz beside it, got neither$"):
+        read_walk(folder / "stands.yaml")
+    (folder / "stands.yaml").unlink()
+    with pytest.raises(InvalidInput, match=r"expected walks, NAME\.yaml with"):
+        walk_names(folder)

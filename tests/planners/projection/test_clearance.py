@@ -1,0 +1,129 @@
+"""Distances along a plan's path against finite differences, and a beam over the path that plans go under."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.problem.course_file import spec_from
+from stancekit.planners.problem.course_layout import build_course
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.search.friction_margin import plan_with_reserve
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.verify import check_plan
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("coal")
+from stancekit.planners.motion import joints
+from stancekit.planners.projection import clearance
+from stancekit.planners.projection.clearance import Nearness, PathClearance
+from stancekit.planners.projection.whole_body import whole_body, with_joints
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.search.whole_body_outcome import with_whole_body
+
+BEAM = {
+    "name": "beam", "frames": 6, "gait": "tripod", "start_m": [0.0, 0.0, 0.2], "goal_m": [0.25, 0.0, 0.2],
+    "stance": {"outward_m": 0.13, "down_m": 0.2}, "body": {"com_radius_m": 0.09, "first_radius_m": 0.02},
+    "steps": {"com_m": 0.14, "toe_m": 0.35, "rotation_rad": 0.15},
+    "candidates": {"count": 1, "window_m": 0.26, "margin_m": 0.02},
+    "terrain": {
+        "kind": "polygons", "friction": 0.7,
+        "polygons": [
+            {"vertices_m": [[-1, -1, 0], [2, -1, 0], [2, 1, 0], [-1, 1, 0]]},
+            {"vertices_m": [[0.24, -0.5, 0.215], [0.24, 0.5, 0.215], [0.3, 0.5, 0.215], [0.3, -0.5, 0.215]],
+             "footing": False},
+        ],
+    },
+}  # fmt: skip
+"""A beam 6 cm wide across the path, whose under side is where the robot's back is."""
+
+
+@pytest.fixture(scope="module")
+def beam() -> Plan:
+    outcome = plan_with_reserve(TwoStageCoursePlanner(), build_course(spec_from(BEAM)))
+    assert outcome.plan is not None
+    return outcome.plan
+
+
+class Weightless(Kinematics):
+    """Of a robot whose legs weigh nothing: its centre of mass stays where it is in the body."""
+
+    def com_offset(self, angles: np.ndarray) -> np.ndarray:
+        return self.robot.origin_m
+
+
+def test_slopes_are_those_of_finite_differences(walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the path alone, whose joints follow body and toes. What the centre of mass moves by with the legs, and what
+    feet roll, is left out of the slopes, and out of this."""
+    plan = with_joints(walk(3))
+    monkeypatch.setattr(clearance, "_with_keys", lambda path, moments, postures: (moments, postures))
+    monkeypatch.setattr(clearance, "_nearest", lambda near, clearance_m: near)
+    monkeypatch.setattr(joints, "_rolled", lambda kinematics, moments, rotations, angles, normals: 0.0 * normals)
+    looks = PathClearance(plan, Weightless(plan.course.robot))
+    start, rng, step = looks.nearness(plan, 0.02, 0.023), np.random.default_rng(0), 1e-5
+    assert len(start.distance_m) > 100
+
+    def moved(names: tuple[str, ...]) -> tuple[np.ndarray, Nearness]:
+        parts = {name: np.zeros_like(getattr(plan, name)) for name in ("com_m", "rotation_rad", "joints_rad", "toes_m")}
+        for name in names:
+            parts[name] = step * rng.standard_normal(parts[name].shape)
+        parts["toes_m"][:, 2] = 0.0  # toes stay on the ground
+        other = replace(plan, **{name: getattr(plan, name) + part for name, part in parts.items()})
+        return np.concatenate([part.ravel() for part in parts.values()]), looks.nearness(other, 0.02, 0.023)
+
+    for names in (("com_m",), ("rotation_rad",), ("joints_rad",), ("toes_m",), ("com_m", "rotation_rad", "toes_m")):
+        change, other = moved(names)
+        assert len(other.distance_m) == len(start.distance_m)
+        found, expected = start.slopes @ change, other.distance_m - start.distance_m
+        largest = np.abs(expected).max()
+        assert largest > 1e-3 * step
+        assert np.abs(found - expected).max() < 0.02 * largest + 1e-9  # coal's tolerance
+
+
+def test_a_beam_over_the_path_is_gone_under_all_along_it(beam: Plan) -> None:
+    before = check_plan(with_joints(beam), joints=True)
+    assert before.contacts
+    assert before.motion["verdict"] == "failed"
+    assert before.motion["worst"]["other"] == "patch 1"
+    found = whole_body(beam, WholeBodyLimits(clearance_m=0.004))
+    report = check_plan(found.plan, joints=True)
+    assert report.accepted, report.failures
+    assert report.checked == ("contacts", "joints", "torque", "bodies", "motion")
+    assert found.before.depth_m > 0.005
+    assert found.after.depth_m <= 0.001
+    assert found.after.share <= max(found.before.share, 1.0)
+    assert found.steps >= 1
+    looks = PathClearance(found.plan, Kinematics(beam.course.robot))
+    apart = looks.nearness(found.plan, 0.004).distance_m
+    assert apart.min() >= 0.002  # half of what is wanted is enough
+
+
+def test_what_is_found_is_never_worse(beam: Plan) -> None:
+    for steps in (1, 2):
+        found = whole_body(beam, WholeBodyLimits(torque_nm=8.0, steps=steps))
+        assert check_plan(found.plan).accepted
+        assert max(found.after.share, 1.0) <= max(found.before.share, 1.0)
+        assert found.after.depth_m <= max(found.before.depth_m, 0.001)
+
+
+def test_a_goal_inside_a_block_is_undecided_with_link_and_depth(beam: Plan) -> None:
+    """A closed box in the end of the path, higher than the robot, which no step comes out of."""
+    low, high = np.array([0.2, -0.05, 0.0]), np.array([0.4, 0.05, 0.4])
+    polygons = [BEAM["terrain"]["polygons"][0]]  # type: ignore[index]
+    for axis, side in ((a, s) for a in range(3) for s in (0, 1)):
+        b, c = [(1, 2), (2, 0), (0, 1)][axis]
+        corners = np.array([[low, high][side]] * 4)
+        corners[:, b] = [low[b], high[b], high[b], low[b]]
+        corners[:, c] = [low[c], low[c], high[c], high[c]]
+        polygons.append({"vertices_m": corners[:: 1 if side else -1].tolist(), "footing": False})
+    terrain = {**BEAM["terrain"], "polygons": polygons}  # type: ignore[dict-item]
+    course = build_course(spec_from({**BEAM, "frames": 5, "terrain": terrain}))
+    outcome = with_whole_body(plan_with_reserve(TwoStageCoursePlanner(), course), WholeBodyLimits(steps=2))
+    assert outcome.status.value == "undecided"
+    assert outcome.certificate is None
+    assert "body is " in outcome.message
+    assert " inside the body of patches 1 to 6" in outcome.message

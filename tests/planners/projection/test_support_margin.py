@@ -1,0 +1,81 @@
+"""Quadrupeds that do not balance on an edge: their feet press, and their bodies are inside of what carries them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.projection.support_margin import pressing, steady
+from stancekit.planners.projection.whole_body import whole_body
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
+from stancekit.planners.search.friction_margin import plan_with_reserve
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from tests.planners.robot.small_urdfs import quadruped
+
+pytest.importorskip("pinocchio")
+
+WAVE = """
+name: flat
+robot: dog.urdf
+frames: 7
+gait: wave
+start_m: [0.0, 0.0]
+goal_m: [0.2, 0.0, 0.45]
+steps: {com_m: 0.15, toe_m: 0.4}
+terrain: {kind: flat, friction: 0.7}
+"""
+
+
+@pytest.fixture(scope="module")
+def plan(tmp_path_factory: pytest.TempPathFactory) -> Plan:
+    folder = tmp_path_factory.mktemp("course")
+    (folder / "dog.urdf").write_text(quadruped())
+    (folder / "flat.yaml").write_text(WAVE)
+    outcome = plan_with_reserve(TwoStageCoursePlanner(), read_course(folder / "flat.yaml"))
+    assert outcome.plan is not None
+    return outcome.plan
+
+
+def shares(plan: Plan, stance: int) -> Array:
+    """Of a weight, what three feet on level ground carry: the centre's barycentric coordinates, shape (3,)."""
+    of = plan.course.stances[stance]
+    corners = plan.toes_at(of.frame)[list(of.limbs), :2]
+    rows = np.vstack([corners.T, np.ones(3)])
+    return np.asarray(np.linalg.solve(rows, [*plan.com_m[of.frame, :2], 1.0]))
+
+
+def test_a_plan_on_an_edge_is_planned_anew_with_its_centre_inside_of_what_carries_it(plan: Plan) -> None:
+    threes = [index for index, stance in enumerate(plan.course.stances) if len(stance.limbs) == 3]
+    assert len(threes) >= 8
+    assert plan.provenance["press_share"] == 0.1
+    assert all(shares(plan, stance).min() >= 0.1 - 1e-6 for stance in threes)
+    loose = plan_with_reserve(TwoStageCoursePlanner(), plan.course, presses=()).plan
+    assert loose is not None
+    assert "press_share" not in loose.provenance
+    assert min(shares(loose, stance).min() for stance in threes) < 0.01
+
+
+def test_steady_is_what_barycentric_coordinates_say_of_three_feet(plan: Plan) -> None:
+    threes = [index for index, stance in enumerate(plan.course.stances) if len(stance.limbs) == 3]
+    least = min(shares(plan, stance).min() for stance in threes)
+    assert steady(plan, least - 1e-3)
+    assert not steady(plan, least + 1e-3)
+
+
+def test_a_plan_that_is_bent_for_its_torques_still_presses(plan: Plan) -> None:
+    bent = whole_body(plan, WholeBodyLimits(torque_nm=20.0)).plan
+    assert not np.array_equal(bent.com_m, plan.com_m)
+    assert bent.provenance["press_share"] == 0.1
+    assert steady(bent, 0.1 - 1e-6)
+
+
+def test_pressing_changes_the_least_normal_force_alone(plan: Plan) -> None:
+    course = pressing(plan.course, 0.2)
+    assert course.force_min.tolist() == [0.2, -1.0, -1.0]
+    assert pressing(course, 0.1).force_min.tolist() == [0.2, -1.0, -1.0]
+    assert replace(course, force_min=plan.course.force_min).stances == plan.course.stances

@@ -1,0 +1,67 @@
+"""Feet that are meshes: balls are found, whatever has corners is not, and the robot in a plan's file keeps them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stancekit.planners.robot.robot_model import RobotModel, model_of
+from stancekit.planners.robot.round_feet import fitted_ball
+from tests.planners.robot.small_urdfs import quadruped
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("coal")
+
+MIDDLE = np.array([0.01, -0.004, 0.002])
+
+
+def corners(count: int = 400, radius_m: float = 0.03) -> np.ndarray:
+    directions = np.random.default_rng(0).normal(size=(count, 3))
+    return MIDDLE + radius_m * directions / np.linalg.norm(directions, axis=1)[:, None]
+
+
+def with_feet(folder: Path, points: np.ndarray) -> RobotModel:
+    """A quadruped whose feet are a mesh, the hull of these points."""
+    from scipy.spatial import ConvexHull
+
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in points]
+    lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in ConvexHull(points).simplices]
+    (folder / "foot.obj").write_text("\n".join(lines) + "\n")
+    text = quadruped().replace('<sphere radius="0.02"/>', '<mesh filename="foot.obj"/>')
+    return model_of(text, folder=folder)
+
+
+def test_a_mesh_of_a_ball_is_a_foot_of_its_radius(tmp_path: Path) -> None:
+    model = with_feet(tmp_path, corners())
+    for leg in model.legs:
+        assert leg.radius_m == pytest.approx(0.03, rel=1e-3)
+        ankle = model.mounts[leg.foot]
+        np.testing.assert_allclose(leg.chain.tip_m, ankle.origin_m + ankle.rotation @ MIDDLE, atol=1e-6)
+    assert any(remark.text.startswith("balls for LF_FOOT, RF_FOOT") for remark in model.remarks)
+    again = model_of(model.urdf, feet={leg.name: leg.foot for leg in model.legs})  # as a plan's file has it
+    assert [leg.radius_m for leg in again.legs] == [leg.radius_m for leg in model.legs]
+
+
+def test_a_mesh_with_corners_is_a_point(tmp_path: Path) -> None:
+    box = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * [0.03, 0.01, 0.02]
+    assert all(leg.radius_m == 0.0 for leg in with_feet(tmp_path, box).legs)
+
+
+def test_what_a_ball_may_lack() -> None:
+    points = corners()
+    found = fitted_ball(points)
+    assert found is not None
+    np.testing.assert_allclose(found[0], MIDDLE, atol=1e-9)
+    flattened = MIDDLE + (points - MIDDLE) * [1.0, 1.0, 0.5]
+    assert fitted_ball(flattened) is None
+    aside = np.clip((points - MIDDLE)[:, 1], -0.0155, 0.0155)  # sides off, as of wheels with a round tread
+    onto = (points - MIDDLE)[:, [0, 2]]
+    onto *= (np.sqrt(0.03**2 - aside**2) / np.linalg.norm(onto, axis=1))[:, None]
+    cut = MIDDLE + np.column_stack([onto[:, 0], aside, onto[:, 1]])
+    assert fitted_ball(cut) is not None
+    turns = np.linspace(0.0, 2.0 * np.pi, 40)
+    can = np.array([[np.cos(t), np.sin(t), z] for t in turns for z in (-1.0, 1.0)])
+    assert fitted_ball(can) is None
+    assert fitted_ball(points[:3]) is None

@@ -1,0 +1,154 @@
+"""Families of terrain: equal for equal seeds, what their figures say, harder only where the level says so."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.candidates import NoFooting
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.robot import hexapod
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.terrain.families import TERRAIN_FAMILIES, VOID_M, family_terrain
+from stancekit.planners.verify import check_certificate, check_plan
+
+FAMILIES = tuple(TERRAIN_FAMILIES)
+
+
+@pytest.fixture(scope="module")
+def planner():
+    return TwoStageCoursePlanner(programs=Programs(), time_limit_s=10.0)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_equal_seeds_give_equal_scenes_and_others_others(family):
+    one, again, other = (family_terrain(family, 0.6, seed) for seed in (4, 4, 5))
+    assert one.figures == again.figures != other.figures
+    for patch, same in zip(one.patches, again.patches, strict=True):
+        np.testing.assert_array_equal(patch.vertices_m, same.vertices_m)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_the_level_leaves_what_is_drawn_alone(family):
+    easy, hard = (family_terrain(family, level, 3).figures for level in (0.2, 0.8))
+    drawn = {"friction", "run_m", "offset_m"} | ({"middle_m"} if family == "gaps" else set())
+    assert {name: easy[name] for name in drawn & set(easy)} == {name: hard[name] for name in drawn & set(hard)}
+    assert any(easy[name] != hard[name] for name in easy)
+
+
+@pytest.mark.parametrize("family", FAMILIES)
+def test_level_0_always_has_a_plan(family, planner):
+    for seed in range(3):
+        outcome = planner.solve(read_course(f"{family}:0:{seed}"))
+        assert outcome.status is Status.FEASIBLE
+        assert check_plan(outcome.plan).accepted
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_slope_above_the_friction_angle_is_proved_to_have_no_plan(seed, planner):
+    friction = family_terrain("slopes", 0.0, seed).figures["friction"]
+    course = read_course(f"slopes:{(np.arctan(friction) + 0.02) / 0.8:.6f}:{seed}")
+    outcome = planner.solve(course)
+    assert outcome.status is Status.INFEASIBLE
+    assert check_certificate(course, outcome.certificate).accepted
+
+
+def test_a_gap_wider_than_a_shoulder_and_its_legs_reach_has_no_footing():
+    with pytest.raises(NoFooting, match=r"gaps:1:0: frame 0, limb .*within its reach of 0\.35 m"):
+        read_course("gaps:1:0")
+
+
+def test_walls_have_no_footing_just_where_one_is_out_of_reach_of_a_corner_leg():
+    """The outermost of a front toe: its shoulder's y, moved by the COM's ball and √3 · tilt · ‖s‖, and its reach."""
+    limb = hexapod().limbs[0]
+    course = read_course("walls:0:0")
+    moved = course.com_radius_m[0] + np.sqrt(3.0) * course.tilt_limit_rad * np.linalg.norm(limb.shoulder_m)
+    most, seen = limb.shoulder_m[1] + moved + limb.reach_m, set()
+    for seed in range(12):
+        figures = family_terrain("walls", 1.0, seed).figures
+        none = bool(0.5 * figures["apart_m"] + abs(figures["middle_m"]) > most)
+        seen.add(none)
+        with pytest.raises(NoFooting) if none else nullcontext():
+            read_course(f"walls:1:{seed}")
+    assert seen == {True, False}
+
+
+@pytest.mark.parametrize("family", ["gaps", "beams"])
+def test_harder_gaps_and_beams_have_less_to_stand_on_and_nothing_else(family):
+    _, _, easy = family_terrain(family, 0.3, 1).heights(0.05)
+    _, _, hard = family_terrain(family, 0.7, 1).heights(0.05)
+    assert np.all((hard == easy) | (hard == VOID_M))
+    assert (hard == VOID_M).sum() > (easy == VOID_M).sum()
+
+
+def test_what_a_scene_is_made_of_is_what_its_figures_say():
+    stairs = family_terrain("stairs", 0.4, 2)
+    x, y, heights = stairs.heights(0.01)
+    jumps = np.diff(heights[:, len(y) // 2])
+    np.testing.assert_allclose(jumps[np.abs(jumps) > 1e-9], 0.2)
+    slope = family_terrain("slopes", 0.5, 2)
+    x, y, heights = slope.heights(0.05)
+    np.testing.assert_allclose(heights, np.tan(0.4) * x[:, None] * np.ones(len(y)), atol=1e-12)
+    stones = family_terrain("stones", 0.5, 2)
+    sides = [np.ptp(patch.vertices_m[:, :2], axis=0) for patch in stones.patches]
+    np.testing.assert_allclose(sides, 0.15)
+    assert stones.figures["apart_m"] == pytest.approx(0.3)
+
+
+def test_all_that_a_limb_may_reach_is_offered():
+    """Points of the terrain at random: one within a limb's reach of some place of its shoulder is in a candidate."""
+    course = read_course("rubble:0.5:3")
+    rng, foothold = np.random.default_rng(0), course.footholds[0]
+    limb, offered = hexapod().limbs[0], 0
+    for patch in course.terrain:
+        corners = patch.vertices_m
+        for _ in range(60):
+            s, t = rng.uniform(0.06, 0.94, 2)  # inside the margin
+            point = corners[0] + s * (corners[1] - corners[0]) + t * (corners[3] - corners[0])
+            turned = np.cross(rng.uniform(-1.0, 1.0, 3) * course.tilt_limit_rad, limb.shoulder_m)
+            moved = rng.uniform(-1.0, 1.0, 3) * course.com_radius_m[0] / np.sqrt(3.0)
+            shoulder = course.com_nominal_m[0] + limb.shoulder_m + turned + moved
+            if np.linalg.norm(point - shoulder) > limb.reach_m or patch.normal @ (shoulder - point) <= 0.0:
+                continue
+            offered += 1
+            assert any(_holds(piece, point) for piece in foothold.candidates)
+    assert offered > 30
+
+
+def _holds(patch, point):
+    flat = (patch.vertices_m - point) @ patch.frame
+    if np.abs(flat[:, 0]).max() > 1e-9:
+        return False
+    ahead = np.roll(flat, -1, axis=0)
+    turns = flat[:, 1] * ahead[:, 2] - flat[:, 2] * ahead[:, 1]
+    return bool(np.all(turns >= 0.0) or np.all(turns <= 0.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("stairs:high", "course: expected stairs:LEVEL:SEED as in stairs:0.5:7, got 'stairs:high'"),
+        ("stairs:0.5:1:2", "course: expected stairs:LEVEL:SEED as in stairs:0.5:7, got 'stairs:0.5:1:2'"),
+        ("gaps:0.5:-1", "seed: expected a whole number of 0 or more, got -1"),
+    ],
+)
+def test_a_name_that_is_none_is_refused_in_one_line(name, said):
+    with pytest.raises(InvalidInput) as refused:
+        read_course(name)
+    assert str(refused.value) == said
+
+
+@pytest.mark.parametrize("level", ["1.5", "-0.1", "nan"])
+def test_a_level_outside_0_to_1_is_refused(level):
+    with pytest.raises(InvalidInput, match="level: expected"):
+        read_course(f"slopes:{level}:0")
+
+
+def test_walls_are_no_height_field():
+    with pytest.raises(InvalidInput, match="heights: expected a family with ground"):
+        family_terrain("walls", 0.5, 0).heights()

@@ -1,0 +1,140 @@
+"""Footholds are where one may stand: free above, outside of solids, flat; of broken meshes and noisy maps as well."""
+
+import numpy as np
+import pytest
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_between import course_between
+from stancekit.planners.problem.course_layout import build_course
+from stancekit.planners.problem.course_terrain import FileTerrain
+from stancekit.planners.terrain.elevation import ElevationMap
+from stancekit.planners.terrain.footholds import FootholdLimits, footholds_of, read_footholds
+from stancekit.planners.terrain.obstacles import Obstacles
+
+trimesh = pytest.importorskip("trimesh")
+PLAIN = FootholdLimits(margin_m=0.0, width_m=1e-3)
+
+
+def block(x, y, bottom, top):
+    return trimesh.creation.box(bounds=[[x[0], y[0], bottom], [x[1], y[1], top]])
+
+
+def saved(path, *meshes):
+    trimesh.util.concatenate(meshes).export(path)
+    return path
+
+
+def test_places_inside_and_under_other_solids_are_none(tmp_path):
+    floor = block((-2.0, 2.0), (-1.0, 1.0), -0.2, 0.0)
+    standing = block((-1.5, -0.5), (-0.5, 0.5), -0.1, 0.6)  # half in the floor
+    low = block((0.5, 1.5), (-0.5, 0.5), 0.05, 0.6)  # a gap lower than the clearance under it
+    found = read_footholds(saved(tmp_path / "m.stl", floor, standing, low), limits=PLAIN)
+    assert found.area_m2 == pytest.approx(8.0, rel=1e-4)  # the floor without both, and their tops
+    assert found.refused_m2["inside"] == pytest.approx(1.0, rel=1e-4)
+    assert found.refused_m2["covered"] == pytest.approx(1.0, rel=1e-4)
+    high = block((0.5, 1.5), (-0.5, 0.5), 0.15, 0.6)
+    assert read_footholds(saved(tmp_path / "h.stl", floor, standing, high), limits=PLAIN).area_m2 == pytest.approx(9.0)
+
+
+def test_a_sheet_that_is_there_from_both_sides_has_one_surface_and_stacked_boxes_keep_all_of_theirs(tmp_path):
+    corners = np.array([[0.0, 0.0, 0.1], [2.0, 0.0, 0.1], [2.0, 1.0, 0.3], [0.0, 1.0, 0.3]])
+    faces = np.array([[0, 1, 2], [0, 2, 3], [2, 1, 0]])
+    sheet = trimesh.Trimesh(corners, faces, process=False)
+    found = read_footholds(saved(tmp_path / "s.ply", sheet), limits=PLAIN)
+    assert found.area_m2 == pytest.approx(2.0 * np.hypot(1.0, 0.2))
+    assert all(patch.normal[2] > 0.0 for patch in found.surfaces)
+    boxes = block((0.0, 1.0), (0.0, 1.0), 0.0, 0.5), block((0.2, 0.8), (0.2, 0.8), 0.5, 1.0)
+    stacked = read_footholds(saved(tmp_path / "b.stl", *boxes), limits=PLAIN)
+    obstacles = Obstacles.of(stacked.surfaces)
+    assert sum("body" in obstacle.name for obstacle in obstacles.convex) == 2
+
+
+def test_a_box_without_a_bottom_hides_the_ground_under_it(tmp_path):
+    floor = block((-1.0, 1.0), (-1.0, 1.0), -0.2, 0.0)
+    lid = block((-0.5, 0.5), (-0.5, 0.5), 0.001, 0.5)
+    lid.update_faces(lid.face_normals[:, 2] > -0.5)
+    found = read_footholds(saved(tmp_path / "m.ply", floor, lid), limits=PLAIN)
+    assert found.area_m2 == pytest.approx(4.0, rel=1e-3)
+    assert found.refused_m2["inside"] == pytest.approx(1.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(("slope_rad", "area"), [(0.3, 1.0), (0.5, 1.0 + 1.0 / np.cos(0.4)), (3.2, None)])
+def test_the_slope_is_an_option(slope_rad, area, tmp_path):
+    ramp = np.tan(0.4)
+    corners = [
+        [0, 0, 0],
+        [1, 0, 0],
+        [1, 1, 0],
+        [0, 1, 0],
+        [2, 0, ramp],
+        [2, 1, ramp],
+        [2, 0, 1 + ramp],
+        [2, 1, 1 + ramp],
+    ]
+    faces = [[0, 1, 2], [0, 2, 3], [1, 4, 5], [1, 5, 2], [4, 6, 7], [4, 7, 5]]
+    path = saved(tmp_path / "m.obj", trimesh.Trimesh(corners, faces, process=False))
+    if slope_rad > np.pi:
+        with pytest.raises(InvalidInput, match="slope_rad"):
+            FootholdLimits(slope_rad=slope_rad)
+        slope_rad, area = np.pi, 2.0 + 1.0 / np.cos(0.4)
+    limits = FootholdLimits(slope_rad=slope_rad, margin_m=0.0, width_m=1e-3, clearance_m=0.0)
+    assert read_footholds(path, limits=limits).area_m2 == pytest.approx(area, rel=1e-6)
+
+
+def test_the_margin_is_kept_from_the_border_and_not_from_cuts_between_pieces(tmp_path):
+    l_shape = (block((0.0, 2.0), (0.0, 1.0), 0.0, 0.1), block((0.0, 1.0), (1.0, 2.0), 0.0, 0.1))
+    found = read_footholds(saved(tmp_path / "l.stl", *l_shape), limits=FootholdLimits(margin_m=0.1, width_m=0.01))
+    assert found.area_m2 == pytest.approx(1.8 * 0.8 + 0.8 * 1.0, rel=1e-4)
+    assert len({piece.surface for piece in found.pieces}) == 1
+
+
+GRID = 0.02 * (np.arange(200) - 99.5)
+X, Y = np.meshgrid(GRID, GRID, indexing="ij")
+TRUTH = {
+    "stairs": 0.12 * np.floor((X + 2.0) / 0.4),
+    "turned": 0.12 * np.floor((X * np.cos(0.4) + Y * np.sin(0.4) + 3.0) / 0.4),
+    "ramp": np.where(X > 0.0, 0.35 * X, 0.0),
+}
+
+
+def good_share(found, truth, limits, rng):
+    """Share of points on footholds about which the true terrain keeps to the foothold's plane under a foot."""
+    counts = np.zeros(2)
+    for piece in found.pieces:
+        corners, normal = piece.patch.vertices_m, piece.patch.normal
+        weights = rng.dirichlet(np.ones(len(corners)), 20)
+        points = weights @ corners
+        foot = points[:, None, :2] + 0.02 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+        i, j = (np.clip(np.round((foot[..., k] - GRID[0]) / 0.02).astype(int), 0, 199) for k in range(2))
+        plane = corners[0, 2] - (foot - corners[0, :2]) @ normal[:2] / normal[2]
+        off = np.abs(truth[i, j] - plane).max(axis=1)
+        counts += piece.area_m2 * np.array([np.mean(off < 0.02), 1.0])
+    return counts[0] / counts[1]
+
+
+@pytest.mark.parametrize("name", TRUTH)
+def test_footholds_of_a_noisy_map_are_good_on_the_true_terrain(name):
+    rng = np.random.default_rng(3)
+    limits = FootholdLimits(noise_m=0.01)
+    heights = TRUTH[name] + 0.01 * rng.standard_normal(X.shape)
+    heights[rng.random(X.shape) < 0.02] = np.nan
+    found = footholds_of(ElevationMap(x_m=GRID, y_m=GRID, heights_m=heights, name=name).filled(), limits)
+    assert good_share(found, TRUTH[name], limits, rng) > 0.95
+    assert found.area_m2 > 5.0
+    assert all(0.005 < piece.rms_m < 0.02 and piece.samples > 10 for piece in found.pieces)
+
+
+def test_a_course_is_laid_out_between_two_places_and_refused_in_the_air(tmp_path):
+    floor = block((-1.0, 2.0), (-1.0, 1.0), -0.2, 0.0)
+    step = block((0.6, 2.0), (-1.0, 1.0), 0.0, 0.08)
+    path = saved(tmp_path / "step.stl", floor, step)
+    terrain = FileTerrain(file=str(path))
+    spec = course_between(terrain, (-0.4, 0.0), (1.3, 0.0))
+    course = build_course(spec)
+    assert course.com_nominal_m[-1, :2] == pytest.approx([1.3, 0.0])
+    assert course.com_nominal_m[-1, 2] - course.com_nominal_m[0, 2] == pytest.approx(0.08, abs=1e-3)
+    assert all(len(foothold.candidates) >= 1 for foothold in course.footholds)
+    with pytest.raises(InvalidInput, match=r"start: expected footholds for every toe about \(-5, 0\), got none"):
+        course_between(terrain, (-5.0, 0.0), (1.3, 0.0))
+    with pytest.raises(InvalidInput, match=r"goal: .* the nearest place to stand is \d"):
+        course_between(terrain, (0.0, 0.0), (9.0, 0.0))

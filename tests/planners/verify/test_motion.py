@@ -1,0 +1,81 @@
+"""The motion between key frames as a group of the verdict: what only it sees, and what is not judged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.terrain import Patch
+from stancekit.planners.verify import check_plan
+
+pytest.importorskip("pinocchio")
+pytest.importorskip("coal")
+from stancekit.planners.motion.joints import JointPath
+from stancekit.planners.motion.path import APART_M, MOST, PlanPath
+from stancekit.planners.projection.whole_body import with_joints
+from stancekit.planners.robot.kinematics import Kinematics
+
+
+def test_moments_are_a_centimetre_apart_and_meet_every_key_frame(walk: Callable[..., Plan]) -> None:
+    plan = walk(4)
+    path = PlanPath(plan)
+    moments = path.moments()
+    for apart in (np.diff(moments.feet_m, axis=0), np.diff(moments.com_m, axis=0)):
+        assert np.linalg.norm(apart, axis=-1).max() <= APART_M + 1e-12
+    stands = np.flatnonzero(np.all(moments.foothold >= 0, axis=1))
+    assert moments.frame[stands].tolist() == [0.0, 1.0, 2.0, 3.0]
+    assert np.array_equal(moments.com_m[stands], plan.com_m)
+    for t, k in zip(stands, range(4), strict=True):
+        assert np.allclose(moments.feet_m[t] - path.radii_m[:, None] * [0, 0, 1], plan.toes_at(k))
+    assert all(np.all(late >= early) for early, late in pairwise(moments.frame))
+
+
+def test_a_collision_between_key_frames_alone_is_found(walk: Callable[..., Plan]) -> None:
+    """A bead where the shank of a limb is in the middle of its swing, which no link is in at any key frame."""
+    plan = with_joints(walk(3))
+    solver = Kinematics(plan.course.robot)
+    moments, postures = JointPath(PlanPath(plan), solver).judged()
+    middle = int(np.argmin(np.abs(moments.frame - 1.5)))
+    limb = int(np.flatnonzero(moments.foothold[middle] < 0)[0])
+    knee, foot = solver.chains(postures.angles[middle])[limb, -2:]
+    at = postures.origins_m[middle] + postures.rotations[middle] @ (0.4 * knee + 0.6 * foot)
+    corners = at + 0.004 * np.array([(-1, -1, 0), (1, -1, 0), (1, 1, 0), (-1, 1, 0)])
+    bead = Patch(vertices_m=corners, normal=[0, 0, 1], shear_reference=[1, 0, 0], friction=0.5)
+    strung = replace(plan, course=replace(plan.course, terrain=(*plan.course.terrain, bead)))
+    report = check_plan(strung, joints=True)
+    assert report.bodies["verdict"] == "checked"
+    assert report.motion["verdict"] == "failed"
+    assert not report.accepted
+    assert report.message == "rejected: contacts hold, bodies collide"
+    assert 1.0 < report.motion["worst"]["frame"] < 2.0
+    assert report.motion["worst"]["link"].startswith(plan.course.robot.limb_names[limb])
+    assert check_plan(plan, joints=True).accepted
+    assert report.digest != replace(report, motion={"verdict": "not checked"}).digest
+
+
+def test_what_is_not_judged_is_said_loudly(walk: Callable[..., Plan]) -> None:
+    jumps = check_plan(with_joints(walk(2, "all")), joints=True)
+    assert jumps.motion["verdict"] == "not checked"
+    assert "motion: NOT CHECKED (frame 1: expected limbs that stay and carry the robot, " in jumps.joints_message
+    assert "motion" not in jumps.checked
+    assert check_plan(walk(2), joints=True).motion["verdict"] == "not checked"  # without angles
+    plan = with_joints(walk(2))
+    far = replace(plan, com_m=plan.com_m + 2 * MOST * APART_M * np.array([[0, 0, 0], [1, 0, 0]]))
+    report = check_plan(far, joints=True)
+    assert not report.accepted
+    assert report.motion["message"].startswith("path: expected at most 500 m of it, got ")
+
+
+def test_a_foot_that_cannot_follow_its_path_is_named(walk: Callable[..., Plan]) -> None:
+    """A body so low that the legs do not fold as far as feet are lifted."""
+    plan = walk(2)
+    low = with_joints(replace(plan, com_m=plan.com_m - [0.0, 0.0, 0.15], toes_m=0.6 * plan.toes_m))
+    report = check_plan(low, joints=True)
+    assert report.motion["verdict"] == "failed"
+    assert " stays " in report.motion["message"]
+    assert " mm from its path" in report.motion["message"]

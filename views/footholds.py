@@ -1,0 +1,67 @@
+"""Footholds of a terrain as a picture and a page: what may be stood on in green, the rest of the terrain in stone."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.terrain import Patch
+from stancekit.planners.terrain.footholds import Footholds
+
+from .camera import Camera
+from .scene import Facet, Layer, Motion, Path, Scene
+from .shapes import ring
+from .sheet import DEFAULT_STYLE, SIZE_PX, Size, headline, plain_axes, sheet
+from .still import Still
+
+STONE, STONE_EDGE = "#d9d4c9", "#b5aea0"
+GOOD, GOOD_EDGE = "#58a695", "#125a50"
+OFF_M = 0.003
+"""Footholds are drawn so far off their surface [m]."""
+LEGEND = ((GOOD, "foothold"), (STONE, "surface"))
+
+
+@DEFAULT_STYLE
+def draw_footholds(found: Footholds, *, size_px: Size = SIZE_PX) -> Figure:
+    """The terrain with its footholds, seen from above aside. Raises InvalidInput below 300 pixels."""
+    figure = sheet(size_px)
+    refused = ", ".join(f"{name} {area:.3g}" for name, area in found.refused_m2.items() if area > 1e-3)
+    subtitle = f"{len(found.pieces)} patches, {found.area_m2:.4g} m²; not: {refused or 'nothing'}"
+    headline(figure, f"footholds of {found.name}", subtitle)
+    Still(foothold_scene(found), _camera(found)).paint(plain_axes(figure, 20.0, 20.0, 90.0))
+    return figure
+
+
+def foothold_scene(found: Footholds) -> Scene:
+    """Surfaces and footholds as facets."""
+    surfaces = [_facet(patch, STONE, STONE_EDGE, Layer.TERRAIN, 0.0) for patch in found.surfaces]
+    good = [_facet(piece.patch, GOOD, GOOD_EDGE, Layer.SPACE, OFF_M) for piece in found.pieces]
+    return Scene(facets=[*surfaces, *good])
+
+
+def foothold_motion(found: Footholds) -> Motion:
+    """The same as a page that can be turned."""
+    scene = foothold_scene(found)
+    outlines = [ring(piece.patch.vertices_m + 2.0 * OFF_M * piece.patch.normal) for piece in found.pieces]
+    moment = Scene(paths=[Path(pieces_m=np.concatenate(outlines), colour=GOOD_EDGE, width=1.2)])
+    title = f"footholds of {found.name}: {len(found.pieces)} patches, {found.area_m2:.4g} m²"
+    return Motion(fixed=scene, moments=[moment], step_s=1.0, camera=_camera(found), title=title, legend=LEGEND)
+
+
+def _facet(patch: Patch, colour: str, edge: str, layer: Layer, off_m: float) -> Facet:
+    return Facet(
+        corners_m=patch.vertices_m + off_m * patch.normal, normal=patch.normal, colour=colour, edge=edge, width=0.5,
+        layer=layer,
+    )  # fmt: skip
+
+
+def _camera(found: Footholds) -> Camera:
+    corners: Array = np.concatenate(
+        [patch.vertices_m for patch in (*found.surfaces, *(piece.patch for piece in found.pieces))]
+    )
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    return Camera(
+        target_m=0.5 * (low + high), azimuth_rad=np.deg2rad(-60.0), elevation_rad=np.deg2rad(38.0),
+        distance_m=1.8 * float(np.linalg.norm(high - low)) + 1e-3,
+    )  # fmt: skip
