@@ -19,7 +19,6 @@ from .course_layout import build_course
 from .family_scene import family_keys, family_name
 from .posture import FORMAT as POSTURE
 from .posture import PostureProblem
-from .scene_file import read_scene
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
@@ -58,6 +57,8 @@ def read_course(
             raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
     data = _described(course)
     if "surfaces" in data:
+        from .scene_file import read_scene
+
         return read_scene(course, data, frames, robot, sets, reach)
     spec = _spec(course, data, robot)
     try:

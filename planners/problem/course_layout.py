@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..robot.model import Limb, Robot
-from ..robot.reach_file import read_reach
 from ..terrain.patch import Patch
 from ..terrain.polygon import STEEP, Surface
 from ..terrain.sole import sole_offsets, sole_region
@@ -38,6 +37,8 @@ def build_course(
     model = spec.robot_model(folder)
     robot = spec.make_robot(model, sets)
     if reach is not None:
+        from ..robot.reach_file import read_reach
+
         robot = read_reach(reach, robot.limb_names).applied(robot)
     spec = spec if model is None else spec.standing(model, robot)
     spec = _started(spec, robot, folder)

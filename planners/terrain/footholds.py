@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import checked
-from .elevation import ElevationMap
 from .import_options import ImportOptions
 from .patch import Patch
-from .terrain_file import read_terrain
-from .triangle_mesh import TriangleMesh
+
+if TYPE_CHECKING:
+    from .elevation import ElevationMap
+    from .triangle_mesh import TriangleMesh
 
 SLOPE_RAD = 0.6
 """About the friction cone of μ = .68."""
@@ -121,6 +122,8 @@ def footholds_of(
     terrain: TriangleMesh | ElevationMap, limits: FootholdLimits = FootholdLimits(), friction: float = 1.0
 ) -> Footholds:
     """The footholds of a mesh or a map. Raises InvalidInput, with the reasons, where there is none."""
+    from .triangle_mesh import TriangleMesh
+
     if isinstance(terrain, TriangleMesh):
         from .mesh_footholds import mesh_footholds
 
@@ -142,6 +145,9 @@ def read_footholds(
     friction: float = 1.0,
 ) -> Footholds:
     """The footholds of a terrain's file. Raises InvalidInput for one that is none, or has none."""
+    from .terrain_file import read_terrain  # scipy and trimesh are no part of a course without a file
+    from .triangle_mesh import TriangleMesh
+
     terrain = read_terrain(path, options)
     if isinstance(terrain, TriangleMesh):
         terrain.check_size(options.unit_m)

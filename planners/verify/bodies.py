@@ -16,7 +16,6 @@ import numpy as np
 from ..answer.plan import Plan
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from ..motion.path import APART_M
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -77,6 +76,8 @@ def spaced(points_m: Array) -> NDArray[np.intp]:
 
     points_m: feet and body's origin at every sample, shape (K, P, 3) [m].
     """
+    from ..motion.path import APART_M  # slow to import
+
     chosen = [0]
     for k in range(1, len(points_m) - 1):
         if np.linalg.norm(points_m[k + 1] - points_m[chosen[-1]], axis=1).max() > APART_M:

@@ -92,7 +92,8 @@ def test_the_version_is_one_line(option, stancekit):
         (
             ("sample",),
             "Missing from stancekit sample: NAME Distribution: ground-k, wall-k or terrain-k with k legs, as wall-3; "
-            "one that another package brings, a YAML file, or FILE.py:NAME. (required); see stancekit sample --help",
+            "one that another package brings, a YAML file, FILE.py:NAME; or FAMILY:LEVEL with --export. (required); "
+            "see stancekit sample --help",
         ),
     ],
 )

@@ -58,7 +58,8 @@ def test_forces_stay_in_the_true_cone_between_the_nodes(small: Build) -> None:
 def test_equal_solves_give_equal_trajectories_on_any_grid(small: Build) -> None:
     first, second = small().solve(), small().solve()
     assert first.trajectory().digest == second.trajectory().digest
-    assert first.trajectory(2.0).times_s.tolist() == [0.0, 1.0, 2.0]
+    assert first.trajectory(0.5).times_s.tolist() == [0.0, 0.5, 1.0, 1.5, 2.0]
+    assert len(first.trajectory(2.0).times_s) == 4
     with pytest.raises(InvalidInput, match=r"dt_s: expected .*, got 0"):
         first.trajectory(0.0)
 
