@@ -32,10 +32,10 @@ BAND = 0.06
 """What a balance may be off half-way between nodes where it is asked for [m·g, m·g·stand height]; shrinks each time."""
 BALANCES = frozenset(
     ("force_balance", "force_peak", "moment_balance", "moment_peak", "impulse", "angular_impulse", "angular_residual",
-     "traction", "traction_impulse")
+     "traction", "traction_impulse", "traction_way", "traction_turn")
 )  # fmt: skip
 """Groups that are kept by the balances half-way between nodes."""
-WINDOWS = frozenset(("impulse", "angular_impulse", "traction_impulse"))
+WINDOWS = frozenset(("impulse", "angular_impulse", "traction_impulse", "traction_way", "traction_turn"))
 """Groups that add up over time."""
 LEAST_BAND = 0.01
 """Nothing narrower is asked for where no balance is off by more."""
