@@ -38,6 +38,7 @@ def label(
     natural: bool = False,
     seed: int = 0,
     workers: int = 1,
+    proposers: str | Path | None = None,
 ) -> Dataset:
     """Draw posture problems and label them exactly into a folder, or go on with one that was begun.
 
@@ -49,10 +50,11 @@ def label(
         natural: keep the first samples as they come, whatever their label.
         seed: of the random stream; use another one for training than for testing.
         workers: processes; the rows do not depend on them.
+        proposers: file of ``stancekit proposers``, asked for postures and proofs before any solver; needs torch.
     Returns:
         The ``Dataset``: every feasible row with a posture, every infeasible one with a certificate.
     Raises:
-        InvalidInput: for a folder that holds another data set, numbers out of range.
+        InvalidInput: for a folder that holds another data set, numbers out of range, proposers of another class.
         LabellingFailed: where the distribution does not yield enough rows of a label.
     Source:
         Algorithm E1.
@@ -63,11 +65,17 @@ def label(
         (12, True)
     """
     name, source = (problems, None) if isinstance(problems, str) else _named(problems)
+    asked = None
+    if proposers is not None:
+        from stancekit.learners.proposers.proposer import Proposers  # loads torch
+
+        asked = Proposers.load(proposers)
     plan = LabelPlan(
         distribution=name, feasible=feasible, infeasible=infeasible, natural=natural, seed=seed,
         robot=None if robot is None else str(robot), terrain=None if terrain is None else str(terrain),
+        proposers=None if asked is None else asked.digest,
     )  # fmt: skip
-    labelled(plan, folder, workers=workers, source=source)
+    labelled(plan, folder, workers=workers, source=source, proposers=asked)
     return Dataset.open(folder)
 
 

@@ -10,8 +10,9 @@ from typing import Annotated, Literal
 import tyro
 
 from .console import as_options, emit, out, progress
-from .names import DISTRIBUTION, ROBOT, TERRAIN
+from .names import DISTRIBUTION, PROPOSERS, ROBOT, TERRAIN
 from .options import OptionalPath, OptionalText
+from .policy import read_proposers
 
 
 @dataclass
@@ -42,6 +43,8 @@ class LabelPostures:
     """Seed; use another one for training than for testing."""
     shard_size: int = 500
     """Rows a file: what an interruption can lose."""
+    proposers: Annotated[OptionalPath, PROPOSERS] = None
+    """File of `stancekit proposers`: networks that are asked for postures and proofs before any solver."""
     workers: int = max(os.cpu_count() or 1, 1)
     """Processes."""
     executor: Literal["processes", "ray"] = "processes"
@@ -57,6 +60,7 @@ class LabelPostures:
         from stancekit.learners.data.labelling import Progress, label
         from stancekit.learners.data.ledger import LabelPlan, read_header
 
+        proposers = None if self.proposers is None else read_proposers(self.proposers)
         with as_options():
             plan = LabelPlan(
                 distribution=self.problem,
@@ -67,6 +71,7 @@ class LabelPostures:
                 shard_size=self.shard_size,
                 robot=self.robot,
                 terrain=None if self.terrain is None else str(self.terrain),
+                proposers=None if proposers is None else proposers.digest,
             )
             where = executor(self.executor, workers=self.workers, address=self.address)
         with progress(f"label {self.problem}") as bar:
@@ -74,7 +79,7 @@ class LabelPostures:
             def on_progress(state: Progress) -> None:
                 bar(state.rows, plan.rows)
 
-            summary = label(plan, self.folder, run=where, progress=on_progress)
+            summary = label(plan, self.folder, run=where, progress=on_progress, proposers=proposers)
         record, header = summary.to_json(), read_header(self.folder)
         if self.json:
             emit(record)

@@ -46,6 +46,7 @@ TRACE = "STANCEKIT_TRACE"
 
 VERBS = {
     "sample": "Sample", "solve": "Solve", "verify": "Verify", "label": "LabelPostures", "fit": "Fit", "train": "Train",
+    "proposers": "TrainProposers",
     "evaluate": "Evaluate", "picture": "Picture", "export": "Export", "plan": "PlanCourse", "simulate": "Simulate",
     "terrain": "ShowTerrain", "run": "Run", "replay": "Replay", "robot": "Robot", "warp": "Warp", "gait": "Gait",
     "bench": "Bench", "demo": "Demo",

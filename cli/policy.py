@@ -1,4 +1,4 @@
-"""Policies from the command line: the lift, or any trained selector's file."""
+"""What was trained, from the command line: policies (the lift, or any selector's file), and proposers."""
 
 from __future__ import annotations
 
@@ -8,12 +8,22 @@ from typing import TYPE_CHECKING
 from stancekit.planners.errors import InvalidInput
 
 if TYPE_CHECKING:
+    from stancekit.learners.proposers.proposer import Proposers
     from stancekit.learners.selectors.selector import Learned
     from stancekit.planners.problem.course import Course
     from stancekit.planners.relaxation.envelope import EnvelopeSet
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
 LIFT = "lift"
+
+
+def read_proposers(path: Path) -> Proposers:
+    """Networks that propose. Raises InvalidInput for a file that is missing or wrong, and where torch is missing."""
+    try:
+        from stancekit.learners.proposers.proposer import Proposers
+    except ModuleNotFoundError as error:
+        raise InvalidInput(f"{path}: proposers need {error.name}, got none: pip install 'stancekit[rl]'") from None
+    return Proposers.load(path)
 
 
 def read_policy(name: str, course: Course) -> SelectorPolicy | None:

@@ -25,7 +25,8 @@ class LabelPlan:
     what an interruption loses; every process compiles its models once.
     seed: the samples of shard k are the stream of ``SeedSequence(seed, spawn_key=(k,))``: sets for training and for
     testing need different seeds. tolerance, gap, max_nodes: as in ``Acceptance`` and ``ExactPlanner``; one sample in
-    3000 wants more nodes than the default, at 1 ms a node. Raises InvalidInput.
+    3000 wants more nodes than the default, at 1 ms a node. proposers: digest of what is asked for postures and proofs
+    before any solver, on which certificates and bounds depend, and no label. Raises InvalidInput.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
@@ -41,6 +42,7 @@ class LabelPlan:
     max_nodes: int = 500
     robot: str | None = None
     terrain: str | None = None
+    proposers: str | None = None
 
     def __post_init__(self) -> None:
         if self.robot in BUILT_IN:

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -34,11 +34,14 @@ from .ledger import Header, LabelPlan, Shard
 from .shards import label_shard, planned, samples
 from .summary import Summary, finite
 
+if TYPE_CHECKING:  # torch
+    from ..proposers.proposer import Proposers
+
 Task = Callable[[], Shard]
 """Draws one shard. It writes nothing, so it may run anywhere, and more than once."""
 
 WITNESS: Literal["canonical/1"] = "canonical/1"
-"""How postures and points are chosen now (``search.batch``); another choice gets another name."""
+"""How postures and points are chosen now (``search.canonical``); another choice gets another name."""
 
 INNER = (
     "feasible: of the robot, whose feet reach the inner sets of its legs; infeasible: of these inner sets and a level "
@@ -95,17 +98,22 @@ def label(
     source: Distribution | None = None,
     run: Callable[[Sequence[Task]], Iterable[Shard]] | None = None,
     draws_per_row: int = 10_000,
+    proposers: Proposers | None = None,
 ) -> Summary:
     """Make the planned data set in this folder, or what is missing of it (Algorithm E1).
 
     workers: processes; the rows do not depend on them. progress: called once at the start and after every shard.
     source: the distribution, where its name is not a registered one. run: the executor, in place of ``processes``.
-    draws_per_row: a shard gives up after this many draws a row.
+    draws_per_row: a shard gives up after this many draws a row. proposers: those whose digest is planned.
     Raises InvalidInput where the folder holds another data set, LabellingFailed where a shard gives up.
     """
     if source is not None and source.name != plan.distribution:
         raise InvalidInput(f"distribution: expected the planned {plan.distribution!r}, got {source.name!r}")
     folder, source = Path(path), source or planned(plan)
+    if plan.proposers != (None if proposers is None else proposers.digest):
+        raise InvalidInput("proposers: expected those whose digest is planned")
+    if proposers is not None:
+        proposers.check_drawn(source)
     header = _begin(folder, plan, source)
     there = ledger.Ledger.open(folder)
     done, begin = dict(there.tallies), time.perf_counter()
@@ -118,7 +126,7 @@ def label(
             progress(Progress(shards_done=len(done), shards=plan.shards, rows=rows, drawn=drawn, rate=rate))
 
     report()
-    tasks = [partial(label_shard, header, source, shard, draws_per_row) for shard in there.missing]
+    tasks = [partial(label_shard, header, source, shard, draws_per_row, proposers) for shard in there.missing]
     for shard in (run or processes(workers))(tasks):
         ledger.write_shard(folder, shard.table, shard.tally, shard.timing)
         done[shard.tally.shard] = shard.tally

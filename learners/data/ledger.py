@@ -43,7 +43,7 @@ class Header(BaseModel):
     """``header.json``: the plan, and what else is true of every row. legs: of the contacts, in their order.
 
     first_sample: SHA-256 of the first problem drawn, to know the distribution by. software: versions at the beginning.
-    witness: how postures and points were chosen: "canonical/1" as ``search.batch`` says; None, in older sets, as the
+    witness: how postures and points were chosen: "canonical/1" as ``search.canonical`` says; None in older sets, as the
     search happened to find them. robot: identity of the model that the legs are of, see ``Robot``; None for the default
     hexapod, and in older sets. speaks_of: of what the labels are, in words, where not of the robot itself.
     """

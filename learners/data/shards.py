@@ -10,7 +10,7 @@ import logging
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
@@ -22,8 +22,10 @@ from stancekit.planners.errors import StancekitError
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch, PostureProblem
 from stancekit.planners.search.answer import Acceptance
-from stancekit.planners.search.batch import solve_all, without_moments
+from stancekit.planners.search.batch import Decided, decide_all
+from stancekit.planners.search.canonical import without_moments
 from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.proposals import Proposer
 
 from . import ledger
 from .dataset import LabelledPosture, table_of
@@ -55,10 +57,12 @@ def _stream(plan: LabelPlan, shard: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(plan.seed, spawn_key=(shard,)))
 
 
-def label_shard(header: Header, source: Distribution, shard: int, draws_per_row: int) -> Shard:
+def label_shard(
+    header: Header, source: Distribution, shard: int, draws_per_row: int, proposers: Proposer | None = None
+) -> Shard:
     """Draw one shard until its quotas are full, block by block; no row depends on where a block begins."""
     begin, plan = time.process_time(), header.plan
-    labeller = _Labeller(plan, shard)
+    labeller = _Labeller(plan, shard, proposers)
     limit, rng = draws_per_row * labeller.wanted, _stream(plan, shard)
     while labeller.missing:
         if len(labeller.drawn) >= limit:
@@ -88,7 +92,7 @@ class _Labeller:
     kept: rows so far; drawn: the kind of every sample so far; solve_ms: what each took, of a block its share.
     """
 
-    def __init__(self, plan: LabelPlan, shard: int) -> None:
+    def __init__(self, plan: LabelPlan, shard: int, proposers: Proposer | None) -> None:
         self._plan, self._shard = plan, shard
         self._room = Counter(dict(zip(("feasible", "infeasible"), plan.quota(shard), strict=True)))
         self.wanted = self._room.total()
@@ -97,8 +101,9 @@ class _Labeller:
         self.solve_ms: list[float] = []
         acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
         self._exact = ExactPlanner(
-            acceptance=acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, programs=_programs()
-        )
+            acceptance=acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, programs=_programs(),
+            proposers=proposers,
+        )  # fmt: skip
 
     @property
     def missing(self) -> str:
@@ -117,8 +122,8 @@ class _Labeller:
 
     def take(self, batch: PostureBatch) -> None:
         """Decide a block and keep of it what is wanted, in its order; what comes after the last row was not drawn."""
-        outcomes = solve_all(self._exact, batch)
-        points = self._points(batch, outcomes)
+        decided = decide_all(self._exact, batch)
+        outcomes, points = decided.outcomes, self._points(batch, decided)
         for k, outcome in enumerate(outcomes):
             if not self.missing:
                 break
@@ -147,13 +152,15 @@ class _Labeller:
             lower_bound=bound, solves=outcome.solves, nodes=int(outcome.details["nodes"]),
         )  # fmt: skip
 
-    def _points(self, batch: PostureBatch, outcomes: Sequence[Outcome]) -> dict[int, Array]:
+    def _points(self, batch: PostureBatch, decided: Decided) -> dict[int, Array]:
         """[p, f] by index: of the witness; for what is infeasible, of an answer of P̄ that violates nothing else."""
-        postures = dict[int, Posture]()
+        postures, outcomes = dict[int, Posture](), decided.outcomes
         if self._wants("feasible"):
             postures |= {k: outcome.posture for k, outcome in enumerate(outcomes) if outcome.posture is not None}
         if self._wants("infeasible"):
-            rows = np.array([k for k, outcome in enumerate(outcomes) if _kind(outcome) == "infeasible"], dtype=np.intp)
+            of = [k for k, outcome in enumerate(outcomes) if _kind(outcome) == "infeasible"]
+            postures |= {k: decided.relaxed[k] for k in of if k in decided.relaxed}
+            rows = np.array([k for k in of if k not in decided.relaxed], dtype=np.intp)
             found = without_moments(self._exact.programs, batch.select(rows), tolerance=self._plan.tolerance)
             postures |= {int(rows[k]): posture for k, posture in found.items()}
         pairs = ScaledBatch.of(batch.select(np.array(list(postures), dtype=np.intp))).pairs(list(postures.values()))

@@ -32,6 +32,7 @@ from .answer import Acceptance, plan_of
 from .choice import LEAST, ChoiceSearch
 from .clock import Clock
 from .cuts import CutSearch, bent_patches, branch
+from .proposals import Proposer
 from .two_stage import TwoStageCoursePlanner, decide
 
 
@@ -39,7 +40,8 @@ class ExactPlanner:
     """Feasible with a witness, infeasible with a certificate, or undecided at a limit.
 
     acceptance: problems whose least moment residual lies between its two figures stay undecided.
-    max_nodes, time_limit_s: where to stop and say undecided.
+    max_nodes, time_limit_s: where to stop and say undecided. proposers: asked before any solver, and decided on by
+    the verifier, where problems come in batches (``batch``); one problem alone is solved sooner than they are asked.
     """
 
     name = "exact"
@@ -51,6 +53,7 @@ class ExactPlanner:
         max_nodes: int = 2000,
         time_limit_s: float = 30.0,
         programs: Programs | None = None,
+        proposers: Proposer | None = None,
     ) -> None:
         if not time_limit_s >= 0.0:
             raise InvalidInput(f"time_limit_s: expected a number of at least 0, got {time_limit_s!r}")
@@ -60,6 +63,7 @@ class ExactPlanner:
         self.max_nodes = max_nodes
         self.time_limit_s = time_limit_s
         self.programs = programs or Programs()
+        self.proposers = proposers
 
     def solve(self, problem: PostureProblem, *, root: LiftAnswer | None = None) -> Outcome:
         """Decide whether a posture problem has an answer (paper E's P, exactly).

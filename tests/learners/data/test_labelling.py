@@ -27,7 +27,7 @@ from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.data.shards import LabellingFailed, samples
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.search.batch import canonical
+from stancekit.planners.search.canonical import canonical
 from stancekit.planners.search.exact import ExactPlanner
 
 PLAN = LabelPlan(distribution="wall-3", feasible=18, infeasible=14, shard_size=6, seed=5)
@@ -165,7 +165,8 @@ def test_a_set_of_the_older_witnesses_is_read_but_not_continued(tmp_path: Path) 
     assert set(header) == {"format", "problem_class", "legs", "plan", "first_sample", "software", "witness"}
     assert header.pop("witness") == "canonical/1"
     (tmp_path / "header.json").write_text(json.dumps(header))
-    later = {"software": True, "witness": True, "robot": True, "speaks_of": True, "plan": {"robot", "terrain"}}
+    later = dict.fromkeys(("software", "witness", "robot", "speaks_of"), True)
+    later["plan"] = {"robot", "terrain", "proposers"}
     before = ledger.read_header(tmp_path).model_dump_json(exclude=later)
     bare = hashlib.sha256(before.encode()).hexdigest()  # as the version without the key has it
     assert ledger.read_header(tmp_path).digest == bare

@@ -11,9 +11,10 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.search import batch as search_batch
+from stancekit.planners.search import canonical as search_canonical
 from stancekit.planners.search.answer import Acceptance
-from stancekit.planners.search.batch import LONG, SHORT, canonical, solve_all, without_moments
+from stancekit.planners.search.batch import solve_all
+from stancekit.planners.search.canonical import LONG, SHORT, canonical, without_moments
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.witness import witnesses
 from stancekit.planners.verify import check_posture
@@ -171,7 +172,7 @@ def test_what_the_search_finds_is_put_into_the_middle_of_what_its_toes_leave(pro
     planner, batch = ExactPlanner(programs=programs, time_limit_s=np.inf), batch_of("ground-3", 30)
     easy = contents(canonical(batch))
     empty = (np.zeros(0, dtype=np.intp), PointBatch.none(3))
-    real = search_batch.witnesses
+    real = search_canonical.witnesses
     held = []
 
     def none_but_of_held_toes(scaled, steps, **options):
@@ -180,7 +181,7 @@ def test_what_the_search_finds_is_put_into_the_middle_of_what_its_toes_leave(pro
         held.append(len(scaled))
         return real(scaled, steps, **options)
 
-    monkeypatch.setattr(search_batch, "witnesses", none_but_of_held_toes)
+    monkeypatch.setattr(search_canonical, "witnesses", none_but_of_held_toes)
     answers = solve_all(planner, batch)
     assert sum(held) >= len(easy)
     for k in easy:

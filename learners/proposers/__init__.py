@@ -1,0 +1,1 @@
+"""Networks that propose witnesses and proofs, which the verifier decides on."""

@@ -1,0 +1,112 @@
+"""Proposals from elsewhere, postures and proofs in batches: only what the verifier accepts of them counts.
+
+Whoever proposes needs to know nothing of certificates: it says points and multipliers, right or wrong, a solver's, a
+network's or a forger's. What is accepted changes when a problem is decided, never how: its verdict is the verifier's,
+and its witness the canonical one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..answer.outcome import Certificate, Posture
+from ..equilibrium.batch import PointBatch, ScaledBatch
+from ..files.arrays import Array
+from ..problem import PostureBatch, PostureProblem
+from ..verify import check_certificates, check_postures
+from ..verify.half_spaces import row_counts
+from .answer import Acceptance
+from .canonical import Found, Index, canonical, relaxed, with_toes
+
+LEAF = np.zeros((1, 5))
+"""The tree of a certificate that splits nothing."""
+
+
+class Proposer(Protocol):
+    """What proposes for the problems of one class. digest: of all that its proposals follow from."""
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of what it is."""
+        ...
+
+    def check_fits(self, problem: PostureProblem) -> None:
+        """Raise InvalidInput unless the problem is of the class that this proposes for."""
+        ...
+
+    def postures(self, scaled: ScaledBatch) -> tuple[Index, PointBatch]:
+        """Claimed points, non-dimensional, for some of the problems, by their indices, ascending; right or wrong."""
+        ...
+
+    def proofs(self, scaled: ScaledBatch) -> Array:
+        """Claimed multipliers (ν_F, ν_M, r) of K proofs a problem, the first to be looked at first, right or wrong.
+
+        Shape (B, K, 6 + 3N), zeros for none.
+        """
+        ...
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Refuted:
+    """A problem that an accepted proof settles. bound: what it proves; relaxed: a point of P̄, None without one."""
+
+    certificate: Certificate
+    bound: float
+    relaxed: Posture | None
+
+
+def refuted(proposer: Proposer, batch: PostureBatch, accept: Acceptance) -> dict[int, Refuted]:
+    """The problems that accepted proofs settle, by index.
+
+    Settled is what is known to be trivial or not: by a proof without moments, or a point of P̄.
+    """
+    proofs = _proved(proposer, batch, accept.gap) if len(batch) else {}
+    balanced = np.array([k for k, (_, bound) in proofs.items() if np.isfinite(bound)], dtype=np.intp)
+    points = {int(balanced[k]): at for k, at in relaxed(batch.select(balanced), tolerance=accept.tolerance).items()}
+    return {
+        k: Refuted(certificate=certificate, bound=bound, relaxed=points.get(k))
+        for k, (certificate, bound) in proofs.items()
+        if k in points or np.isinf(bound)
+    }
+
+
+def witnessed(proposer: Proposer, batch: PostureBatch, accept: Acceptance) -> Found:
+    """Canonical postures of the problems that accepted postures show to be feasible, by index."""
+    if not len(batch):
+        return {}
+    scaled = ScaledBatch.of(batch)
+    index, points = proposer.postures(scaled)
+    with np.errstate(all="ignore"):  # whatever the numbers are
+        postures = scaled.select(index).postures(points)
+    worst = check_postures([batch.problems[k] for k in index.tolist()], postures)
+    shown = {int(k): at for k, at, off in zip(index, postures, worst, strict=True) if off <= accept.tolerance}
+    rows = np.array(list(shown), dtype=np.intp)
+    found = {int(rows[k]): at for k, at in canonical(batch.select(rows), tolerance=accept.tolerance).items()}
+    return found | with_toes(batch, {k: at for k, at in shown.items() if k not in found}, tolerance=accept.tolerance)
+
+
+def _proved(proposer: Proposer, batch: PostureBatch, gap: float) -> dict[int, tuple[Certificate, float]]:
+    """The first of every problem's proofs that the verifier accepts, and what it proves."""
+    rows, found = proposer.proofs(ScaledBatch.of(batch)), dict[int, tuple[Certificate, float]]()
+    half_spaces = sum(row_counts(batch.like.contacts))
+    for nth in range(rows.shape[1]):
+        left = np.array([k for k in range(len(batch)) if k not in found and _finite(rows[k, nth])], dtype=np.intp)
+        certificates = [_certificate(row, half_spaces) for row in rows[left, nth]]
+        bounds = check_certificates([batch.problems[k] for k in left.tolist()], certificates).tolist()
+        for k, certificate, bound in zip(left.tolist(), certificates, bounds, strict=True):
+            if bound > gap:
+                found[k] = (certificate, bound)
+    return found
+
+
+def _finite(row: Array) -> bool:
+    return bool(np.isfinite(row).all() and np.any(row))
+
+
+def _certificate(row: Array, half_spaces: int) -> Certificate:
+    """A leaf in single precision, its largest entry ±1, as a solver's are; half-spaces of reach take no part."""
+    flat = (row / np.abs(row).max()).astype(np.float32).astype(np.float64)
+    return Certificate(tree=LEAF, multipliers=np.append(flat, np.zeros(half_spaces))[None])
