@@ -229,8 +229,14 @@ class Bodies:
             always = np.array(touching, dtype=int).reshape(-1, 2)
             if not touching:
                 return ()
-        drawn = dict.fromkeys((self.links[i], self.links[j]) for i, j in sorted(always.tolist()))
-        kept = [pair for pair in self._pairs.tolist() if (self.links[pair[0]], self.links[pair[1]]) not in drawn]
+        first = {link: self.links.index(link) for link in self.links}
+
+        def pair(i: int, j: int) -> tuple[str, str]:
+            one, other = sorted((self.links[i], self.links[j]), key=first.__getitem__)
+            return one, other
+
+        drawn = dict.fromkeys(pair(i, j) for i, j in sorted(always.tolist()))
+        kept = [(i, j) for i, j in self._pairs.tolist() if pair(i, j) not in drawn]
         self._pairs = np.array(kept, dtype=int).reshape(-1, 2)
         return tuple(drawn)
 
