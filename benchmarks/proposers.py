@@ -27,7 +27,7 @@ from stancekit.learners.proposers.training import ProposerSettings, train_propos
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.batch import solve_all
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.proposals import refuted, witnessed
+from stancekit.planners.search.proposals import proved, witnessed
 
 BLOCK = 512
 
@@ -79,7 +79,7 @@ def shares(kind: str, proposers: Proposers, given: Arguments) -> None:
         kinds.update(f"{one.status}{' trivial' if one.details['trivial'] else ''}" for one in before)
         pairs = zip(before, after, strict=True)
         differ += sum((a.status, a.details["trivial"]) != (b.status, b.details["trivial"]) for a, b in pairs)
-        proofs = set(refuted(proposers, batch, Acceptance()))
+        proofs = set(proved(proposers, batch, Acceptance()))
         postures = set(witnessed(proposers, batch, Acceptance()))
         settled["by proofs"] += len(proofs)
         settled["by postures"] += len(postures)

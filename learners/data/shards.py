@@ -23,7 +23,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureBatch, PostureProblem
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.batch import Decided, decide_all
-from stancekit.planners.search.canonical import without_moments
+from stancekit.planners.search.canonical import solved
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.proposals import Proposer
 
@@ -122,7 +122,7 @@ class _Labeller:
 
     def take(self, batch: PostureBatch) -> None:
         """Decide a block and keep of it what is wanted, in its order; what comes after the last row was not drawn."""
-        decided = decide_all(self._exact, batch)
+        decided = decide_all(self._exact, batch, points=self._wants("infeasible"))
         outcomes, points = decided.outcomes, self._points(batch, decided)
         for k, outcome in enumerate(outcomes):
             if not self.missing:
@@ -161,7 +161,7 @@ class _Labeller:
             of = [k for k, outcome in enumerate(outcomes) if _kind(outcome) == "infeasible"]
             postures |= {k: decided.relaxed[k] for k in of if k in decided.relaxed}
             rows = np.array([k for k in of if k not in decided.relaxed], dtype=np.intp)
-            found = without_moments(self._exact.programs, batch.select(rows), tolerance=self._plan.tolerance)
+            found = solved(self._exact.programs, batch.select(rows), tolerance=self._plan.tolerance)
             postures |= {int(rows[k]): posture for k, posture in found.items()}
         pairs = ScaledBatch.of(batch.select(np.array(list(postures), dtype=np.intp))).pairs(list(postures.values()))
         return dict(zip(postures, pairs, strict=True))

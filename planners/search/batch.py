@@ -18,9 +18,9 @@ from ..equilibrium.batch import ScaledBatch
 from ..problem import PostureBatch
 from ..relaxation.lift import LiftAnswer, solve_lift
 from ..verify import check_certificates
-from .canonical import LONG, SHORT, Index, canonical, with_toes
+from .canonical import LONG, SHORT, Index, canonical, relaxed, with_toes
 from .exact import ExactPlanner
-from .proposals import LEAF, refuted, witnessed
+from .proposals import LEAF, proved, witnessed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,9 +36,10 @@ def solve_all(planner: ExactPlanner, batch: PostureBatch) -> list[Outcome]:
     return decide_all(planner, batch).outcomes
 
 
-def decide_all(planner: ExactPlanner, batch: PostureBatch) -> Decided:
+def decide_all(planner: ExactPlanner, batch: PostureBatch, *, points: bool = False) -> Decided:
     """Decide every problem as ``planner.solve`` does, with the same verdicts and with canonical witnesses.
 
+    points: whether the canonical points of P̄ of all that is infeasible, but not trivially, are looked for.
     Without proposers certificates are the same, too. ``residual_nm`` is NaN but where the search decided; ``seconds``
     are a share of what each stage took. Raises InvalidInput where the planner's proposers are for other problems.
     """
@@ -48,6 +49,7 @@ def decide_all(planner: ExactPlanner, batch: PostureBatch) -> Decided:
     work.refute()
     work.find(LONG)
     work.search()
+    work.relax(points)
     return Decided(outcomes=[work.answers[k] for k in range(len(batch))], relaxed=work.relaxed)
 
 
@@ -61,6 +63,7 @@ class _Batch:
         self._seconds = np.zeros(len(batch))
         self.answers: dict[int, Outcome] = {}
         self.relaxed: dict[int, Posture] = {}
+        self._proved: dict[int, tuple[Certificate, float]] = {}  # infeasible, but perhaps trivially
 
     def ask(self) -> None:
         """Answer what proposals settle, proofs first."""
@@ -69,12 +72,13 @@ class _Batch:
             return
         proposer.check_fits(self._batch.like)
         begin, left = time.perf_counter(), self._left()
-        proofs = refuted(proposer, self._batch.select(left), accept)
+        proofs = proved(proposer, self._batch.select(left), accept)
         self._took(begin, left)
-        for k, proof in proofs.items():
-            self._refuted(int(left[k]), proof.certificate, proof.bound, trivial=proof.relaxed is None)
-            if proof.relaxed is not None:
-                self.relaxed[int(left[k])] = proof.relaxed
+        for k, (certificate, bound) in proofs.items():
+            if np.isinf(bound):
+                self._refuted(int(left[k]), certificate, bound, trivial=True)
+            else:
+                self._proved[int(left[k])] = (certificate, bound)
         begin, left = time.perf_counter(), self._left()
         postures = witnessed(proposer, self._batch.select(left), accept)
         self._took(begin, left)
@@ -113,6 +117,24 @@ class _Batch:
         for k, (posture, off) in with_toes(self._batch, found, tolerance=self._accept.tolerance).items():
             self.answers[k] = replace(self.answers[k], posture=posture, residual=off)
 
+    def relax(self, points: bool) -> None:
+        """Answer what a proposed proof refutes: trivial or not, a point of P̄ says, or else the lift."""
+        begin, proofs = time.perf_counter(), self._proved
+        of = list(proofs)
+        if points:
+            of += [k for k, one in self.answers.items() if one.certificate is not None and not one.details["trivial"]]
+        index = np.array(of, dtype=np.intp)
+        found = relaxed(self._batch.select(index), tolerance=self._accept.tolerance)
+        self.relaxed = {int(index[k]): posture for k, posture in found.items()}
+        self._took(begin, index)
+        self._proved = {}
+        for k, (certificate, bound) in proofs.items():
+            if k in self.relaxed:
+                self._refuted(k, certificate, bound, trivial=False)
+        self.refute()
+        for k in self._left().tolist():
+            self._refuted(k, *proofs[k], trivial=False)
+
     def _feasible(self, k: int, posture: Posture, off: float) -> None:
         self.answers[k] = Outcome(status=Status.FEASIBLE, posture=posture, residual=off, **self._told(k, nodes=0.0))
 
@@ -121,7 +143,8 @@ class _Batch:
         self.answers[k] = Outcome(status=Status.INFEASIBLE, certificate=certificate, lower_bound=bound, **message)
 
     def _left(self) -> Index:
-        return np.array([k for k in range(len(self._batch)) if k not in self.answers], dtype=np.intp)
+        left = (k for k in range(len(self._batch)) if k not in self.answers and k not in self._proved)
+        return np.array(list(left), dtype=np.intp)
 
     def _told(self, k: int, *, nodes: float, trivial: bool = False) -> dict[str, Any]:
         """What is said of every answer before the search."""

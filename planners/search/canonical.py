@@ -53,10 +53,18 @@ def relaxed(batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Postur
 
 
 def without_moments(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Posture]:
-    """``relaxed``, and where the iteration comes to no end the point that the solver ends at; none where P̄ has none."""
-    scaled, postures = ScaledBatch.of(batch), relaxed(batch, tolerance=tolerance)
+    """``relaxed``, and where the iteration comes to no end ``solved``."""
+    found = relaxed(batch, tolerance=tolerance)
+    rest = np.array([k for k in range(len(batch)) if k not in found], dtype=np.intp)
+    ended = solved(programs, batch.select(rest), tolerance=tolerance)
+    return found | {int(rest[k]): posture for k, posture in ended.items()}
+
+
+def solved(programs: Programs, batch: PostureBatch, *, tolerance: float = 1e-6) -> dict[int, Posture]:
+    """The points of P̄ that the solver ends at; none where P̄ has none."""
+    scaled, postures = ScaledBatch.of(batch), dict[int, Posture]()
     layout = scaled.like.layout
-    for k in set(range(len(batch))) - set(postures):
+    for k in range(len(batch)):
         point = programs.get(WithoutMoment, layout, bool(layout.reach_rows)).solve(scaled.problem(k))
         if point is not None:
             posture = scaled.problem(k).posture(point)

@@ -7,19 +7,18 @@ and its witness the canonical one.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
-from ..answer.outcome import Certificate, Posture
+from ..answer.outcome import Certificate
 from ..equilibrium.batch import PointBatch, ScaledBatch
 from ..files.arrays import Array
 from ..problem import PostureBatch, PostureProblem
 from ..verify import check_certificates, check_postures
 from ..verify.half_spaces import row_counts
 from .answer import Acceptance
-from .canonical import Found, Index, canonical, relaxed, with_toes
+from .canonical import Found, Index, canonical, with_toes
 
 LEAF = np.zeros((1, 5))
 """The tree of a certificate that splits nothing."""
@@ -49,30 +48,6 @@ class Proposer(Protocol):
         ...
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Refuted:
-    """A problem that an accepted proof settles. bound: what it proves; relaxed: a point of P̄, None without one."""
-
-    certificate: Certificate
-    bound: float
-    relaxed: Posture | None
-
-
-def refuted(proposer: Proposer, batch: PostureBatch, accept: Acceptance) -> dict[int, Refuted]:
-    """The problems that accepted proofs settle, by index.
-
-    Settled is what is known to be trivial or not: by a proof without moments, or a point of P̄.
-    """
-    proofs = _proved(proposer, batch, accept.gap) if len(batch) else {}
-    balanced = np.array([k for k, (_, bound) in proofs.items() if np.isfinite(bound)], dtype=np.intp)
-    points = {int(balanced[k]): at for k, at in relaxed(batch.select(balanced), tolerance=accept.tolerance).items()}
-    return {
-        k: Refuted(certificate=certificate, bound=bound, relaxed=points.get(k))
-        for k, (certificate, bound) in proofs.items()
-        if k in points or np.isinf(bound)
-    }
-
-
 def witnessed(proposer: Proposer, batch: PostureBatch, accept: Acceptance) -> Found:
     """Canonical postures of the problems that accepted postures show to be feasible, by index."""
     if not len(batch):
@@ -88,8 +63,10 @@ def witnessed(proposer: Proposer, batch: PostureBatch, accept: Acceptance) -> Fo
     return found | with_toes(batch, {k: at for k, at in shown.items() if k not in found}, tolerance=accept.tolerance)
 
 
-def _proved(proposer: Proposer, batch: PostureBatch, gap: float) -> dict[int, tuple[Certificate, float]]:
-    """The first of every problem's proofs that the verifier accepts, and what it proves."""
+def proved(proposer: Proposer, batch: PostureBatch, accept: Acceptance) -> dict[int, tuple[Certificate, float]]:
+    """The first of every problem's proofs that the verifier accepts, and what it proves, by index."""
+    if not len(batch):
+        return {}
     rows, found = proposer.proofs(ScaledBatch.of(batch)), dict[int, tuple[Certificate, float]]()
     half_spaces = sum(row_counts(batch.like.contacts))
     for nth in range(rows.shape[1]):
@@ -97,7 +74,7 @@ def _proved(proposer: Proposer, batch: PostureBatch, gap: float) -> dict[int, tu
         certificates = [_certificate(row, half_spaces) for row in rows[left, nth]]
         bounds = check_certificates([batch.problems[k] for k in left.tolist()], certificates).tolist()
         for k, certificate, bound in zip(left.tolist(), certificates, bounds, strict=True):
-            if bound > gap:
+            if bound > accept.gap:
                 found[k] = (certificate, bound)
     return found
 
