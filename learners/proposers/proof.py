@@ -25,13 +25,13 @@ def multipliers(of_contact: Tensor, of_body: Tensor) -> Tensor:
     nothing = torch.zeros_like(of_body[:, :3])
     flat = torch.cat([of_body[:, 6:9], nothing, of_contact[..., 3:].flatten(1)], dim=1)
     both = torch.stack([whole, flat], dim=1)
-    return both / (torch.linalg.vector_norm(both, dim=-1, keepdim=True) + 1e-9)
+    return torch.as_tensor(both / (torch.linalg.vector_norm(both, dim=-1, keepdim=True) + 1e-9))
 
 
 def least_values(scenes: Scenes, rows: Tensor) -> Tensor:
     """The least value of the above, shape (B, K), for K rows of multipliers a problem, (B, K, 6 + 3N)."""
     force, moment = rows[..., None, None, :3], rows[..., None, None, 3:6]
-    pulls = rows[..., 6:].unflatten(-1, (-1, 3))  # r, (B, K, N, 3)
+    pulls = rows[..., 6:].reshape(*rows.shape[:2], -1, 3)  # r, (B, K, N, 3)
     corners = scenes.vertices[:, None]
     along = force + torch.cross(moment.expand(*moment.shape[:2], *corners.shape[2:]), corners.expand(
         len(rows), rows.shape[1], *corners.shape[2:]), dim=-1)  # fmt: skip
@@ -44,7 +44,7 @@ def least_values(scenes: Scenes, rows: Tensor) -> Tensor:
     turn = torch.stack([nu[..., 1], -nu[..., 0], torch.zeros_like(nu[..., 0])], dim=-1)
     pull = scenes.weight * turn - pulls.sum(dim=2)
     twist = torch.cross(scenes.shoulders.expand_as(pulls), pulls, dim=-1).sum(dim=2)
-    return (
+    return torch.as_tensor(
         placed
         + pull @ scenes.com - scenes.com_radius * torch.linalg.vector_norm(pull, dim=-1)  # ‖c − c_nominal‖ ≤ com_radius
         - scenes.tilt * twist.abs().sum(dim=-1)                                           # |Θ_k| ≤ tilt

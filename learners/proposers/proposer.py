@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -130,7 +130,7 @@ class Proposers:
             name: getattr(self, name)
             for name in ("problem_class", "robot", "force_scale_n", "length_scale_m", "provenance")
         }
-        architecture = asdict(self.network["postures"].architecture)
+        architecture = asdict(cast(ProposerNetwork, self.network["postures"]).architecture)
         header |= {"legs": list(self.legs), "architecture": architecture}
         write_tensors(path, FORMAT, header, self.network.state_dict())
 

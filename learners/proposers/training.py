@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -26,6 +26,7 @@ from stancekit.planners.search.witness import witnesses
 
 from ..selectors.network import CORNERS, Architecture
 from . import proof, witness
+from .network import ProposerNetwork
 from .proposer import Proposers, networks
 from .scenes import Scenes
 
@@ -84,7 +85,7 @@ def train_proposers(
         both = networks(settings.architecture)
     history, done = dict[str, list[dict[str, float]]](), 0
     for name in ("proofs", "postures"):
-        both[name].encoder.fit_scales(pool.observed())
+        cast(ProposerNetwork, both[name]).encoder.fit_scales(pool.observed())
         history[name] = []
         for step, record in _descent(name, both[name], pool, held, settings):
             history[name] += record
@@ -93,7 +94,7 @@ def train_proposers(
         done += settings.proofs
     return Proposers(
         both, problem_class=source.name, legs=drawn.like.legs, robot=drawn.like.robot,
-        force_scale_n=drawn.like.force_scale_n, length_scale_m=drawn.like.length_scale_m,
+        force_scale_n=cast(float, drawn.like.force_scale_n), length_scale_m=drawn.like.length_scale_m,
         provenance={
             "method": "proposers", "settings": asdict(settings), "scenes": len(pool), "history": history,
         },
@@ -110,7 +111,8 @@ def _left_open(source: Distribution, rng: np.random.Generator, settings: Propose
         open_, drawn = open_ + len(found[-1]), drawn + len(scaled)
     if not open_:
         raise InvalidInput(f"problems: expected some that are hard, got {drawn} that {settings.easy} steps solve")
-    parts = {name: np.concatenate([getattr(b, name) for b in found]) for name in ("vertices", "frames", "friction")}
+    names = ("vertices", "frames", "friction")
+    parts: dict[str, Any] = {name: np.concatenate([getattr(part, name) for part in found]) for name in names}
     return Scenes.of(replace(found[0], **parts))
 
 
