@@ -48,8 +48,9 @@ class ContactFeedback:
     """What feet that feel do.
 
     touch_n: a foot that presses this hard on its patch touches it. seek_m_s, seek_m: how fast a foot that should touch
-    and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed up, 0 for never;
-    press_n: most of them a foot. waits: the motion waits for a foot that should touch.
+    and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed up while a foot
+    stands where it needs others to press against, as between walls, 0 for never; press_n: most of them a foot. waits:
+    the motion waits for a foot that should touch.
     """
 
     touch_n: float = 1.5
@@ -208,8 +209,9 @@ class Tracker:
         wanted = sample.forces_n
         if self._found is not None:  # what the plan has outside the cones is not given: it would be summed up for ever
             wanted = self._body.forces(np.zeros(6), sample, arms, wanted, stands)
-        gap = np.where(stands[:, None], wanted - forces_n, 0.0).ravel()
-        pressed = np.where(stands[:, None], self._pressed, FADES * self._pressed).ravel()
+        hangs = stands & (stands & sample.steep).any()
+        gap = np.where(hangs[:, None], wanted - forces_n, 0.0).ravel()
+        pressed = np.where(hangs[:, None], self._pressed, FADES * self._pressed).ravel()
         pressed = pressed + self._feedback.press_hz * self._period_s * (gap - moving @ gap)
         pressed = (pressed - (1.0 - FADES) * (moving @ pressed)).reshape(-1, 3)
         most = float(np.linalg.norm(pressed, axis=1).max())

@@ -56,6 +56,13 @@ def sample(friction: float = 0.7) -> MotionSample:
     )  # fmt: skip
 
 
+def test_ground_is_steep_where_friction_alone_does_not_hold_on_it() -> None:
+    lean = np.arctan(0.7) + np.array([-0.01, 0.01, 0.5 * np.pi - np.arctan(0.7), np.pi - np.arctan(0.7)])
+    normals = np.stack([np.sin(lean), np.zeros(4), np.cos(lean)], axis=1)
+    assert replace(sample(), normals=normals).steep.tolist() == [False, True, True, True]
+    assert not replace(sample(1e-6)).steep.any()
+
+
 def total(forces: Array) -> Array:
     return np.concatenate([forces.sum(axis=0), np.cross(FEET, forces).sum(axis=0)])
 

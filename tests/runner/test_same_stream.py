@@ -90,6 +90,25 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
     assert np.abs(simulated.lean[-1]).max() > 3.0 * done.joint_rms_rad  # joints do not go where loads are sent for
 
 
+def test_the_guard_counts_no_load_as_deviation_whether_feet_feel_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    accepted, log = Accepted.verified(light(), "light"), Sent()
+    world = make_world("mujoco", accepted.plan.course.robot, actuators=SERVOS)
+    runner = Runner(world, settings=RunSettings(check_limits=False), log=log)
+    leans, step = list[Any](), runner.world.step
+
+    def watched(targets: Any, lean: Any = None) -> State:
+        leans.append(lean)
+        return step(targets, lean)
+
+    monkeypatch.setattr(runner.world, "step", watched)
+    report = runner.run(accepted)
+    assert report.succeeded, report.message
+    moving = [k for k, lean in enumerate(leans) if lean is not None]
+    assert len(moving) > 0.9 * len(leans)
+    np.testing.assert_allclose([leans[k] for k in moving], [log.lean[k] for k in moving], atol=1e-12)
+    assert max(np.abs(leans[k]).max() for k in moving) > 0.05
+
+
 @pytest.mark.parametrize(("yields", "stands"), [(True, True), (False, False)])
 def test_a_robot_between_walls_stands_by_the_loads_that_it_is_sent(
     step: Any, monkeypatch: pytest.MonkeyPatch, yields: bool, stands: bool
