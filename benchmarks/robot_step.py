@@ -42,6 +42,9 @@ from stancekit.planners.verify import check_plan
 FRAMES, REACHED_M = 24, 1e-4
 LONG_M, RISES_M = 0.6, (0.05, 0.08)
 """Of --step: legs that are longer climb the higher step."""
+SCENES = ("step", "stairs", "slope", "gap")
+STAIRS, SLOPE_RAD, GAP, WIDE_M = 3, 0.25, 0.2, 0.6
+"""Of scenes: steps, each of .6 of the one; a slope without end; a gap of this share of a leg; half of their width."""
 LIMIT_S = 1.0
 """For each decision on a posture."""
 ASIDE, UP, SIDE, LEAN_RAD, MOVED_M = 0.25, 0.15, 0.05, 0.26, 0.05
@@ -58,7 +61,7 @@ def step_row(name: str, file: str, natural: int) -> dict[str, Any]:
     if len(model.legs) != 4:
         return {"name": name, "refused": f"expected four legs, found {len(model.legs)}"}
     try:
-        course = build_course(spec_from(step_course(model, file)))
+        course = build_course(spec_from(scene_course(model, file)))
     except InvalidInput as error:
         return {"name": name, "refused": str(error)}
     started = time.process_time()
@@ -94,20 +97,52 @@ def decided(model: RobotModel, natural: int) -> dict[str, int]:
     return count
 
 
-def step_course(model: RobotModel, file: str) -> dict[str, Any]:
-    """Level ground and a step up, which the front feet meet first and the hind ones have climbed at the end."""
+def scene_course(model: RobotModel, file: str, scene: str = "step") -> dict[str, Any]:
+    """Level ground and one of ``SCENES``, which the front feet meet first and the hind ones have passed at the end."""
     length, height = model.legs[0].chain.length_m, model.stand_height_m
     ahead = standing_toes(model)[:, 0]
     edge, rise = float(ahead.max()) + 0.15 * length, RISES_M[int(length > LONG_M)]
-    front, hind = edge - float(ahead.max()), edge - float(ahead.min())
+    terrain, corners = _scene(scene, edge, length, rise)
+    on, (start, passed) = 0.25 * length, (edge - float(ahead.max()), corners[-1][0] - float(ahead.min()))
+    if scene == "slope":
+        passed = edge - float(ahead.min()) + on
+    path = [start, *(x - float(ahead.mean()) for x, _ in corners if start < x < passed), passed, passed + on]
+    heights = [np.interp(x + ahead, *np.transpose(corners)).mean() for x in path]
+    if scene == "step":
+        path, heights = [start, passed, passed + on], [0.0, 0.5 * rise, 0.8 * rise]
+    way = [[x, 0.0, height + float(z)] for x, z in zip(path, heights, strict=True)]
     return {
-        "name": "step", "robot": file, "frames": FRAMES, "gait": "wave", "start_m": [0.0, 0.0, height],
-        "via_m": [[front, 0.0, height], [hind, 0.0, height + 0.5 * rise]],
-        "goal_m": [hind + 0.25 * length, 0.0, height + 0.8 * rise],
+        "name": scene, "robot": file, "frames": round(FRAMES * (passed + on) / (edge - float(ahead.min()) + on)),
+        "gait": "wave", "start_m": [0.0, 0.0, height], "via_m": way[:-1], "goal_m": way[-1],
         "body": {"com_radius_m": 0.05, "first_radius_m": 0.02},
         "steps": {"com_m": 0.12, "toe_m": 0.5, "rotation_rad": 0.15}, "candidates": {"window_m": 0.4 * length},
-        "terrain": {"kind": "stairs", "friction": 0.7, "first_m": edge, "run_m": 4.0, "rises_m": [rise]},
+        "terrain": terrain | {"friction": 0.7},
     }  # fmt: skip
+
+
+def _scene(scene: str, edge: float, length: float, rise: float) -> tuple[dict[str, Any], list[tuple[float, float]]]:
+    """Terrain as courses have it, and the corners of its profile, (x, z) [m]."""
+    if scene in ("step", "stairs"):
+        steps, run = (1, 4.0) if scene == "step" else (STAIRS, 0.45 * length)
+        rises = [rise if scene == "step" else 0.6 * rise] * steps
+        corners = [(edge, 0.0), (edge, rises[0])]
+        for k in range(1, steps):
+            corners += [(edge + k * run, k * rises[0]), (edge + k * run, (k + 1) * rises[0])]
+        return {"kind": "stairs", "first_m": edge, "run_m": run, "rises_m": rises}, corners
+    beyond, ground = edge + 3.0, ((-1.0, 0.0), (edge, 0.0))
+    if scene == "slope":
+        end = (beyond, 3.0 * float(np.tan(SLOPE_RAD)))
+        return _strips(ground, ((edge, 0.0), end)), [(edge, 0.0), end]
+    far = edge + GAP * length
+    return _strips(ground, ((far, 0.0), (beyond, 0.0))), [(edge, 0.0), (far, 0.0)]
+
+
+def _strips(*strips: tuple[tuple[float, float], tuple[float, float]]) -> dict[str, Any]:
+    """Strips WIDE_M wide on both sides, each between two points of a profile, (x, z) [m]."""
+    polygons = [
+        {"vertices_m": [[a, -WIDE_M, u], [b, -WIDE_M, v], [b, WIDE_M, v], [a, WIDE_M, u]]} for (a, u), (b, v) in strips
+    ]
+    return {"kind": "polygons", "polygons": polygons}
 
 
 def urdf_errors(model: RobotModel, plan: Plan) -> NDArray[np.float64]:

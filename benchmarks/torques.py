@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from _bench import Options, Row, launch, spread
-from robot_step import step_course
+from robot_step import scene_course
 from robots import robots
 
 from stancekit.planners.answer.plan import Plan
@@ -48,7 +48,9 @@ class Torques(Options):
     courses: Path | None = None
     """A folder of courses."""
     robots: Path | None = None
-    """A folder of robots: their quadrupeds climb a step, in place of the hexapod's courses."""
+    """A folder of robots: their quadrupeds on ``scenes``, in place of the hexapod's courses."""
+    scenes: str = "step"
+    """Of quadrupeds, with commas between them: step, stairs, slope, gap."""
     torque_nm: float = 10.0
     """Of the hexapod's servos; 0: what they have."""
     torque_share: float = 0.9
@@ -89,10 +91,14 @@ def courses(options: Torques) -> Iterator[tuple[str, Course | str]]:
         for name, file in robots(options.robots):
             try:
                 model = named_robot(file)
-                if len(model.legs) == 4:
-                    yield name, build_course(spec_from(step_course(model, file)))
             except InvalidInput as error:
                 yield name, str(error)
+                continue
+            for scene in options.scenes.split(",") if len(model.legs) == 4 else ():
+                try:
+                    yield f"{name} {scene}", build_course(spec_from(scene_course(model, file, scene)))
+                except InvalidInput as error:
+                    yield f"{name} {scene}", str(error)
         return
     for file in (*BUILT_IN, *files):
         try:

@@ -6,6 +6,7 @@ import io
 import os
 import sys
 import textwrap
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext, redirect_stderr
 from importlib import import_module
@@ -108,6 +109,12 @@ def parse(arguments: Sequence[str]) -> Verb:
     if arguments[0] not in VERBS:
         complain(f"stancekit: error: VERB: expected one of {', '.join(VERBS)}, got {arguments[0]!r}")
         sys.exit(2)
+    for name, count in Counter(filter(None, map(_option, arguments[1:]))).items():
+        if count > 1:  # else the last one would silently count alone
+            complain(
+                f"stancekit: error: {name}: expected once, got it {count} times; see stancekit {arguments[0]} --help"
+            )
+            sys.exit(2)
     box = io.StringIO()
     try:
         with redirect_stderr(box):
@@ -121,6 +128,11 @@ def parse(arguments: Sequence[str]) -> Verb:
         if end.code:
             complain(f"stancekit: error: {_said_in(box.getvalue())}; see stancekit {arguments[0]} --help")
         raise
+
+
+def _option(argument: str) -> str:
+    """Its name, empty for what is no option."""
+    return argument.split("=")[0] if argument.startswith("--") else ""
 
 
 def _verb(name: str) -> type[Verb]:

@@ -136,7 +136,8 @@ class _Lattice:
         """Points of the way, straight between them, shape (L, 3) [m]."""
         ends = [self._node(place, name, robot.limbs) for place, name in ((start, "start"), (goal, "goal"))]
         if ends[0] == ends[1]:
-            return np.array([self._point(ends[0]), self._point(ends[1])])
+            gap = float(np.linalg.norm(goal - start))
+            raise InvalidInput(f"goal: expected a place {self.spacing_m:.2g} m or more from the start, got {gap:.2g} m")
         shortest: Any = dijkstra
         cost, before = shortest(self._graph(), indices=ends[0], return_predecessors=True, directed=False)
         if not np.isfinite(cost[ends[1]]):

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
     from ..robot.robot_model import RobotModel
 
+ROOM_M = 0.002
+"""Between a foot and what rises beside its surface [m]."""
 MOST_EVERYWHERE = 32
 """Surfaces that a limb may reach in a scene of a family; elsewhere views may need another size."""
 Least = Annotated[float, Field(ge=0.0, le=LARGEST)]
@@ -141,8 +143,9 @@ class BodySpec(_Keys):
 
 class CandidateSpec(_Keys):
     """Which pieces of terrain a toe is offered: the ``count`` nearest surfaces, clipped to a square window about its
-    nominal place, ``margin_m`` away from every border of the surface. A sole is offered each with every one of
-    ``yaws_rad`` that it has room for, a window being larger by as much as the sole.
+    nominal place, ``margin_m`` away from every border of the surface, by default ``ROOM_M`` beyond the radius of a foot
+    where a robot's file says what that is. A sole is offered each with every one of ``yaws_rad`` that it has room for,
+    a window being larger by as much as the sole.
 
     everywhere: in place of ``count`` and ``window_m``, all that a limb could reach wherever the body may be, so that a
     proof that there is no plan is one for the whole terrain."""
@@ -229,14 +232,19 @@ class CourseSpec(_Keys):
             raise InvalidInput(f"robot: {str(error).removeprefix('robot: ')}") from None
 
     def standing(self, model: RobotModel, robot: Robot) -> CourseSpec:
-        """The same with toes where the model has them as it stands, if the file does not say where they should be."""
+        """The same with toes where the model has them as it stands, if the file does not say where they should be, and
+        so far from borders of surfaces, where a riser may be, that its feet have room."""
         from ..robot.contact_robot import standing_toes
 
-        if "stance" in self.model_fields_set:
-            return self
-        offsets = standing_toes(model) - np.array([limb.shoulder_m for limb in robot.limbs])
-        limbs = {limb.name: tuple(offset.tolist()) for limb, offset in zip(robot.limbs, offsets, strict=True)}
-        return self.model_copy(update={"stance": StanceSpec(limbs=limbs)})
+        update: dict[str, Any] = {}
+        if "margin_m" not in self.candidates.model_fields_set:
+            margin = max(self.candidates.margin_m, *(leg.radius_m + ROOM_M for leg in model.legs))
+            update["candidates"] = self.candidates.model_copy(update={"margin_m": margin})
+        if "stance" not in self.model_fields_set:
+            offsets = standing_toes(model) - np.array([limb.shoulder_m for limb in robot.limbs])
+            limbs = {limb.name: tuple(offset.tolist()) for limb, offset in zip(robot.limbs, offsets, strict=True)}
+            update["stance"] = StanceSpec(limbs=limbs)
+        return self.model_copy(update=update)
 
     def make_robot(self, model: RobotModel | None = None, sets: Sets = "inner") -> Robot:
         """The robot of the course; model: what ``robot_model`` gives; sets: of its legs, see ``contact_robot``."""

@@ -219,7 +219,7 @@ class Bodies:
         return turns @ self._turns, origins + np.einsum("sij,sj->si", turns, self._origins)
 
     def _leave_out(self) -> tuple[tuple[str, str], ...]:
-        """Leave out the pairs that touch in every posture, and say which links they are of."""
+        """Leave out links of which two shapes touch in every posture, all shapes of theirs, and say which they are."""
         lower, upper = self._of.lower_rad, self._of.upper_rad
         spread = lower + (upper - lower) * _spread(POSTURES, len(lower))
         always = self._pairs
@@ -229,10 +229,16 @@ class Bodies:
             always = np.array(touching, dtype=int).reshape(-1, 2)
             if not touching:
                 return ()
-        drawn = {tuple(pair) for pair in always.tolist()}
-        kept = [pair for pair in self._pairs.tolist() if tuple(pair) not in drawn]
+        first = {link: self.links.index(link) for link in self.links}
+
+        def pair(i: int, j: int) -> tuple[str, str]:
+            one, other = sorted((self.links[i], self.links[j]), key=first.__getitem__)
+            return one, other
+
+        drawn = dict.fromkeys(pair(i, j) for i, j in sorted(always.tolist()))
+        kept = [(i, j) for i, j in self._pairs.tolist() if pair(i, j) not in drawn]
         self._pairs = np.array(kept, dtype=int).reshape(-1, 2)
-        return tuple((self.links[i], self.links[j]) for i, j in sorted(drawn))
+        return tuple(drawn)
 
     def _distance(self, turns: Array, origins: Array, shape: int, other: int, *, terrain: bool = False) -> float:
         """Between a shape and another one, or a part of the terrain, negative where one is inside the other [m]."""

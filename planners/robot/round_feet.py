@@ -1,8 +1,9 @@
 """Feet that are meshes of balls: read as the balls they are, so that plans and worlds touch the ground where they do.
 
 A sphere is fitted to the corners of the mesh's convex hull by least squares, ‖x‖² = 2 x·m + (r² − ‖m‖²), and made as
-large as the farthest of them is away. It is taken where all corners, and the planes of half of the hull's surface, are
-no farther from it than a part of its radius: balls that are cut off on their sides are balls, boxes and cylinders not.
+large as the farthest of them is away. It is taken where nearly all corners, and the planes of half of the hull's
+surface, are no farther from it than a part of its radius: balls that are cut off on their sides, or have a neck, are
+balls, boxes and cylinders not.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from .shapes import Shape
 
 ROUND = 0.15
 """Of a ball's radius: as far as a mesh that is taken for one may be from it."""
-
-
+NECK = 0.05
+"""Of the corners of a ball: as many may be farther from it, where a shank ends in it."""
 HALF = 0.5
 """Of the surface of a ball: as much of it is round, the rest may be cut off."""
 
@@ -79,4 +80,5 @@ def fitted_ball(points_m: Array) -> tuple[Array, float] | None:
     a, b, c = (points_m[hull.simplices[:, corner]] for corner in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1)
     near = -(hull.equations[:, :3] @ middle + hull.equations[:, 3]) >= least
-    return (middle, radius_m) if away.min() >= least and areas[near].sum() >= HALF * areas.sum() else None
+    round_all_over = float(np.quantile(away, NECK)) >= least
+    return (middle, radius_m) if round_all_over and areas[near].sum() >= HALF * areas.sum() else None

@@ -6,6 +6,7 @@ of a plan that does not balance on an edge (``support_margin``).
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import replace
@@ -20,6 +21,8 @@ from .two_stage import TwoStageCoursePlanner
 
 SHARES = (0.8, 0.9, 1.0)
 """Shares of the friction that are planned with, the most cautious first."""
+CAUTION = 0.5
+"""Of a planner's time limit, what all shares but the last may use together."""
 
 
 def slippery(course: Course, share: float) -> Course:
@@ -46,13 +49,18 @@ def plan_with_reserve(
     Where that plan balances on an edge, one in which every foot that carries presses with such a share of the weight is
     taken, the first of ``presses`` that has one. Where no share has a plan, the answer for the last one, by default the
     course as it is: only that one proves anything of it. ``provenance`` says which shares of friction and of weight it
-    was. Raises InvalidInput where the planner is not made for the course.
+    was. The planner's time limit is one for all of this: where the more cautious shares take ``CAUTION`` of it, the
+    last gets the rest. Raises InvalidInput where the planner is not made for the course.
     """
+    begin = time.perf_counter()
     for share in shares:
+        limited = _limited(planner, begin, 1.0 if share == shares[-1] else CAUTION)
+        if share != shares[-1] and getattr(limited, "time_limit_s", 1.0) <= 0.0:
+            continue
         dulled = slippery(course, share)
-        outcome = planner.solve(dulled)
+        outcome = limited.solve(dulled)
         if outcome.plan is not None:
-            outcome, press = _firmer(planner, dulled, outcome, presses)
+            outcome, press = _firmer(_limited(planner, begin), dulled, outcome, presses)
             assert outcome.plan is not None
             provenance = {**outcome.plan.provenance, "friction_share": share}
             if press > 0.0:
@@ -61,6 +69,16 @@ def plan_with_reserve(
             exact = share >= 1.0 and press == 0.0  # a bound of another course bounds nothing here
             return replace(outcome, plan=plan, bound=outcome.bound if exact else float("nan"))
     return outcome
+
+
+def _limited(planner: CoursePlanner, begin: float, part: float = 1.0) -> CoursePlanner:
+    """The planner with what is left of this part of its time limit since ``begin``; itself where it has none."""
+    limit_s = getattr(planner, "time_limit_s", None)
+    if limit_s is None:
+        return planner
+    limited = copy(planner)
+    limited.time_limit_s = max(part * limit_s - (time.perf_counter() - begin), 0.0)  # type: ignore[attr-defined]
+    return limited
 
 
 def _firmer(

@@ -84,6 +84,10 @@ def test_the_version_is_one_line(option, stancekit):
         (("dance",), f"VERB: expected one of {', '.join(verbs())}, got 'dance'"),
         (("--json",), f"VERB: expected one of {', '.join(verbs())}, got '--json'"),
         (("sample", "wall-3", "--speed", "3"), "Unrecognized options: --speed, 3; see stancekit sample --help"),
+        (
+            ("plan", "walls", "--frames", "3", "--frames=4"),
+            "--frames: expected once, got it 2 times; see stancekit plan --help",
+        ),
         (("sample", "wall-3", "wall-5"), "Unrecognized options: wall-5; see stancekit sample --help"),
         (
             ("sample", "wall-3", "--seed", "x"),

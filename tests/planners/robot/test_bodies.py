@@ -135,6 +135,9 @@ def test_pairs_that_touch_in_every_posture_are_left_out_and_said() -> None:
     assert made.drawn_so == (("base", "LF_THIGH"),)
     sometimes = {(each.link, each.other) for each in made.overlaps(standing(made, 2.0))}
     assert ("base", "LF_THIGH") not in sometimes
+    more = bodies([shape(link, "sphere", [radius]) for link, radius in (*balls, ("base", 0.38))])
+    assert more.drawn_so == (("base", "LF_THIGH"),)  # links, as an SRDF names them: of all shapes of theirs
+    assert more.drawn_so[0] not in {(each.link, each.other) for each in more.overlaps(standing(more, 2.0))}
 
 
 def test_what_has_no_shape_is_said() -> None:

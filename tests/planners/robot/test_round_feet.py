@@ -61,6 +61,12 @@ def test_what_a_ball_may_lack() -> None:
     onto *= (np.sqrt(0.03**2 - aside**2) / np.linalg.norm(onto, axis=1))[:, None]
     cut = MIDDLE + np.column_stack([onto[:, 0], aside, onto[:, 1]])
     assert fitted_ball(cut) is not None
+    away = points - MIDDLE
+    top = MIDDLE + np.array([0.0, 0.0, 0.0245])
+    topped = np.vstack([points[away[:, 2] < 0.024], top])
+    found = fitted_ball(topped)  # one corner on top, farther from the ball than others may be
+    assert found is not None
+    assert found[1] == pytest.approx(0.03, rel=0.03)
     turns = np.linspace(0.0, 2.0 * np.pi, 40)
     can = np.array([[np.cos(t), np.sin(t), z] for t in turns for z in (-1.0, 1.0)])
     assert fitted_ball(can) is None

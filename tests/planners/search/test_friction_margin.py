@@ -1,9 +1,10 @@
 """Plans that keep a reserve of friction are plans of the course itself, made as slippery as it may be and no more."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+import pytest
 
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.answer.plan import Plan, PlanOutcome
@@ -52,3 +53,24 @@ def test_slippery_courses_differ_in_friction_alone(walk: Callable[..., Plan]) ->
         assert after.candidates[0].friction == 0.5 * before.candidates[0].friction
         np.testing.assert_array_equal(after.candidates[0].vertices_m, before.candidates[0].vertices_m)
     assert [patch.friction for patch in dulled.terrain] == [0.5 * patch.friction for patch in course.terrain]
+
+
+def test_one_time_limit_is_for_all_shares_together(walk: Callable[..., Plan], monkeypatch: pytest.MonkeyPatch) -> None:
+    now, given = [0.0], []
+
+    @dataclass
+    class Slow:
+        name: str = "slow"
+        time_limit_s: float = 10.0
+
+        def solve(self, course: Course) -> PlanOutcome:
+            given.append((float(course.terrain[0].friction), self.time_limit_s))
+            now[0] += self.time_limit_s
+            return PlanOutcome(status=Status.UNDECIDED, method=self.name)
+
+    monkeypatch.setattr("stancekit.planners.search.friction_margin.time.perf_counter", lambda: now[0])
+    course, planner = walk().course, Slow()
+    friction = float(course.terrain[0].friction)
+    assert plan_with_reserve(planner, course).status is Status.UNDECIDED
+    assert given == [(pytest.approx(0.8 * friction), 5.0), (friction, 5.0)]
+    assert planner.time_limit_s == 10.0

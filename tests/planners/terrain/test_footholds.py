@@ -138,3 +138,5 @@ def test_a_course_is_laid_out_between_two_places_and_refused_in_the_air(tmp_path
         course_between(terrain, (-5.0, 0.0), (1.3, 0.0))
     with pytest.raises(InvalidInput, match=r"goal: .* the nearest place to stand is \d"):
         course_between(terrain, (0.0, 0.0), (9.0, 0.0))
+    with pytest.raises(InvalidInput, match=r"goal: expected a place 0.04 m or more from the start, got 0.01 m"):
+        course_between(terrain, (0.0, 0.0), (0.01, 0.0))
