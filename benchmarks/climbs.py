@@ -24,8 +24,9 @@ from typing import Any
 
 import numpy as np
 from _bench import Options, launch
+from _wrong import Wrong
 from joblib import Parallel, delayed
-from walks import ROBOTS, Wrong, robot_file
+from walks import ROBOTS, robot_file
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course_file import spec_from
@@ -33,7 +34,7 @@ from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot.contact_robot import standing_toes
 from stancekit.planners.robot.robot_file import named_robot
 from stancekit.planners.robot.robot_model import RobotModel
-from stancekit.planners.search.friction_margin import plan_with_reserve, slippery
+from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.methods import make_course_planner
 from stancekit.planners.search.whole_body_outcome import with_whole_body
 from stancekit.planners.verify import check_plan
@@ -93,8 +94,8 @@ def climbed(file: str, terrain: str, seed: np.random.SeedSequence, world: str, w
         return plan
     course = plan.course
     made = make_world(world, course.robot, gravity_m_s2=course.gravity_m_s2, imperfections=wrong.imperfections)
-    ground = slippery(course, wrong.friction).terrain
-    return Runner(made, settings=RunSettings(check_limits=False)).run(Accepted.verified(plan, terrain), ground)
+    settings = RunSettings(check_limits=False)
+    return Runner(made, settings=settings).run(Accepted.verified(plan, terrain), wrong.patches(plan))
 
 
 def planned(model: RobotModel, file: str, terrain: str, rng: np.random.Generator) -> Plan | str:

@@ -20,9 +20,9 @@ import json
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
+from _wrong import Wrong
 
 import stancekit
 from stancekit.planners.errors import InvalidInput
@@ -33,7 +33,7 @@ from stancekit.runner.acceptance import AcceptedGait
 from stancekit.runner.execution import Execution, Tolerance
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
-from stancekit.runner.worlds import Imperfections, make_world
+from stancekit.runner.worlds import make_world
 
 HEADING_RAD, HEIGHTS, FRICTION, SLIP_M = 0.64, 3.6, 0.6, 0.01
 TERRAINS = "ripple,rough:0.3:7,rough:0.5:7,rough:0.8:3"
@@ -61,33 +61,6 @@ ROBOTS = {
     "solo12": Example("solo_description/robots/solo12.urdf", "solo_description/srdf/solo.srdf", 0.8, -1.5, True,
                       {"torque_nm": 2.7, "velocity_rad_s": 40.0}),
 }  # fmt: skip
-
-
-class Asked(Protocol):
-    """What of a robot, or its terrain, is not as planned: joints' offsets [deg], delay [ms], shares of the rest."""
-
-    offset_deg: float
-    delay_ms: float
-    mass: float
-    stiffness: float
-    friction: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wrong:
-    """The same as a world takes it. friction: share of what was counted on."""
-
-    imperfections: Imperfections
-    friction: float
-
-    @classmethod
-    def of(cls, asked: Asked) -> Wrong:
-        """From options."""
-        imperfections = Imperfections(
-            offset_rad=np.deg2rad(asked.offset_deg), delay_s=1e-3 * asked.delay_ms, mass_share=asked.mass,
-            stiffness_share=asked.stiffness,
-        )  # fmt: skip
-        return cls(imperfections=imperfections, friction=asked.friction)
 
 
 def main() -> None:
@@ -161,7 +134,7 @@ def row(name: str, folder: Path, terrain: str, keep: Path, world: str, wrong: Wr
             fits = ""
         except InvalidInput as error:
             fits = str(error)
-        report = Runner(made, settings=settings).run(accepted, accepted.ground(wrong.friction))
+        report = Runner(made, settings=settings).run(accepted, wrong.ground(accepted))
     run = report.execution
     if run is None:
         return message | {"outcome": report.message}

@@ -65,9 +65,10 @@ class Tracked(Generic[M_co]):
         """
         return self.tracker.next(felt, state) if self.sees else self.tracker.next(expected(self.motion.at(time_s)))
 
-    def lean(self, target: Target) -> Array | None:
-        """How much of a target are loads, shape (J,) [rad]; None where feedback is in it, too."""
-        return None if self.sees else target.targets_rad - target.angles_rad
+    @staticmethod
+    def lean(target: Target) -> Array:
+        """How much of a target are loads, those of feedback, too, shape (J,) [rad]: joints are to be at the rest."""
+        return np.asarray(target.targets_rad - target.angles_rad)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

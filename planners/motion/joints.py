@@ -86,7 +86,7 @@ class JointPath:
             step = int(steps[t])
             if (step, limb) in self.corners or moments.part[t] < 0:
                 continue
-            ends = np.flatnonzero((steps == step) & (moments.part < 2) & (moments.passed == 1.0))
+            ends = np.flatnonzero((steps == step) & np.isin(moments.part, (0, 1)) & (moments.passed == 1.0))
             self.corners[step, limb] = np.array([self._comfortable(moments, postures, int(end), limb) for end in ends])
 
     def _comfortable(self, moments: Moments, postures: PathPostures, t: int, limb: int) -> Array:

@@ -236,7 +236,11 @@ class Kinematics:
 
         rotation: R_WB, shape (3, 3); forces_n: on the feet, world frame, shape (N, 3) [N].
         """
-        weight, levers = self.loads(angles, rotation)
+        return self.torques_of(self.loads(angles, rotation), forces_n)
+
+    def torques_of(self, loads: tuple[Array, Array], forces_n: Array) -> Array:
+        """The same from ``loads``, which many forces share."""
+        weight, levers = loads
         return np.asarray(weight - (levers * forces_n[self.legs]).sum(axis=1))
 
     def loads(self, angles: Array, rotation: Array) -> tuple[Array, Array]:

@@ -48,8 +48,9 @@ class ContactFeedback:
     """What feet that feel do.
 
     touch_n: a foot that presses this hard on its patch touches it. seek_m_s, seek_m: how fast a foot that should touch
-    and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed up, 0 for never;
-    press_n: most of them a foot. waits: the motion waits for a foot that should touch.
+    and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed up while a foot
+    stands where it needs others to press against, as between walls, 0 for never; press_n: most of them a foot. waits:
+    the motion waits for a foot that should touch.
     """
 
     touch_n: float = 1.5
@@ -201,6 +202,8 @@ class Tracker:
     def _press(self, sample: MotionSample, forces_n: Array, stands: NDArray[np.bool_]) -> None:
         """Sum up what is missing of the forces with which feet press against each other; what of the sum would move or
         turn the body as a whole, as when a foot that pressed against others has lifted, fades out."""
+        if self._feedback.press_hz == 0.0:
+            return
         arms = sample.feet_m - sample.com_m
         maps = [np.concatenate([np.eye(3), _skew(arm)]) for arm in arms]
         whole = np.concatenate(maps, axis=1) * np.repeat(stands, 3)
@@ -208,8 +211,9 @@ class Tracker:
         wanted = sample.forces_n
         if self._found is not None:  # what the plan has outside the cones is not given: it would be summed up for ever
             wanted = self._body.forces(np.zeros(6), sample, arms, wanted, stands)
-        gap = np.where(stands[:, None], wanted - forces_n, 0.0).ravel()
-        pressed = np.where(stands[:, None], self._pressed, FADES * self._pressed).ravel()
+        hangs = stands & (stands & sample.steep).any()
+        gap = np.where(hangs[:, None], wanted - forces_n, 0.0).ravel()
+        pressed = np.where(hangs[:, None], self._pressed, FADES * self._pressed).ravel()
         pressed = pressed + self._feedback.press_hz * self._period_s * (gap - moving @ gap)
         pressed = (pressed - (1.0 - FADES) * (moving @ pressed)).reshape(-1, 3)
         most = float(np.linalg.norm(pressed, axis=1).max())
@@ -218,8 +222,9 @@ class Tracker:
     def _target(self, sample: MotionSample) -> Target:
         angles, error, origin = self._solved(sample)
         rotation = rotation_of(sample.rotation_rad)
-        planned = self._kinematics.torques(angles, rotation, sample.forces_n)
-        given = self._given(sample, angles, origin, rotation)
+        loads = self._kinematics.loads(angles, rotation)
+        planned = self._kinematics.torques_of(loads, sample.forces_n)
+        given = self._given(sample, loads, origin, rotation)
         rates = (angles - self._angles) / self._period_s
         rising = (rates - self._rates) / self._period_s
         given = given + self._kinematics.inertial_torques(angles, rates, rising)
@@ -232,13 +237,13 @@ class Tracker:
             shift_m=shift, angles_rad=angles, torques_nm=planned, rolled_m=self._rolled, error_m=error,
         )  # fmt: skip
 
-    def _given(self, sample: MotionSample, angles: Array, origin: Array, rotation: Array) -> Array:
+    def _given(self, sample: MotionSample, loads: tuple[Array, Array], origin: Array, rotation: Array) -> Array:
         """Torques for the planned forces, those that are missing, and those that bring the body to its place."""
         found = self._found
         pressed = sample.forces_n + self._pressed
         placed, self._placed = self._placed, (origin, rotation)
         if found is None:
-            return self._kinematics.torques(angles, rotation, pressed)
+            return self._kinematics.torques_of(loads, pressed)
         if placed is not None:
             turn = Rotation.from_matrix(rotation @ placed[1].T).as_rotvec()
             self._velocity = np.concatenate([origin - placed[0], turn]) / self._period_s

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.terrain.prism import Solid
@@ -28,6 +29,11 @@ class MotionSample:
     foothold: tuple[int, ...]
     normals: Array
     friction: Array
+
+    @property
+    def steep(self) -> NDArray[np.bool_]:
+        """Surfaces on which friction alone holds no weight: their slope is beyond atan μ; shape (N,)."""
+        return np.asarray(self.normals[:, 2] * np.hypot(1.0, self.friction) < 1.0)
 
 
 class Motion(Protocol):

@@ -3,7 +3,8 @@
 Chosen for every limb at once over the whole motion, by dynamic programming over the closed-form family of postures
 (``planners.robot.leg_ik``): comfortable ones, and near each other, so that no joint jumps from one branch to another
 and no limb walks into a joint limit that a posture on the way would have avoided. A plan that has joint angles has
-chosen: its motion goes through them, unless a limb that is drawn up would jump on the way between them.
+chosen: its motion goes through them. Where a limb that is drawn up would jump on the way between them, while it swings,
+that swing alone is chosen anew, between the postures that the plan has at both its ends.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import gaussian_filter1d
 
@@ -20,7 +22,7 @@ from stancekit.planners.motion.joints import JointPath
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.leg_ik import NEAR, clearance_of, posture_cost
 from stancekit.planners.robot.rotation import rotation_of
-from stancekit.planners.robot.urdf import link_lengths, outward_rad
+from stancekit.planners.robot.urdf import JOINTS, link_lengths, outward_rad
 from stancekit.planners.terrain.prism import Solid
 
 from .motion import Motion, MotionSample
@@ -32,10 +34,13 @@ TURNED = 100.0
 """Cost of a turn of 1 rad between two knots, squared, in the units of a posture's discomfort at one knot."""
 LEFT = 60.0
 """The same for the first posture, as far as it is from where the robot is."""
+ENDS = 1e4
+"""The same for the last posture of a swing: the one that the plan stands in comes next."""
 SMOOTHED = 2.0
 """Standard deviation of the smoothing over the family's steps, in knots; what it moves of a foot the tracker undoes."""
-JUMP_RAD = 0.5
-"""A joint that turns more between two knots jumps to another posture of the same foot, and no pace is slow enough."""
+JUMP_RAD, LEAP_RAD = 0.5, 1.0
+"""A joint that turns so far between two knots jumps to another posture of the same foot: while its limb swings that is
+smoothed; while it stands, from the second on no pace is slow enough, and all postures are chosen anew."""
 
 
 class RedundancyResolution:
@@ -45,7 +50,9 @@ class RedundancyResolution:
         times = motion.knots_s
         if isinstance(motion, PlanMotion) and motion.plan.joints_rad is not None:
             path = _planned(motion, times, kinematics, near_rad)
-            if kinematics.robot.model is not None or np.abs(np.diff(path, axis=0)).max() < JUMP_RAD:
+            if kinematics.robot.model is None:
+                path = _without_jumps(path, [motion.at(float(t)) for t in times], motion.solids, kinematics)
+            if kinematics.robot.model is not None or _jumps(path, LEAP_RAD).size == 0:
                 self._set(times, path)
                 return
         samples = [motion.at(float(time_s)) for time_s in times]
@@ -53,9 +60,12 @@ class RedundancyResolution:
             self._set(times, _followed(samples, kinematics, near_rad))
             return
         shifts = np.zeros((len(times), 3))
-        _, rough = _families(samples, shifts, motion.solids, kinematics, slice(None, None, ROUGH))
+        limbs = range(len(kinematics.robot.limbs))
+        rough = _comfortable(
+            [_family(samples[::ROUGH], shifts[::ROUGH], motion.solids, kinematics, limb) for limb in limbs]
+        )
         shifts = np.repeat([kinematics.com_offset(q) for q in rough], ROUGH, axis=0)[: len(times)]
-        tables, _ = _families(samples, shifts, motion.solids, kinematics, slice(None))
+        tables = [_family(samples, shifts, motion.solids, kinematics, limb) for limb in limbs]
         near = None if near_rad is None else np.asarray(near_rad).reshape(len(tables), -1)
         chosen = [_cheapest(table, None if near is None else near[limb]) for limb, table in enumerate(tables)]
         self._set(
@@ -81,6 +91,35 @@ def _planned(motion: PlanMotion, times: Array, kinematics: Kinematics, near_rad:
     return path
 
 
+def _jumps(path: Array, most_rad: float = JUMP_RAD) -> NDArray[np.int_]:
+    """Knots before which a limb jumps, and the limb, shape (n, 2)."""
+    far = np.abs(np.diff(path, axis=0)).reshape(len(path) - 1, -1, len(JOINTS))
+    return np.argwhere(far.max(axis=2) >= most_rad) + np.array([1, 0])
+
+
+def _without_jumps(
+    path: Array, samples: Sequence[MotionSample], solids: Sequence[Solid], kinematics: Kinematics
+) -> Array:
+    """The path with those swings chosen anew in which a limb jumps, from where it stands to where it stands again."""
+    found, swings = np.array(path), set[tuple[int, int, int]]()
+    stands = np.array([sample.foothold for sample in samples]) >= 0
+    for knot, limb in _jumps(path):
+        on = np.flatnonzero(stands[:, limb])
+        before, after = on[on < knot], on[on >= knot]
+        if len(before) and len(after):
+            swings.add((int(limb), int(before[-1]), int(after[0])))
+    for limb, begin, end in swings:
+        within, its = slice(begin, end + 1), kinematics.joints_of(limb)
+        shifts = np.array([kinematics.com_offset(q) for q in path[within]])
+        table = _family(samples[within], shifts, solids, kinematics, limb)
+        chosen = _cheapest(table, path[begin, its], path[end, its])
+        if _jumps(chosen).size:  # the family has no hip beyond the vertical
+            chosen = path[within, its]
+        found[within, its] = gaussian_filter1d(chosen, SMOOTHED, axis=0, mode="nearest")
+        found[begin, its], found[end, its] = path[begin, its], path[end, its]
+    return found
+
+
 def _followed(samples: Sequence[MotionSample], kinematics: Kinematics, near_rad: Array | None) -> Array:
     """Postures of a robot's own legs, each near the one before, the first near where it stands, shape (T, J)."""
     angles = np.concatenate([leg.stance_rad for leg in kinematics.model.legs]) if near_rad is None else near_rad
@@ -98,25 +137,30 @@ Table = tuple[Array, Array]
 """Postures of one limb at every knot, shape (T, K, 4), and what they cost, shape (T, K)."""
 
 
-def _families(
-    samples: Sequence[MotionSample], shifts: Array, solids: Sequence[Solid], kinematics: Kinematics, chosen: slice
-) -> tuple[list[Table], Array]:
-    """Tables of all limbs, and the cheapest postures at every knot alone, shape (T, J)."""
-    tables, samples = list[Table](), samples[chosen]
+def _family(
+    samples: Sequence[MotionSample], shifts: Array, solids: Sequence[Solid], kinematics: Kinematics, limb: int
+) -> Table:
+    """The table of a limb. shifts: of the centre of mass in the body, shape (T, 3) [m]."""
+    its = kinematics.robot.limbs[limb]
     turns = np.array([rotation_of(sample.rotation_rad) for sample in samples])
-    coms, feet, normals = (np.array([getattr(s, name) for s in samples]) for name in ("com_m", "feet_m", "normals"))
-    origins = coms - (turns @ shifts[chosen, :, None])[..., 0]
-    for i, limb in enumerate(kinematics.robot.limbs):
-        shoulders, towards = origins + turns @ limb.shoulder_m, turns @ rotation_of([0.0, 0.0, outward_rad(limb)])
-        target, normal = ((v[:, None] @ towards)[:, 0] for v in (feet[:, i] - shoulders, normals[:, i]))
-        clearance = clearance_of(shoulders, towards, solids, NEAR * limb.reach_m)
-        tables.append(posture_cost(link_lengths(limb), target, -normal, kinematics.servo, clearance=clearance))
-    alone = [np.take_along_axis(of, np.argmin(cost, axis=1)[:, None, None], axis=1)[:, 0] for of, cost in tables]
-    return tables, np.concatenate(alone, axis=1)
+    coms = np.array([sample.com_m for sample in samples])
+    feet, normals = (np.array([getattr(sample, name)[limb] for sample in samples]) for name in ("feet_m", "normals"))
+    shoulders = coms - (turns @ shifts[..., None])[..., 0] + turns @ its.shoulder_m
+    towards = turns @ rotation_of([0.0, 0.0, outward_rad(its)])
+    target, normal = ((v[:, None] @ towards)[:, 0] for v in (feet - shoulders, normals))
+    clearance = clearance_of(shoulders, towards, solids, NEAR * its.reach_m)
+    return posture_cost(link_lengths(its), target, -normal, kinematics.servo, clearance=clearance)
 
 
-def _cheapest(table: Table, near: Array | None) -> Array:
-    """The cheapest path through a table, shape (T, 4)."""
+def _comfortable(tables: Sequence[Table]) -> Array:
+    """The cheapest postures at every knot alone, shape (T, J)."""
+    return np.concatenate(
+        [np.take_along_axis(of, np.argmin(cost, axis=1)[:, None, None], axis=1)[:, 0] for of, cost in tables], axis=1
+    )
+
+
+def _cheapest(table: Table, near: Array | None, then: Array | None = None) -> Array:
+    """The cheapest path through a table, shape (T, 4). near, then: where it begins, and ends, if that is given."""
     families, costs = table
     family, cost = families[0], costs[0]
     total = cost if near is None else cost + LEFT * np.sum((family - near) ** 2, axis=1)
@@ -126,10 +170,14 @@ def _cheapest(table: Table, near: Array | None) -> Array:
         through = total[:, None] + TURNED * far
         back.append(np.argmin(through, axis=0))
         total = through.min(axis=0) + cost
+    if then is not None:
+        total = total + ENDS * np.sum((families[-1] - then) ** 2, axis=1)
     index = [int(np.argmin(total))]
     for row in reversed(back):
         index.append(int(row[index[-1]]))
     found = families[np.arange(len(families)), index[::-1]]
     if near is not None:
         found[0] = near
+    if then is not None:
+        found[-1] = then
     return found

@@ -180,9 +180,8 @@ class _Limbs:
         own = self._kinematics.inertial_torques(angles, velocity, acceleration) + self._rotors_kg_m2 * acceleration
         stands = np.array(sample.foothold) >= 0
         shared = np.where(stands[:, None], robot.mass_kg * push / max(1, int(stands.sum())), 0.0)
-        rotation = rotation_of(sample.rotation_rad)
-        with_push = self._kinematics.torques(angles, rotation, shared)
-        without = self._kinematics.torques(angles, rotation, np.zeros_like(shared))
+        loads = self._kinematics.loads(angles, rotation_of(sample.rotation_rad))
+        with_push, without = (self._kinematics.torques_of(loads, forces) for forces in (shared, np.zeros_like(shared)))
         return np.asarray(own + with_push - without)
 
 

@@ -113,13 +113,15 @@ class Imperfections:
     """What of a simulated robot is not as its file says; drawn once, from the seed.
 
     offset_rad: joints are mounted off by up to so much, either way, and measure themselves wrong by that. noise_rad:
-    standard deviation of what they measure. delay_s: from a command to its effect, in whole control periods.
+    standard deviation of what they measure. delay_s: from a command to its effect, felt_delay_s: from a contact to when
+    its force is felt, both in whole control periods.
     stiffness_share, mass_share: of the loops' Kp, and of all masses.
     """
 
     offset_rad: float = 0.0
     noise_rad: float = 0.0
     delay_s: float = 0.0
+    felt_delay_s: float = 0.0
     stiffness_share: float = 1.0
     mass_share: float = 1.0
     seed: int = 0
@@ -127,7 +129,7 @@ class Imperfections:
     def __post_init__(self) -> None:
         collect_errors(
             *(lambda n=n: checked(getattr(self, n), f"imperfections.{n}", least=0.0)
-              for n in ("offset_rad", "noise_rad", "delay_s")),
+              for n in ("offset_rad", "noise_rad", "delay_s", "felt_delay_s")),
             *(lambda n=n: checked(getattr(self, n), f"imperfections.{n}", above=0.0)
               for n in ("stiffness_share", "mass_share")),
         )  # fmt: skip

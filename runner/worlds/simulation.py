@@ -54,7 +54,9 @@ class SimulatedWorld(LatchedWorld):
         self._draw = np.random.default_rng(imperfections.seed)
         self._offset = imperfections.offset_rad * self._draw.uniform(-1.0, 1.0, len(self.joints))
         self._late = round(imperfections.delay_s * rate_hz)
+        self._felt_late = round(imperfections.felt_delay_s * rate_hz)
         self._waiting: deque[Array] = deque()
+        self._felt: deque[Array] = deque()
 
     @classmethod
     def make(cls, settings: WorldSettings) -> Self:
@@ -71,6 +73,7 @@ class SimulatedWorld(LatchedWorld):
         """Put the robot, at rest, into this pose over this terrain."""
         self._sent = np.array(angles_rad, dtype=float)
         self._waiting = deque([self._sent] * self._late)
+        self._felt = deque([np.zeros((len(self.robot.limbs), 3))] * self._felt_late)
         return self._measured(self._placed(terrain, self._sent - self._offset, position_m, rotation))
 
     def preload(self, targets_rad: Array) -> bool:
@@ -88,10 +91,12 @@ class SimulatedWorld(LatchedWorld):
         return self._measured(self._advanced(self._waiting.popleft() - self._offset))
 
     def _measured(self, state: State) -> State:
-        """What the joints' sensors say of it."""
+        """What the sensors of joints and feet say of it."""
         noise = self.imperfections.noise_rad
         read = state.angles_rad + self._offset
-        return replace(state, angles_rad=read + noise * self._draw.standard_normal(len(read)) if noise else read)
+        read = read + noise * self._draw.standard_normal(len(read)) if noise else read
+        self._felt.append(state.forces_n)
+        return replace(state, angles_rad=read, forces_n=self._felt.popleft())
 
     @abstractmethod
     def _placed(self, terrain: Terrain, angles_rad: Array, position_m: Array, rotation: Array) -> State:

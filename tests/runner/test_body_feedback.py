@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,10 +28,10 @@ from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.runner.acceptance import AcceptedGait
 from stancekit.runner.control.body_feedback import BodyController, BodyFeedback, BodyPose
 from stancekit.runner.motion.motion import MotionSample
+from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
-from stancekit.runner.worlds.simulation import SimulatedWorld
 from tests.planners.robot.small_urdfs import quadruped
 
 MASS, WEIGHT = 20.0, 196.2
@@ -54,6 +52,13 @@ def sample(friction: float = 0.7) -> MotionSample:
         com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=FEET, forces_n=0.25 * WEIGHT * up,
         foothold=(0, 1, 2, 3), normals=up, friction=np.full(4, friction),
     )  # fmt: skip
+
+
+def test_ground_is_steep_where_friction_alone_does_not_hold_on_it() -> None:
+    lean = np.arctan(0.7) + np.array([-0.01, 0.01, 0.5 * np.pi - np.arctan(0.7), np.pi - np.arctan(0.7)])
+    normals = np.stack([np.sin(lean), np.zeros(4), np.cos(lean)], axis=1)
+    assert replace(sample(), normals=normals).steep.tolist() == [False, True, True, True]
+    assert not replace(sample(1e-6)).steep.any()
 
 
 def total(forces: Array) -> Array:
@@ -120,23 +125,28 @@ def walked() -> Attempted:
     return found
 
 
-@pytest.fixture
-def accepted(walked: Attempted, tmp_path: Path) -> AcceptedGait:
-    write_trajectory(tmp_path / "walk.json", walked.trajectory, walked.report)
-    return AcceptedGait.from_file(tmp_path / "walk.json")
+@pytest.fixture(scope="module")
+def accepted(walked: Attempted, tmp_path_factory: pytest.TempPathFactory) -> AcceptedGait:
+    path = tmp_path_factory.mktemp("walked") / "walk.json"
+    write_trajectory(path, walked.trajectory, walked.report)
+    return AcceptedGait.from_file(path)
 
 
-@pytest.fixture
-def world(accepted: AcceptedGait) -> Iterator[SimulatedWorld]:
+def run_with(accepted: AcceptedGait, body: BodyFeedback) -> RunReport:
     with make_world("mujoco", accepted.robot) as made:
-        assert isinstance(made, SimulatedWorld)
-        yield made
+        return Runner(made, settings=RunSettings(body=body)).run(accepted, accepted.ground())
 
 
-def test_a_quadruped_of_a_file_walks_as_planned(accepted: AcceptedGait, world: SimulatedWorld) -> None:
-    report = Runner(world).run(accepted, accepted.ground())
-    assert report.succeeded, report.message
-    run = report.execution
+@pytest.fixture(scope="module")
+def as_planned(accepted: AcceptedGait) -> RunReport:
+    """A run as every run is that says nothing else."""
+    assert RunSettings() == RunSettings(body=BodyFeedback())
+    return run_with(accepted, BodyFeedback())
+
+
+def test_a_quadruped_of_a_file_walks_as_planned(as_planned: RunReport) -> None:
+    assert as_planned.succeeded, as_planned.message
+    run = as_planned.execution
     assert run is not None
     assert run.body_rms_m < 8e-3
     assert run.slip_m.max() < 8e-3
@@ -145,15 +155,12 @@ def test_a_quadruped_of_a_file_walks_as_planned(accepted: AcceptedGait, world: S
     np.testing.assert_allclose((run.trace.com_m[-1] - run.trace.com_m[0])[:2], [0.2, 0.1], atol=0.02)
 
 
-def test_without_the_wrench_its_body_strays_farther(accepted: AcceptedGait, world: SimulatedWorld) -> None:
+def test_without_the_wrench_its_body_strays_farther(accepted: AcceptedGait, as_planned: RunReport) -> None:
     off = BodyFeedback(position_s2=0.0, velocity_s=0.0, rotation_s2=0.0, turn_s=0.0)
-    runs = []
-    for body in (BodyFeedback(), off):
-        with make_world("mujoco", accepted.robot) as made:
-            report = Runner(made, settings=RunSettings(body=body)).run(accepted, accepted.ground())
-        assert report.execution is not None
-        runs.append(report.execution.body_worst_m)
-    assert runs[1] > 1.5 * runs[0]
+    without = run_with(accepted, off).execution
+    assert without is not None
+    assert as_planned.execution is not None
+    assert without.body_worst_m > 1.5 * as_planned.execution.body_worst_m
 
 
 CRAWL = """

@@ -76,7 +76,7 @@ def test_the_ending_of_a_loop_that_is_stopped_waits_for_no_planner() -> None:
 
 
 def test_less_friction_than_planned_is_felt_by_feet_that_slide_and_planned_with() -> None:
-    report, seen = looped(0.7, LoopSettings(replan_m=0.008), frames=4)
+    report, seen = looped(0.7, LoopSettings(replan_m=0.008), frames=3)
     assert report.succeeded, report.message
     assert report.replans >= 1
     assert report.friction_share == pytest.approx(0.7, abs=0.03)

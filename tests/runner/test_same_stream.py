@@ -25,6 +25,7 @@ from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.drives import Drives
+from stancekit.runner.worlds.dynamixel import port
 from stancekit.runner.worlds.dynamixel.calibration import Turning, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.world import State
@@ -69,7 +70,10 @@ def test_a_loop_that_is_sent_a_command_gives_the_torque_at_the_angle() -> None:
     assert np.array_equal(command(replace(drives, yields=False), q, torque, rate, rising), q)
 
 
-def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos_stay_with_the_plan() -> None:
+def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos_stay_with_the_plan(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(port, "WRITE_S", 2.0)  # the emulator has its turn when a loaded machine gives it one
     accepted, simulated = Accepted.verified(light(), "light"), Sent()
     robot = accepted.plan.course.robot
     world = make_world("mujoco", robot, rate_hz=RATE_HZ, actuators=SERVOS)
@@ -78,8 +82,9 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
     with ServoBus(position_rad=(simulated.asked[0] - simulated.lean[0]).tolist()) as bus:
         calibration = nominal(world.joints, port=bus.path, watchdog_s=1.0)
         calibration = replace(
-            calibration, joints={name: replace(each, current_a=5.5) for name, each in calibration.joints.items()}
-        )
+            calibration, latency_ms=200.0,  # as above
+            joints={name: replace(each, current_a=5.5) for name, each in calibration.joints.items()},
+        )  # fmt: skip
         real = Sent(bus, 28.4)
         done = Runner(DynamixelWorld(robot, calibration, rate_hz=RATE_HZ), dry=False, log=real).run(accepted)
         turning = Turning(calibration.ordered(world.joints))
@@ -88,6 +93,25 @@ def test_the_bus_is_sent_what_the_simulation_was_sent_to_the_tick_and_its_servos
     assert np.array_equal(real.asked[-count:], simulated.asked)
     assert bus.goals[-count:] == [turning.ticks(sent).tolist() for sent in simulated.sent]
     assert np.abs(simulated.lean[-1]).max() > 3.0 * done.joint_rms_rad  # joints do not go where loads are sent for
+
+
+def test_the_guard_counts_no_load_as_deviation_whether_feet_feel_or_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    accepted, log = Accepted.verified(light(), "light"), Sent()
+    world = make_world("mujoco", accepted.plan.course.robot, actuators=SERVOS)
+    runner = Runner(world, settings=RunSettings(check_limits=False), log=log)
+    leans, step = list[Any](), runner.world.step
+
+    def watched(targets: Any, lean: Any = None) -> State:
+        leans.append(lean)
+        return step(targets, lean)
+
+    monkeypatch.setattr(runner.world, "step", watched)
+    report = runner.run(accepted)
+    assert report.succeeded, report.message
+    moving = [k for k, lean in enumerate(leans) if lean is not None]
+    assert len(moving) > 0.9 * len(leans)
+    np.testing.assert_allclose([leans[k] for k in moving], [log.lean[k] for k in moving], atol=1e-12)
+    assert max(np.abs(leans[k]).max() for k in moving) > 0.05
 
 
 @pytest.mark.parametrize(("yields", "stands"), [(True, True), (False, False)])

@@ -188,6 +188,21 @@ def test_late_commands_and_joints_mounted_off_are_as_said(made: Callable[..., Wo
     assert 1e-3 < wrong.max() < 0.02 * sum(0.6 for _ in range(3))
 
 
+def test_feet_feel_late_what_they_touch(made: Callable[..., World]) -> None:
+    of = model()
+    found = []
+    for delay_s in (0.0, 0.02):
+        with made(of, imperfections=Imperfections(felt_delay_s=delay_s)) as world:
+            height = of.stand_height_m - float(of.body.com_m[2]) + 0.001
+            states = [world.reset(FLAT, stance(of), np.array([0.0, 0.0, height]), np.eye(3))]
+            states += [world.step(stance(of)) for _ in range(60)]
+        found.append(np.array([state.forces_n for state in states]))
+    at_once, late = found
+    assert np.abs(at_once[:-4]).max() > 10.0
+    np.testing.assert_array_equal(late[4:], at_once[:-4])
+    np.testing.assert_array_equal(late[:4], 0.0)
+
+
 def test_a_heavier_robot_and_softer_loops_are_as_said() -> None:
     of = model()
     heavier = simulated_body(of, mass_share=1.15)

@@ -146,8 +146,8 @@ class Layout:
             begin, end = entries.phases.stance(index)
             shares = (np.asarray(times_s)[at] - begin) / (end - begin)
             basis = clamped_basis(shares, len(coefficients) - 3, order).tocoo()
-            for row, column, weight in zip(*basis.coords, basis.data, strict=True):
-                triplets.add(int(at[row]), coefficients[column], weight / (end - begin) ** order)
+            rows, columns = basis.coords
+            triplets.add(at[rows], coefficients[columns], basis.data / (end - begin) ** order)
         return triplets.matrix(len(times_s), self.size)
 
     def force_times_s(self, foot: int, stance: int) -> Array:
@@ -171,11 +171,18 @@ class _Triplets:
     """Rows of three that are gathered one after the other."""
 
     def __init__(self) -> None:
-        self._found: list[tuple[int, int, float]] = []
+        self._at, self._entries, self._weights = list[Index](), list[Index](), list[Array]()
 
-    def add(self, at: int, entries: Index, weight: float) -> None:
-        self._found += [(3 * at + k, int(entry), weight) for k, entry in enumerate(entries) if entry != NOTHING]
+    def add(self, at: int | Index, entries: Index, weights: float | Array) -> None:
+        """So many times three rows: at, weights of shape () or (n,); entries, of shape (3,) or (n, 3)."""
+        self._at.append(np.atleast_1d(at))
+        self._entries.append(np.atleast_2d(entries))
+        self._weights.append(np.atleast_1d(weights))
 
     def matrix(self, count: int, size: int) -> csr_array:
-        rows, columns, weights = zip(*self._found, strict=True) if self._found else ((), (), ())
-        return csr_array(coo_array((weights, (rows, columns)), shape=(3 * count, size)))
+        if not self._at:
+            return csr_array((3 * count, size))
+        at, entries, weights = (np.concatenate(parts) for parts in (self._at, self._entries, self._weights))
+        kept = entries != NOTHING
+        rows, shared = 3 * at[:, None] + np.arange(3), np.broadcast_to(weights[:, None], entries.shape)
+        return csr_array(coo_array((shared[kept], (rows[kept], entries[kept])), shape=(3 * count, size)))

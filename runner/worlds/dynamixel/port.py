@@ -13,6 +13,8 @@ from .control_table import LATENCY_MS
 
 WAIT_S = 0.002
 """How long a read sleeps for bytes before the SDK looks at its own time limit."""
+WRITE_S = 0.1
+"""How long a packet may take to be handed to the kernel."""
 
 
 class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
@@ -34,7 +36,7 @@ class ServoPort(PortHandler):  # type: ignore[misc]  # the SDK has no types
             os.close(probe)
         super().setupPort(cflag_baud)
         self.ser.exclusive = True
-        self.ser.timeout, self.ser.write_timeout = WAIT_S, 0.1
+        self.ser.timeout, self.ser.write_timeout = WAIT_S, WRITE_S
         return True
 
     def writePort(self, packet: list[int]) -> int:

@@ -62,7 +62,8 @@ def test_what_a_ball_may_lack() -> None:
     cut = MIDDLE + np.column_stack([onto[:, 0], aside, onto[:, 1]])
     assert fitted_ball(cut) is not None
     away = points - MIDDLE
-    topped = np.vstack([points[away[:, 2] < 0.024], MIDDLE + [0.0, 0.0, 0.0245]])
+    top = MIDDLE + np.array([0.0, 0.0, 0.0245])
+    topped = np.vstack([points[away[:, 2] < 0.024], top])
     found = fitted_ball(topped)  # one corner on top, farther from the ball than others may be
     assert found is not None
     assert found[1] == pytest.approx(0.03, rel=0.03)

@@ -1,0 +1,44 @@
+"""Feet press against each other where a plan hangs between them, and only there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.runner.control.tracker import ContactFeedback, Tracker
+from stancekit.runner.motion.timeline import PlanMotion
+
+
+def added(course: str) -> tuple[Array, Array]:
+    """Joint targets with pressing less those without, after forces were missing: of those that are asked for a half."""
+    plan = TwoStageCoursePlanner().solve(read_course(course, frames=2)).plan
+    assert plan is not None
+    motion, kinematics = PlanMotion(plan), Kinematics(plan.course.robot)
+    felt = 0.5 * motion.at(0.0).forces_n
+    targets = []
+    for press_hz in (4.0, 0.0):
+        tracker = Tracker(motion, kinematics, 100.0, ContactFeedback(press_hz=press_hz))
+        tracker.start()
+        for _ in range(20):
+            target = tracker.next(felt)
+            assert target is not None
+        targets.append(target.targets_rad)
+    return targets[0] - targets[1], np.array(motion.at(0.0).normals)
+
+
+def test_feet_between_walls_press_harder_where_they_feel_too_little() -> None:
+    more, normals = added("walls")
+    assert np.abs(normals[:, 2]).max() < 1e-9
+    assert np.abs(more).max() > 1e-3
+
+
+def test_feet_on_level_ground_do_not() -> None:
+    more, normals = added("stairs")
+    np.testing.assert_allclose(normals[:, 2], 1.0)
+    np.testing.assert_array_equal(more, 0.0)
