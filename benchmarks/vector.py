@@ -3,7 +3,8 @@
     python benchmarks/vector.py [--problem wall-3] [--envs 8] [--steps 40] [--rounds 5] [--seed 0] [--json]
 
 The bare loop labels the very problems that the environment drew (those that balancing threw away, too) and puts the
-same scenes and actions through P1, fix-p and the verifier. Sampling these problems, which a loop over given scenes
+same scenes and actions through P1, fix-p and the verifier; both decide one problem after the other
+(`benchmarks/environment.py` has what drawing in blocks saves). Sampling these problems, which a loop over given scenes
 would not have to do, is timed apart. All take turns in one process; processor times are compared. The rest is wall
 clock, in turns, with the same seeds and actions.
 """
@@ -19,7 +20,8 @@ from _bench import Options, launch
 from gymnasium.vector import AutoresetMode, VectorEnv
 
 from stancekit.envs.distributions.postures import PostureDistribution, distribution
-from stancekit.envs.scenes import SampledScenes, Scene
+from stancekit.envs.sampling import OneByOne
+from stancekit.envs.scenes import Scene
 from stancekit.envs.selection_task import ADMITTED
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.learners.selectors.heuristic import heuristic_envelope
@@ -65,8 +67,8 @@ class RecordedDistribution(PostureDistribution):
         return self.drawn[-1]
 
 
-class RecordedScenes(SampledScenes):
-    """Scenes that remember which of them were handed out."""
+class RecordedScenes(OneByOne):
+    """Scenes, drawn one by one, that remember which of them were handed out."""
 
     def __init__(self, recorded: RecordedDistribution) -> None:
         super().__init__(recorded)

@@ -21,7 +21,9 @@ from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
 from .distributions.postures import Distribution
-from .scenes import MAX_DRAWS, Scene, SceneKind, SceneSource, kind_of, scenes_of_kind
+from .sampling import MAX_DRAWS
+from .scene_sources import kind_of, scenes_of_kind
+from .scenes import Scene, SceneKind, SceneSource
 from .selection_task import VERTICES, scene_space
 
 Observation = dict[str, NDArray[np.float32]]
@@ -141,7 +143,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         super().reset(seed=seed)
         for _ in range(MAX_DRAWS):
             scene = self._scenes.draw(self.np_random)
-            scaled = Scaled.of(scene.problem)
+            scaled = scene.scaled
             if scaled.size != (self._count, VERTICES):
                 raise InvalidInput(f"scene: expected {self._count} contacts on triangles, got the size {scaled.size}")
             search = BoxSearch(

@@ -4,20 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stancekit.planners.answer.outcome import Outcome, Posture, Status
-from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.equilibrium.features import observe
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureProblem
-from stancekit.planners.search.exact import ExactPlanner
-
-from .distributions.postures import Distribution, distribution
-
-MAX_DRAWS = 10_000
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,6 +32,23 @@ class Scene:
     lower_bound: float = 0.0
     expert_seconds: float = 0.0
 
+    @cached_property
+    def scaled(self) -> Scaled:
+        """The numbers of the problem."""
+        return Scaled.of(self.problem)
+
+    @cached_property
+    def observation(self) -> dict[str, NDArray[np.float32]]:
+        """What a policy sees of it (``features.observe``); not to be written to."""
+        return observe(self.scaled)
+
+    @cached_property
+    def point(self) -> Array:
+        """[p, f] of the witness (``Scaled.point``), zeros where there is none, shape (N, 6)."""
+        if self.posture is None:
+            return np.zeros((len(self.problem.contacts), 6))
+        return self.scaled.point(self.posture)
+
     @classmethod
     def of(cls, problem: PostureProblem, outcome: Outcome) -> Scene:
         """A problem that the expert decided."""
@@ -44,6 +59,16 @@ class Scene:
             lower_bound=outcome.lower_bound,
             expert_seconds=outcome.seconds,
         )
+
+
+def seen(scene: Scene) -> dict[str, NDArray[np.float32]]:
+    """The observation of a scene, in arrays of its own."""
+    return {name: values.copy() for name, values in scene.observation.items()}
+
+
+def all_seen(scenes: Sequence[Scene]) -> dict[str, NDArray[np.float32]]:
+    """The observations of scenes of one size, a row each."""
+    return {name: np.stack([scene.observation[name] for scene in scenes]) for name in scenes[0].observation}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,52 +87,6 @@ class SceneSource(Protocol):
         ...
 
 
-class SampledScenes:
-    """Scenes sampled from a distribution and labelled on the spot by the exact planner.
-
-    balanced: toss a coin for the label and draw until it comes, leaving out what is infeasible even without its moment
-    balance; else scenes come at their natural rates. Undecided problems are drawn again.
-    """
-
-    def __init__(
-        self, distribution: Distribution, *, balanced: bool = True, programs: Programs | None = None
-    ) -> None:
-        self._distribution = distribution
-        self._balanced = balanced
-        self._expert = ExactPlanner(programs=programs)
-
-    def draw(self, rng: np.random.Generator) -> Scene:
-        """Draw a scene. Raises PlanningFailed where a label does not come up in MAX_DRAWS draws."""
-        wanted = bool(rng.integers(2))
-        for _ in range(MAX_DRAWS):
-            problem = self._distribution.sample(rng)
-            outcome = self._expert.solve(problem)
-            if outcome.status is Status.UNDECIDED:
-                continue
-            scene = Scene.of(problem, outcome)
-            if not self._balanced or (scene.feasible == wanted and not outcome.details["trivial"]):
-                return scene
-        raise PlanningFailed(f"{self._distribution.name}: no scene of the wanted label in {MAX_DRAWS} draws")
-
-
-def kind_of(
-    problem: str | Distribution | SceneKind, robot: str | Path | None, terrain: str | Path | None
-) -> Distribution | SceneKind:
-    """A distribution, or what is known of one; by name as ``distribution`` has it. Raises InvalidInput."""
-    if not isinstance(problem, SceneKind | Distribution):
-        return distribution(problem, robot=robot, terrain=terrain)
-    if robot is not None or terrain is not None:
-        raise InvalidInput(f"robot, terrain: expected none beside {problem.name}, which has its own")
-    return problem
-
-
-def scenes_of_kind(kind: Distribution | SceneKind, *, balanced: bool, programs: Programs) -> SceneSource:
-    """Scenes of a distribution. Raises InvalidInput where they were to come from elsewhere."""
-    if isinstance(kind, SceneKind):
-        raise InvalidInput(f"scenes: expected some of {kind.name}, got none")
-    return SampledScenes(kind, balanced=balanced, programs=programs)
-
-
 class ListedScenes:
     """Given scenes in their order, over and over; for evaluation."""
 
@@ -122,3 +101,16 @@ class ListedScenes:
         scene = self._scenes[self._next % len(self._scenes)]
         self._next += 1
         return scene
+
+
+class PooledScenes:
+    """Given scenes, drawn at random, each as likely at every draw."""
+
+    def __init__(self, scenes: Sequence[Scene]) -> None:
+        if not scenes:
+            raise InvalidInput("scenes: expected one or more, got none")
+        self._scenes = tuple(scenes)
+
+    def draw(self, rng: np.random.Generator) -> Scene:
+        """Return a scene."""
+        return self._scenes[int(rng.integers(len(self._scenes)))]

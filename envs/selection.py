@@ -11,8 +11,6 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from stancekit.planners.answer.outcome import Posture
-from stancekit.planners.equilibrium.features import observe
-from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
@@ -21,7 +19,7 @@ from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import to_rgb
 
 from .distributions.postures import Distribution
-from .scenes import Scene, SceneKind, SceneSource
+from .scenes import Scene, SceneKind, SceneSource, seen
 from .selection_task import RewardWeights, SelectionTask
 
 WINDOW = "stancekit"
@@ -124,7 +122,6 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
             projections=projections, weights=weights, balanced=balanced, scenes=scenes, timing=timing,
         )  # fmt: skip
         self._scene: Scene | None = None
-        self._scaled: Scaled | None = None
         self._shown: tuple[Posture | None, Envelope | None] = (None, None)
         self.observation_space: spaces.Space[Any] = self._task.observation_space
         self.action_space = self._task.action_space
@@ -135,23 +132,23 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         """Draw the next scene."""
         super().reset(seed=seed)
         self._scene = self._task.scenes.draw(self.np_random)
-        self._scaled = self._task.scale(self._scene)
+        self._task.check(self._scene)
         self._shown = (None, None)
         if self.render_mode == "human":
             self.render()
-        return observe(self._scaled), {}
+        return seen(self._scene), {}
 
     def step(
         self, action: NDArray[np.float32] | np.int64
     ) -> tuple[dict[str, NDArray[np.float32]], float, bool, bool, dict[str, Any]]:
         """Relax over the chosen boxes, project, compare with the expert; the episode ends."""
-        if self._scene is None or self._scaled is None:
+        if self._scene is None:
             raise gym.error.ResetNeeded("reset the environment before the first step")
-        verdict = self._task.judge(self._scene, self._scaled, action)
+        verdict = self._task.judge(self._scene, action)
         self._shown = (verdict.posture, verdict.envelope)
         if self.render_mode == "human":
             self.render()
-        return observe(self._scaled), verdict.reward, True, False, verdict.info
+        return seen(self._scene), verdict.reward, True, False, verdict.info
 
     def render(self) -> NDArray[np.uint8] | None:
         """Draw the scene, and after a step the envelope and the posture that P2 found in it."""

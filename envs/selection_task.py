@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,10 +13,9 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from stancekit.planners.answer.answer_file import read_envelopes
-from stancekit.planners.answer.outcome import Outcome, Posture, Status
+from stancekit.planners.answer.outcome import Posture
 from stancekit.planners.equilibrium.features import ROOM
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
@@ -23,10 +23,11 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.joint import Joint, RelaxationName
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.relaxation.relaxed import RelaxationAnswer
-from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.verify import check_postures
 
 from .distributions.postures import Distribution
-from .scenes import Scene, SceneKind, SceneSource, kind_of, scenes_of_kind
+from .scene_sources import kind_of, scenes_of_kind
+from .scenes import Scene, SceneKind, SceneSource
 
 VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
@@ -110,7 +111,6 @@ class SelectionTask:
         self._weights = weights
         self._timing = timing
         self._programs = Programs()
-        self._acceptance = Acceptance(tolerance=ADMITTED)
         self.scenes = scenes or scenes_of_kind(chosen, balanced=balanced, programs=self._programs)
         self.observation_space = scene_space(self._count)
         self.action_space = self._make_action_space()
@@ -128,18 +128,18 @@ class SelectionTask:
             )
         return spaces.Discrete(len(self._library.envelopes))
 
-    def scale(self, scene: Scene) -> Scaled:
-        """The scene's numbers. Raises InvalidInput where they do not fit the observation."""
-        scaled = Scaled.of(scene.problem)
-        if scaled.size != (self._count, VERTICES):
+    def check(self, scene: Scene) -> None:
+        """Raise InvalidInput where a scene does not fit the observation."""
+        size = scene.scaled.size
+        if size != (self._count, VERTICES):
             raise InvalidInput(
-                f"scene: expected {self._count} contacts on triangles, got {scaled.size[0]} contacts on patches "
-                f"of up to {scaled.size[1]} corners"
+                f"scene: expected {self._count} contacts on triangles, got {size[0]} contacts on patches "
+                f"of up to {size[1]} corners"
             )
-        return scaled
 
-    def judge(self, scene: Scene, scaled: Scaled, action: NDArray[np.float32] | np.int64) -> Verdict:
+    def judge(self, scene: Scene, action: NDArray[np.float32] | np.int64) -> Verdict:
         """Relax over the chosen boxes, project, compare with the expert."""
+        scaled = scene.scaled
         envelopes, point = self._envelopes(action)
         begin = time.perf_counter()
         if point is None:
@@ -148,9 +148,9 @@ class SelectionTask:
             answer = self._programs.get(Joint, scaled.layout).solve(scaled, envelopes[0], point)
         p1_seconds = time.perf_counter() - begin
         begin = time.perf_counter()
-        projected = {way: self._project(way, scene, scaled, answer) for way in self._projections}
+        projected = {way: self._project(way, scene, answer) for way in self._projections}
         p2_seconds = time.perf_counter() - begin
-        info = self._info(scene, scaled, answer, envelopes[answer.chosen], projected)
+        info = self._info(scene, answer, envelopes[answer.chosen], projected)
         clock = self._timing
         info["p1_seconds"] = p1_seconds if clock else 0.0
         info["p2_seconds"] = p2_seconds if clock else 0.0
@@ -158,7 +158,7 @@ class SelectionTask:
         return Verdict(
             reward=float(info["reward_agreement"] + info["reward_projection"] + info["reward_tightness"]),
             info=info,
-            posture=next((outcome.posture for outcome in projected.values() if outcome and outcome.posture), None),
+            posture=next((posture for posture in projected.values() if posture is not None), None),
             envelope=envelopes[answer.chosen],
         )
 
@@ -176,41 +176,39 @@ class SelectionTask:
             return (Envelope.from_vector(bounds),), point.reshape(-1, 6)
         return tuple(Envelope.from_vector(row) for row in flat.reshape(self._boxes, -1)), None
 
-    def _project(self, way: Projection, scene: Scene, scaled: Scaled, answer: RelaxationAnswer) -> Outcome | None:
-        """Project P1's point and have it verified; None where P1 gave no point or admits nothing."""
+    def _project(self, way: Projection, scene: Scene, answer: RelaxationAnswer) -> Posture | None:
+        """Project P1's point; the posture where the verifier accepts it, None where P1 gave no point, too."""
         if not answer.feasible or answer.point is None:
             return None
-        point = project(self._programs, way, scaled, answer.point)
+        point = project(self._programs, way, scene.scaled, answer.point)
         if not np.isfinite(point.residual):
             return None
-        posture = scaled.posture(point)
-        return self._acceptance.outcome(scene.problem, method=way, begin=0.0, posture=posture)
+        posture = scene.scaled.posture(point)
+        return posture if check_postures([scene.problem], [posture])[0] <= ADMITTED else None
 
     def _info(
         self,
         scene: Scene,
-        scaled: Scaled,
         answer: RelaxationAnswer,
         envelope: Envelope,
-        projected: dict[Projection, Outcome | None],
+        projected: dict[Projection, Posture | None],
     ) -> dict[str, Any]:
-        reached = {way: outcome is not None and outcome.status is Status.FEASIBLE for way, outcome in projected.items()}
+        reached = {way: posture is not None for way, posture in projected.items()}
         agree = answer.known and answer.feasible == scene.feasible
         width = float(np.mean(envelope.high - envelope.low)) / 2.0
         weights = self._weights
-        posture = scene.posture
         return {
             "label": int(scene.feasible),
             "p1_feasible": int(answer.feasible),
             "margin": float(answer.margin),
-            "gap": float(np.nan_to_num(answer.gap)),
+            "gap": 0.0 if math.isnan(answer.gap) else answer.gap,
             "log_volume": envelope.log_volume(),
             "chosen": int(answer.chosen),
             **{f"project_{way.replace('-', '_')}": int(value) for way, value in reached.items()},
             "reward_agreement": weights.agreement * agree,
             "reward_projection": weights.projection * reached[self._projections[0]],
             "reward_tightness": weights.tightness * (1.0 - width),
-            "expert_point": np.zeros((self._count, 6)) if posture is None else scaled.point(posture),
+            "expert_point": scene.point.copy(),
             "expert_lower_bound": float(scene.lower_bound),
         }
 

@@ -21,12 +21,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from stancekit.planners.equilibrium.features import observe_batch
-from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, StancekitError
 
 from .distributions.postures import Distribution
-from .scenes import Scene, SceneKind
+from .scenes import Scene, SceneKind, all_seen
 from .selection_task import SelectionOptions, SelectionTask
 
 Observation = dict[str, NDArray[np.float32]]
@@ -144,7 +142,7 @@ class _Batch:
         self._task = task
         self._sources = [copy.copy(task.scenes) for _ in range(size)]
         self._rngs: list[np.random.Generator | None] = [None] * size
-        self._at: list[tuple[Scene, Scaled]] = []
+        self._at: list[Scene] = []
         self._answer: Any = None
 
     def begin(self, method: str, argument: Any) -> None:
@@ -171,10 +169,8 @@ class _Batch:
 
     def step(self, actions: NDArray[Any]) -> _Stepped:
         """Judge, and draw the next scenes."""
-        final = observe_batch([scaled for _, scaled in self._at])
-        verdicts = [
-            self._task.judge(scene, scaled, action) for (scene, scaled), action in zip(self._at, actions, strict=True)
-        ]
+        final = all_seen(self._at)
+        verdicts = [self._task.judge(scene, action) for scene, action in zip(self._at, actions, strict=True)]
         return _Stepped(
             rewards=[verdict.reward for verdict in verdicts],
             infos=[verdict.info for verdict in verdicts],
@@ -183,9 +179,10 @@ class _Batch:
         )
 
     def _draw(self) -> Observation:
-        scenes = [source.draw(rng) for source, rng in zip(self._sources, self._rngs, strict=True) if rng is not None]
-        self._at = [(scene, self._task.scale(scene)) for scene in scenes]
-        return observe_batch([scaled for _, scaled in self._at])
+        self._at = [source.draw(rng) for source, rng in zip(self._sources, self._rngs, strict=True) if rng is not None]
+        for scene in self._at:
+            self._task.check(scene)
+        return all_seen(self._at)
 
 
 class _Worker:

@@ -145,6 +145,11 @@ class CutDistribution:
             like=self._plain, vertices_m=np.array(vertices), normals=np.array(normals), friction=np.array(friction)
         )
 
+    def skip(self, rng: np.random.Generator, count: int) -> None:
+        """Leave the generator as ``batch`` of so many leaves it."""
+        for _ in range(count):
+            self._drawn(rng)
+
     def _drawn(self, rng: np.random.Generator) -> tuple[Array, Array, Array]:
         """Vertices, normals and friction of one scene's patches in the body's axes."""
         for _ in range(TRIES):

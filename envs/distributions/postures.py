@@ -55,6 +55,15 @@ class Distribution(Protocol):
         ...
 
 
+@runtime_checkable
+class Repeatable(Distribution, Protocol):
+    """A distribution whose draws depend on the generator's state alone, so that they can be repeated and passed over."""
+
+    def skip(self, rng: np.random.Generator, count: int) -> None:
+        """Leave the generator as ``batch`` of so many leaves it."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True)
 class PostureDistribution:
     """G(θ) of paper E: one random triangle a limb, on the ground or on two facing walls.
@@ -77,11 +86,19 @@ class PostureDistribution:
     def batch(self, rng: np.random.Generator, count: int) -> PostureBatch:
         """Draw this many problems: bit for bit those that as many calls of ``sample`` draw."""
         stance, low, high = self._about
-        drawn = low + (high - low) * rng.random((count, *low.shape))
+        drawn = low + (high - low) * self._shares(rng, count)
         offset, (lean, towards, radius, turn, friction) = drawn[..., :3], np.moveaxis(drawn[..., 3:], -1, 0)
         normals = leaning(stance.normal, lean, towards)
         vertices = (stance.centre_m + offset)[:, :, None] + triangle(normals, radius, turn)
         return PostureBatch(like=self._plain, vertices_m=vertices, normals=normals, friction=friction)
+
+    def skip(self, rng: np.random.Generator, count: int) -> None:
+        """Leave the generator as ``batch`` of so many leaves it."""
+        self._shares(rng, count)
+
+    def _shares(self, rng: np.random.Generator, count: int) -> Array:
+        """Uniform numbers, of each problem and limb one a column of ``_about``."""
+        return rng.random((count, *self._about[1].shape))
 
     @cached_property
     def _about(self) -> tuple[Stance, Array, Array]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from stancekit.envs.refinement import EnvelopeRefinementEnv
-from stancekit.envs.scenes import Scene, SceneKind
+from stancekit.envs.scenes import PooledScenes, Scene, SceneKind
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
@@ -21,19 +21,6 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
 from ..selectors.policy import moved
-
-
-class PooledScenes:
-    """Given scenes, drawn at random, each as likely at every draw."""
-
-    def __init__(self, scenes: Sequence[Scene]) -> None:
-        if not scenes:
-            raise InvalidInput("scenes: expected one or more, got none")
-        self._scenes = tuple(scenes)
-
-    def draw(self, rng: np.random.Generator) -> Scene:
-        """Return a scene."""
-        return self._scenes[int(rng.integers(len(self._scenes)))]
 
 
 def open_scenes(scenes: Sequence[Scene]) -> list[Scene]:

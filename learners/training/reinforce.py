@@ -23,7 +23,7 @@ from stable_baselines3.common.utils import FloatSchedule, set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
 
 from stancekit.envs.refinement import EnvelopeRefinementEnv
-from stancekit.envs.scenes import ListedScenes, Scene
+from stancekit.envs.scenes import ListedScenes, PooledScenes, Scene
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.errors import InvalidInput
@@ -37,7 +37,7 @@ from ..data.scenes import scenes_of
 from ..selectors.policy import TrainedPolicy, bounds_of, check_shapes
 from ..selectors.selector import Selector
 from ..selectors.tensors import read_tensors, write_tensors
-from .baselines import PooledScenes, SelectionVecEnv, open_scenes, refinement_vec_env
+from .baselines import SelectionVecEnv, open_scenes, refinement_vec_env
 from .envelope_methods import fit
 from .train_config import TrainConfig
 

@@ -120,6 +120,8 @@ class McCormick:
         if not envelopes:
             raise InvalidInput("envelopes: expected one or more, got none")
         answers = [self.solve(scaled, envelope) for envelope in envelopes]
+        if len(answers) == 1:
+            return answers[0]
         chosen = int(np.nanargmin([answer.margin if answer.known else np.inf for answer in answers]))
         best = replace(answers[chosen], chosen=chosen, solves=len(answers))
         all_known = all(answer.known for answer in answers)

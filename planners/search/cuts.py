@@ -111,6 +111,11 @@ class CutSearch:
                 node.children.append(child)
                 heapq.heappush(queue, (self._proved(child.lift), next(order), child))
 
+    @property
+    def trivial(self) -> bool:
+        """Whether not even P̄ has an answer, by the lift."""
+        return bool(np.isinf(self.root.lift.bound))
+
     def certificate(self) -> Certificate | None:
         """The proof that there is no point, where every node was refuted."""
         if self.found is not None or self.stopped:

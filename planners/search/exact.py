@@ -76,11 +76,7 @@ class ExactPlanner:
         """
         begin = time.perf_counter()
         scaled = Scaled.of(problem)
-        search = CutSearch(
-            self.programs, scaled, gap=self.acceptance.gap, tolerance=self.acceptance.tolerance,
-            max_nodes=self.max_nodes, deadline=begin + self.time_limit_s, root=root,
-        )  # fmt: skip
-        search.run()
+        search = self.search(scaled, root=root)
         return self.acceptance.outcome(
             problem,
             method=self.name,
@@ -89,8 +85,17 @@ class ExactPlanner:
             certificate=search.certificate(),
             solves=search.solves,
             message=search.stopped,
-            details={"nodes": float(search.nodes), "trivial": float(np.isinf(search.root.lift.bound))},
+            details={"nodes": float(search.nodes), "trivial": float(search.trivial)},
         )
+
+    def search(self, scaled: Scaled, *, root: LiftAnswer | None = None) -> CutSearch:
+        """The search that ``solve`` has the claim of verified, when it has run. root: as for ``solve``."""
+        search = CutSearch(
+            self.programs, scaled, gap=self.acceptance.gap, tolerance=self.acceptance.tolerance,
+            max_nodes=self.max_nodes, deadline=time.perf_counter() + self.time_limit_s, root=root,
+        )  # fmt: skip
+        search.run()
+        return search
 
 
 class ExactCoursePlanner:

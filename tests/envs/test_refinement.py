@@ -10,7 +10,8 @@ from gymnasium.utils.env_checker import check_env
 from stancekit.envs.branching import LargestGap, RandomDimension, WidestDimension
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.refinement import EnvelopeRefinementEnv, gap_by_dimension
-from stancekit.envs.scenes import ListedScenes, SampledScenes
+from stancekit.envs.sampling import SampledScenes
+from stancekit.envs.scenes import ListedScenes
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled

@@ -12,7 +12,8 @@ from gymnasium.utils.env_checker import data_equivalence as same
 
 import stancekit.envs
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
-from stancekit.envs.scenes import ListedScenes, SampledScenes
+from stancekit.envs.sampling import SampledScenes
+from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.selection_task import VERTICES, RewardWeights
 from stancekit.planners.errors import InvalidInput, PlanningFailed
@@ -331,9 +332,9 @@ def test_listed_scenes_come_in_their_order_over_and_over(scenes):
 
 
 def test_a_label_that_never_comes_up_is_told(monkeypatch):
-    from stancekit.envs import scenes
+    from stancekit.envs import sampling
 
-    monkeypatch.setattr(scenes, "MAX_DRAWS", 0)
+    monkeypatch.setattr(sampling, "MAX_DRAWS", 0)
     with pytest.raises(PlanningFailed, match=r"^wall-3: no scene of the wanted label in 0 draws$"):
         SampledScenes(distribution("wall-3")).draw(np.random.default_rng(0))
 

@@ -16,7 +16,8 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stancekit.envs.branching import LargestGap
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.refinement import EnvelopeRefinementEnv
-from stancekit.envs.scenes import ListedScenes, SampledScenes
+from stancekit.envs.sampling import SampledScenes
+from stancekit.envs.scenes import ListedScenes, PooledScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.selection_task import RewardWeights
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
@@ -25,7 +26,7 @@ from stancekit.learners.selectors.heuristic import heuristic_envelope
 from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy, bounds_of, moved
 from stancekit.learners.selectors.selector import FixedSelector
 from stancekit.learners.training import reinforce
-from stancekit.learners.training.baselines import PooledScenes, SelectionVecEnv, open_scenes, refinement_vec_env
+from stancekit.learners.training.baselines import SelectionVecEnv, open_scenes, refinement_vec_env
 from stancekit.learners.training.reinforce import TrainingScenes, evaluator, train
 from stancekit.learners.training.train_config import PpoSettings, TrainConfig
 from stancekit.planners.errors import InvalidInput

@@ -1,0 +1,228 @@
+"""Scenes drawn from a distribution and labelled by the exact planner: ahead, in blocks, and yet one after the other.
+
+What a scene is depends on the generator alone, so scenes can be drawn before they are asked for. A block of problems is
+sampled at once; of each the search's claim is enough to pass it over where another label is wanted, and only what is
+kept is verified, all scenes of a block together. The draws, labels, witnesses and bounds are those of ``OneByOne`` to
+the last bit.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from stancekit.planners.answer.outcome import Certificate, Posture, Status
+from stancekit.planners.equilibrium.batch import ScaledBatch
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
+from stancekit.planners.errors import InvalidInput, PlanningFailed, StancekitError
+from stancekit.planners.problem import PostureBatch, PostureProblem
+from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.cuts import CutSearch
+from stancekit.planners.search.exact import ExactPlanner
+from stancekit.planners.search.witness import witnesses
+from stancekit.planners.verify import check_certificates, check_postures
+
+from .distributions.postures import Distribution, Repeatable
+from .scenes import Scene
+
+MAX_DRAWS = 10_000
+"""Problems that a scene may take."""
+MOST_AHEAD = 32
+"""Scenes that are drawn together, at most."""
+BLOCK = 16
+"""Problems that are sampled together."""
+RARE, RARE_BLOCK, STEPS = 8, 32, 48
+"""Where only one in so many problems is hard and infeasible, so many are sampled together, and those for which so many
+steps of an iteration find a posture (``search.witness``) are passed over: no certificate of them would be accepted."""
+
+
+class OneByOne:
+    """Scenes sampled and decided one by one, each when it is asked for. The arguments are those of ``SampledScenes``.
+
+    What ``SampledScenes`` gives is held equal to this.
+    """
+
+    def __init__(self, distribution: Distribution, *, balanced: bool = True, programs: Programs | None = None) -> None:
+        self._distribution, self._balanced = distribution, balanced
+        self._expert = ExactPlanner(programs=programs)
+
+    def draw(self, rng: np.random.Generator) -> Scene:
+        """Draw a scene. Raises PlanningFailed where a label does not come up in MAX_DRAWS draws."""
+        wanted = bool(rng.integers(2))
+        for _ in range(MAX_DRAWS):
+            problem = self._distribution.sample(rng)
+            outcome = self._expert.solve(problem)
+            if outcome.status is Status.UNDECIDED:
+                continue
+            scene = Scene.of(problem, outcome)
+            if not self._balanced or (scene.feasible == wanted and not outcome.details["trivial"]):
+                return scene
+        raise _never(self._distribution)
+
+
+class SampledScenes:
+    """Scenes sampled from a distribution and labelled by the exact planner.
+
+    balanced: toss a coin for the label and draw until it comes, leaving out what is infeasible even without its moment
+    balance; else scenes come at their natural rates. Undecided problems are drawn again.
+    ahead: scenes that are drawn together, at most; a source that is asked with ever new generators draws fewer.
+
+    A generator is left as it would be if only the scene that was asked for had been drawn, and who draws from it
+    meanwhile, or seeds it anew, has what was drawn ahead forgotten. A distribution whose draws cannot be repeated, and a
+    generator whose state is no PCG64's, are drawn from one by one.
+    """
+
+    def __init__(
+        self,
+        distribution: Distribution,
+        *,
+        balanced: bool = True,
+        programs: Programs | None = None,
+        ahead: int = MOST_AHEAD,
+    ) -> None:
+        programs = programs or Programs()
+        self._distribution, self._balanced = distribution, balanced
+        self._expert = ExactPlanner(programs=programs)
+        self._one_by_one = OneByOne(distribution, balanced=balanced, programs=programs)
+        self._source = distribution if isinstance(distribution, Repeatable) else None
+        self._most, self._count = ahead, 1
+        self._ahead: deque[_Drawn] = deque()
+        self._draws, self._came = 1, 1  # of the problems looked at for a hard infeasible one, and of those
+        self._last: Any = None  # state of the generator after the scene that was handed out last
+
+    def __copy__(self) -> SampledScenes:
+        """A source of the same that keeps its own scenes ahead and shares the compiled models."""
+        programs = self._expert.programs
+        return SampledScenes(self._distribution, balanced=self._balanced, programs=programs, ahead=self._most)
+
+    def draw(self, rng: np.random.Generator) -> Scene:
+        """Draw a scene. Raises PlanningFailed where a label does not come up in MAX_DRAWS draws."""
+        if self._source is None or not isinstance(rng.bit_generator, np.random.PCG64):
+            return self._one_by_one.draw(rng)
+        state = rng.bit_generator.state
+        if not self._ahead or self._ahead[0].before != state:
+            self._count = min(self._most, 2 * self._count) if state == self._last else 1
+            self._ahead = deque(self._draw_ahead(rng, self._source))
+        drawn = self._ahead.popleft()
+        rng.bit_generator.state = self._last = drawn.after
+        return drawn.scene
+
+    def _draw_ahead(self, rng: np.random.Generator, source: Repeatable) -> list[_Drawn]:
+        """The next scenes, one at least. Raises what drawing the first of them raises."""
+        claims: list[_Claim] = []
+        while len(claims) < self._count:
+            before, wanted = rng.bit_generator.state, bool(rng.integers(2))
+            try:
+                claim = self._next(rng, source, wanted)
+            except StancekitError:
+                if not claims:
+                    raise
+                break  # it is raised when its turn comes
+            claims.append(replace(claim, before=before, after=rng.bit_generator.state))
+        found = _verified(claims, self._expert.acceptance)
+        if found:
+            return found
+        rng.bit_generator.state = claims[0].before  # the verifier refused the first: rare, and not worth a block
+        before, scene = claims[0].before, self._one_by_one.draw(rng)
+        return [_Drawn(scene=scene, before=before, after=rng.bit_generator.state)]
+
+    def _next(self, rng: np.random.Generator, source: Repeatable, wanted: bool) -> _Claim:
+        """The claim of the next scene; the generator is left behind its draw."""
+        left, alone = MAX_DRAWS, not self._balanced
+        while left:
+            begin, rare = rng.bit_generator.state, self._balanced and not wanted and self._draws > RARE * self._came
+            count = min(left, 1 if alone else RARE_BLOCK if rare else BLOCK)
+            try:
+                batch = source.batch(rng, count)
+            except InvalidInput:
+                if count == 1:
+                    raise
+                rng.bit_generator.state, alone = begin, True  # the draw that fails may not come to its turn
+                continue
+            scaled = ScaledBatch.of(batch)
+            passed = self._feasible(batch, scaled) if rare else set()
+            for k in range(count):
+                claim = None if k in passed else self._claimed(batch, scaled, k, wanted)
+                self._draws += not wanted
+                if claim is not None:
+                    self._came += not wanted
+                    rng.bit_generator.state = begin
+                    source.skip(rng, k + 1)
+                    return claim
+            left -= count
+        raise _never(self._distribution)
+
+    def _feasible(self, batch: PostureBatch, scaled: ScaledBatch) -> set[int]:
+        """Problems of a block that a short iteration finds a posture of."""
+        index, points = witnesses(scaled, STEPS)
+        chosen = index.tolist()
+        worst = check_postures([batch.problem(k) for k in chosen], scaled.select(index).postures(points))
+        return {k for k, off in zip(chosen, worst.tolist(), strict=True) if off <= self._expert.acceptance.tolerance}
+
+    def _claimed(self, batch: PostureBatch, scaled: ScaledBatch, k: int, wanted: bool) -> _Claim | None:
+        """What the search claims of the k-th problem; None where it cannot become the scene that is wanted."""
+        begin, numbers = time.perf_counter(), scaled.problem(k)
+        search = self._expert.search(numbers)
+        feasible = search.found is not None
+        if (search.stopped and not feasible) or (self._balanced and (feasible != wanted or search.trivial)):
+            return None
+        seconds = time.perf_counter() - begin
+        return _Claim(problem=batch.problem(k), scaled=numbers, search=search, seconds=seconds)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Claim:
+    """A problem of a scene to come, what its search claims, and the generator's states before and after its draws."""
+
+    problem: PostureProblem
+    scaled: Scaled
+    search: CutSearch
+    seconds: float
+    before: Any = None
+    after: Any = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Drawn:
+    """A scene, and the generator's states before and after its draws."""
+
+    scene: Scene
+    before: Any
+    after: Any
+
+
+def _verified(claims: Sequence[_Claim], accept: Acceptance) -> list[_Drawn]:
+    """The scenes of these claims, up to the first that the verifier refuses."""
+    begin = time.perf_counter()
+    places, proofs = dict[int, Posture](), dict[int, Certificate]()
+    for k, claim in enumerate(claims):
+        if claim.search.found is not None:
+            places[k] = claim.scaled.posture(claim.search.found[1])
+        elif (proof := claim.search.certificate()) is not None:
+            proofs[k] = proof
+    worst = check_postures([claims[k].problem for k in places], list(places.values()))
+    bounds = check_certificates([claims[k].problem for k in proofs], list(proofs.values()))
+    bound = dict(zip(proofs, bounds.tolist(), strict=True))
+    right = {k for k, off in zip(places, worst.tolist(), strict=True) if off <= accept.tolerance}
+    right |= {k for k, value in bound.items() if value > accept.gap}
+    share, found = (time.perf_counter() - begin) / len(claims), []
+    for k, claim in enumerate(claims):
+        if k not in right:
+            break
+        scene = Scene(
+            problem=claim.problem, feasible=k in places, posture=places.get(k), lower_bound=bound.get(k, 0.0),
+            expert_seconds=claim.seconds + share,
+        )  # fmt: skip
+        vars(scene)["scaled"] = claim.scaled  # known already
+        found.append(_Drawn(scene=scene, before=claim.before, after=claim.after))
+    return found
+
+
+def _never(distribution: Distribution) -> PlanningFailed:
+    return PlanningFailed(f"{distribution.name}: no scene of the wanted label in {MAX_DRAWS} draws")

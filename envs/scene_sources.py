@@ -1,0 +1,30 @@
+"""What the arguments ``problem``, ``robot``, ``terrain``, ``balanced`` and ``scenes`` of an environment come to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.errors import InvalidInput
+
+from .distributions.postures import Distribution, distribution
+from .sampling import SampledScenes
+from .scenes import SceneKind, SceneSource
+
+
+def kind_of(
+    problem: str | Distribution | SceneKind, robot: str | Path | None, terrain: str | Path | None
+) -> Distribution | SceneKind:
+    """A distribution, or what is known of one; by name as ``distribution`` has it. Raises InvalidInput."""
+    if not isinstance(problem, SceneKind | Distribution):
+        return distribution(problem, robot=robot, terrain=terrain)
+    if robot is not None or terrain is not None:
+        raise InvalidInput(f"robot, terrain: expected none beside {problem.name}, which has its own")
+    return problem
+
+
+def scenes_of_kind(kind: Distribution | SceneKind, *, balanced: bool, programs: Programs) -> SceneSource:
+    """Scenes of a distribution. Raises InvalidInput where they were to come from elsewhere."""
+    if isinstance(kind, SceneKind):
+        raise InvalidInput(f"scenes: expected some of {kind.name}, got none")
+    return SampledScenes(kind, balanced=balanced, programs=programs)
