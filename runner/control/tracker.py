@@ -48,7 +48,7 @@ class ContactFeedback:
     """What feet that feel do.
 
     touch_n: a foot that presses this hard on its patch touches it. seek_m_s, seek_m: how fast a foot that should touch
-    and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed up, on steep surfaces
+    and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed, on steep surfaces
     only, 0 for never; press_n: most of them a foot. waits: the motion waits for a foot that should touch.
     """
 
