@@ -24,7 +24,7 @@ import numpy as np
 import tyro
 from _bench import Options, kept, launch
 from _wrong import Wrong
-from robot_step import step_course
+from robot_step import scene_course
 from walks import ROBOTS, robot_file
 from walks import planned as walk_file
 
@@ -110,7 +110,7 @@ def accepted(case: str, robots: Path | None, keep: Path) -> Accepted | AcceptedG
         path = walk_file(name, robots, terrain, keep)
         return path if isinstance(path, str) else AcceptedGait.from_file(path)
     file = robot_file(ROBOTS[name], robots, keep / f"{name}.yaml")
-    return climb(build_course(spec_from(step_course(named_robot(file), str(file)))), keep / f"{name}-step-plan.json")
+    return climb(build_course(spec_from(scene_course(named_robot(file), str(file)))), keep / f"{name}-step-plan.json")
 
 
 def climb(course: Course, path: Path) -> Accepted | str:

@@ -48,9 +48,8 @@ class ContactFeedback:
     """What feet that feel do.
 
     touch_n: a foot that presses this hard on its patch touches it. seek_m_s, seek_m: how fast a foot that should touch
-    and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed up while a foot
-    stands where it needs others to press against, as between walls, 0 for never; press_n: most of them a foot. waits:
-    the motion waits for a foot that should touch.
+    and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed, on steep surfaces
+    only, 0 for never; press_n: most of them a foot. waits: the motion waits for a foot that should touch.
     """
 
     touch_n: float = 1.5
@@ -202,8 +201,6 @@ class Tracker:
     def _press(self, sample: MotionSample, forces_n: Array, stands: NDArray[np.bool_]) -> None:
         """Sum up what is missing of the forces with which feet press against each other; what of the sum would move or
         turn the body as a whole, as when a foot that pressed against others has lifted, fades out."""
-        if self._feedback.press_hz == 0.0:
-            return
         arms = sample.feet_m - sample.com_m
         maps = [np.concatenate([np.eye(3), _skew(arm)]) for arm in arms]
         whole = np.concatenate(maps, axis=1) * np.repeat(stands, 3)
