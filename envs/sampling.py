@@ -74,8 +74,8 @@ class SampledScenes:
     ahead: scenes that are drawn together, at most; a source that is asked with ever new generators draws fewer.
 
     A generator is left as it would be if only the scene that was asked for had been drawn, and who draws from it
-    meanwhile, or seeds it anew, has what was drawn ahead forgotten. A distribution whose draws cannot be repeated, and a
-    generator whose state is no PCG64's, are drawn from one by one.
+    meanwhile, or seeds it anew, has what was drawn ahead forgotten. A distribution whose draws cannot be repeated, and
+    a generator whose state is no PCG64's, are drawn from one by one.
     """
 
     def __init__(

@@ -57,7 +57,7 @@ class Distribution(Protocol):
 
 @runtime_checkable
 class Repeatable(Distribution, Protocol):
-    """A distribution whose draws depend on the generator's state alone, so that they can be repeated and passed over."""
+    """A distribution whose draws depend on the generator's state alone: they can be repeated and passed over."""
 
     def skip(self, rng: np.random.Generator, count: int) -> None:
         """Leave the generator as ``batch`` of so many leaves it."""

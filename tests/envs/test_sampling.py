@@ -135,9 +135,13 @@ def test_a_draw_that_fails_is_told_when_its_turn_comes():
     found = {}
     for kind in (SampledScenes, OneByOne):
         source, rng, scenes = kind(Failing()), np.random.default_rng(6), []
-        with pytest.raises(InvalidInput, match="^no footing$"):
+
+        def draw_all(source=source, rng=rng, scenes=scenes):
             for _ in range(100):
                 scenes.append(told(source.draw(rng)))
+
+        with pytest.raises(InvalidInput, match=r"^no footing$"):
+            draw_all()
         found[kind] = scenes
     assert isinstance(Failing(), Repeatable)
     assert found[SampledScenes] == found[OneByOne]
