@@ -94,7 +94,7 @@ def _planned(motion: PlanMotion, times: Array, kinematics: Kinematics, near_rad:
 def _jumps(path: Array, most_rad: float = JUMP_RAD) -> NDArray[np.int_]:
     """Knots before which a limb jumps, and the limb, shape (n, 2)."""
     far = np.abs(np.diff(path, axis=0)).reshape(len(path) - 1, -1, len(JOINTS))
-    return np.argwhere(far.max(axis=2) >= most_rad) + np.array([1, 0])
+    return np.asarray(np.argwhere(far.max(axis=2) >= most_rad) + np.array([1, 0]))
 
 
 def _without_jumps(
