@@ -27,6 +27,18 @@ def test_python_in_the_readme_runs_and_prints(
     assert capsys.readouterr().out.strip()
 
 
+def test_the_training_loop_of_the_learning_page_runs_and_is_short(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "learning.md").read_text(encoding="utf-8")
+    (code,) = (text for language, text in BLOCK.findall(page) if language == "python")
+    loop = code.partition("def learned")[2].partition("# try it")[0]
+    assert len([line for line in loop.splitlines() if line.strip()]) <= 20
+    exec(compile(code, "learning.md", "exec"), {})
+    assert capsys.readouterr().out.endswith("weights\n")
+
+
 def test_the_readme_shows_python_and_commands() -> None:
     languages = [language for language, _ in README]
     assert languages.count("python") >= 2
