@@ -45,7 +45,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_preserve_defaults = True
 napoleon_numpy_docstring = False
-napoleon_use_ivar = True
+napoleon_use_rtype = False
 napoleon_custom_sections = ["Source", "Proves"]
 
 sphinx_gallery_conf = {

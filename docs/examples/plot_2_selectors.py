@@ -9,15 +9,15 @@ put one of your own beside them, and roll all of them out on the same held-out s
 # %%
 # Data
 # ----
-# Every row is decided exactly: with a posture, or with a certificate. Sixty rows are enough to see how it goes, and too
+# Every row is decided exactly: with a posture, or with a certificate. Forty rows are enough to see how it goes, and too
 # few to say which selector is better: the intervals show it.
 
 import numpy as np
 
 import stancekit
 
-train = stancekit.label("wall-3", "train", feasible=30, infeasible=30)
-test = stancekit.label("wall-3", "test", feasible=30, infeasible=30, seed=1)
+train = stancekit.label("wall-3", "train", feasible=20, infeasible=20)
+test = stancekit.label("wall-3", "test", feasible=20, infeasible=20, seed=1)
 print(len(train), "rows of", train.problem_class, "and", len(test), "held out")
 
 # %%
@@ -47,7 +47,8 @@ class NarrowForces:
 
 from stancekit.learners.selectors.selector import Learned
 
-learned = {name: stancekit.fit(train, name) for name in ("heuristic", "quantile", "gradient")}
+learned = {name: stancekit.fit(train, name) for name in ("heuristic", "quantile")}
+learned["gradient"] = stancekit.fit(train, "gradient", steps=20, batch=30)
 learned["mine"] = Learned.of(NarrowForces(), "mine", "wall-3")
 scores = {name: stancekit.evaluate(one, test, projections=("fix-p", "scp"), name=name) for name, one in learned.items()}
 print(f"{'selector':10} {'P1 feasible':>12} {'P1 infeasible':>14} {'fix-p':>8} {'scp':>8}")

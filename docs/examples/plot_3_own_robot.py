@@ -55,7 +55,8 @@ def leg(name: str, x: float, y: float) -> str:
 
 places = {"LF": (0.22, 0.08), "RF": (0.22, -0.08), "LH": (-0.22, 0.08), "RH": (-0.22, -0.08)}
 trunk = part("trunk", 8.0, '<box size="0.4 0.14 0.08"/>')
-Path("dog.urdf").write_text(f'<robot name="dog">{trunk}{"".join(leg(n, *xy) for n, xy in places.items())}</robot>')
+legs = "".join(leg(name, *place) for name, place in places.items())
+_ = Path("dog.urdf").write_text(f'<robot name="dog">{trunk}{legs}</robot>')
 
 # %%
 # The terrain
@@ -79,10 +80,10 @@ _ = trimesh.util.concatenate(tiles).export("tiles.stl")
 Path("course.yaml").write_text("""
 name: tiles
 robot: dog.urdf
-frames: 6
+frames: 5
 gait: wave
 start_m: [-0.3, 0.0, 0.40]
-goal_m: [-0.1, 0.0, 0.40]
+goal_m: [-0.14, 0.0, 0.40]
 stride_m: 0.04
 body: {com_radius_m: 0.08, first_radius_m: 0.05}
 steps: {com_m: 0.12, toe_m: 0.3}
@@ -97,7 +98,7 @@ print("joint angles", plan.joints_rad.shape)
 stancekit.save(plan, "plan.json")
 
 # %%
-_ = stancekit.draw(plan, caption="six key frames over leaning tiles", out="plan.png")
+_ = stancekit.draw(plan, caption="five key frames over leaning tiles", out="plan.png")
 
 # %%
 # The film

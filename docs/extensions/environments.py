@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import inspect
 import re
+from dataclasses import fields
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +15,26 @@ import numpy as np
 import stancekit.envs
 
 REWARDS = {
-    "EnvelopeSelection": r"r = w_\text{agreement}\,[\text{P1 says what the expert says}]"
-    r" + w_\text{projection}\,[\text{P2 reaches a verified posture}]"
-    r" + w_\text{tightness}\,\left(1 - \tfrac12\,\overline{u - l}\right)",
-    "EnvelopeRefinement": r"r = -\frac{\text{convex problems solved in the step}}{\text{budget}}"
-    r" + [\text{verdict}]",
-    "Traverse": r"r = w_\text{progress}\,\frac{\Delta s}{L} + w_\text{feasible}\,[\text{verified plan}]"
-    r" - w_\text{failure}\,[\text{none, or its execution failed}] - w_\text{solve}\,n - w_\text{second}\,t",
-    "WarpedGait": r"r = w_\text{verified}\,[\text{verifier accepts}] + w_\text{feasible}\,[\text{solve succeeds}]"
-    r" - w_\text{iterations}\,\frac{k}{k_\text{most}} - w_\text{seconds}\,t",
+    "EnvelopeSelection": (
+        r"r &= w_\text{agreement}\;[\text{P1 says what the expert says}] \\"
+        r"&+ w_\text{projection}\;[\text{P2 reaches a verified posture}] \\"
+        r"&+ w_\text{tightness}\;(1 - \tfrac{1}{2}\,\text{mean width of the box})",
+        "stancekit.envs.selection_task:RewardWeights",
+    ),
+    "EnvelopeRefinement": (r"r &= [\text{verdict}] - \frac{\text{convex problems solved}}{\text{budget}}", ""),
+    "Traverse": (
+        r"r &= w_\text{progress}\;\frac{\Delta s}{L} + w_\text{feasible}\;[\text{verified plan}] \\"
+        r"&- w_\text{failure}\;[\text{no plan, or its execution failed}] \\"
+        r"&- w_\text{solve}\;n - w_\text{second}\;t",
+        "stancekit.envs.traverse_setup:TraverseWeights",
+    ),
+    "WarpedGait": (
+        r"r &= w_\text{verified}\;[\text{the verifier accepts}] + w_\text{feasible}\;[\text{the solve succeeds}] \\"
+        r"&- w_\text{iterations}\;\frac{k}{k_\text{limit}} - w_\text{seconds}\;t",
+        "stancekit.envs.warped_gait:GaitRewardWeights",
+    ),
 }
-"""The section Reward as a formula; what its letters are stands below it."""
+"""The section Reward as a formula, and where its weights are."""
 PICTURE = "EnvelopeSelection", "Traverse", "WarpedGait"
 """Environments that can be drawn."""
 
@@ -45,7 +56,7 @@ def page(name: str) -> str:
     docstring = inspect.getdoc(type(env.unwrapped)) or ""
     brief, _, rest = docstring.partition("\n\n")
     brief, rest = (re.sub(r"``([^`]*)``", r"`\1`", text) for text in (brief, rest))
-    rest = rest.replace("## Reward\n", f"## Reward\n\n$$\n{REWARDS[short(name)]}\n$$\n")
+    rest = re.sub(r"## Reward\n\n(.*?)(?=\n## )", lambda said: _reward(short(name), said[1]), rest, flags=re.S)
     picture = f"![One frame]({short(name)}.png)\n\n" if short(name) in PICTURE else ""
     many = "yes, `gymnasium.make_vec`" if gymnasium.spec(name).vector_entry_point else "Gymnasium's own wrappers"
     return f"""# {short(name)}
@@ -61,6 +72,19 @@ def page(name: str) -> str:
 
 {rest}
 """
+
+
+def _reward(name: str, said: str) -> str:
+    """The formula, what the docstring says in words, and the weights."""
+    formula, place = REWARDS[name]
+    text = " ".join(said.split())
+    lines = ["## Reward", "", "$$", r"\begin{aligned}", formula, r"\end{aligned}", "$$", "", text, ""]
+    if place:
+        module, kind = place.split(":")
+        weights = getattr(import_module(module), kind)()
+        lines += [f"| weight of `{kind}` | default |", "|---|---|"]
+        lines += [f"| {field.name} | {getattr(weights, field.name):g} |" for field in fields(weights)]
+    return "\n".join([*lines, ""])
 
 
 def _space(space: Any) -> str:
