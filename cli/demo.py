@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from .bench_envelopes import comparison_figure, report
 from .console import err, make_folder, out, stages
 
@@ -22,6 +20,8 @@ SHOWN = {"wall-3": (0, 8)}
 
 def decide(shown: dict[str, tuple[int, ...]], folder: Path) -> None:
     """Decide postures, print each one's verdict with its evidence, and draw them."""
+    import numpy as np
+
     from stancekit.envs.distributions.postures import DISTRIBUTIONS
     from stancekit.planners.search.exact import ExactPlanner
     from stancekit.planners.verify import check_certificate, check_posture, explain

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.validation import shown
 
 from . import gait_options
 from .console import as_options, emit, err, out
@@ -159,6 +158,7 @@ class Gait:
             raise InvalidInput(f"--max-iterations: expected 1 or more, got {self.max_iterations}")
 
     def _task(self) -> GaitTask:
+        from stancekit.planners.files.validation import shown
         from stancekit.planners.gait.task import GaitTask
 
         start, goal = gait_options.place(self.start, "--start"), gait_options.place(self.goal, "--goal")
