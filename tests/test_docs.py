@@ -22,6 +22,8 @@ ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
 BLOCK = re.compile(r"(?:<!-- file: (\S+) -->\n)?```(\w+)\n(.*?)```", re.DOTALL)
 PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in DOCS.rglob("[!A-Z]*.md"))]
+FIRST = ("README.md", "docs/index.md")
+"""Pages whose one example is shown with what it prints."""
 COMMANDS = ("docs/quickstart.md", "docs/selectors.md", "docs/scale-out.md")
 """Pages all of whose commands are run; what takes minutes stands on others."""
 BEFORE = {"docs/running-on-a-robot.md": ["plan desk.yaml --out desk.json"]}
@@ -67,7 +69,7 @@ def written(page: str) -> None:
             Path(name).write_text(text, encoding="utf-8")
 
 
-@pytest.mark.parametrize("page", [page for page in PAGES if "python" in shown(page)])
+@pytest.mark.parametrize("page", [page for page in PAGES if "python" in shown(page) and page not in FIRST])
 def test_python_of_a_page_runs_block_after_block(page: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip(NEEDS.get(page, "numpy"))
     written(page)
@@ -79,6 +81,16 @@ def test_python_of_a_page_runs_block_after_block(page: str, folder: Path, capsys
         if language == "python":
             exec(compile(text, page, "exec"), names)
     assert capsys.readouterr().out.strip() or page in ("docs/learning-own-robot.md", "docs/selectors.md")
+
+
+@pytest.mark.parametrize("page", FIRST)
+def test_what_a_first_page_says_is_printed_is_printed(
+    page: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (code,), (said,) = ([text for _, is_, text in blocks(page) if is_ == language] for language in ("python", "text"))
+    assert len([line for line in code.splitlines() if line]) <= 15
+    exec(compile(code, page, "exec"), {})
+    assert capsys.readouterr().out == said
 
 
 @pytest.mark.parametrize("page", COMMANDS)
