@@ -6,11 +6,13 @@ import json
 import re
 import shlex
 import sys
+import tomllib
 from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from types import ModuleType
 
 import pytest
+import yaml
 
 from stancekit.cli.main import main
 from stancekit.planners.answer.outcome import Status
@@ -176,6 +178,22 @@ def test_every_script_that_measures_is_on_the_page_of_benchmarks(extension) -> N
     briefs = extension("scripts").briefs()
     assert len(briefs) > 30
     assert [name for name, (brief, _) in briefs.items() if not brief] == []
+
+
+def test_the_citation_has_both_papers_and_the_version_of_the_package() -> None:
+    found = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert found["cff-version"] == "1.2.0"
+    assert (found["version"], found["license"]) == (project["version"], project["license"])
+    assert [(paper["year"], len(paper["authors"])) for paper in found["references"]] == [(2021, 3), (2022, 6)]
+
+
+def test_what_hosted_checks_run_is_a_target_here() -> None:
+    targets = re.findall(r"^([a-z]+):.*## ", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yaml").read_text(encoding="utf-8"))["jobs"]
+    runs = [step["run"].split() for job in jobs.values() for step in job["steps"] if "make" in step.get("run", "")]
+    assert {words[1] for words in runs} == {"test", "docs", "smoke"} <= set(targets)
+    assert jobs["test"]["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13"]
 
 
 def test_every_equation_and_algorithm_is_on_a_page_of_concepts(extension) -> None:
