@@ -25,8 +25,8 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from stancekit.envs.branching import LargestGap, RandomDimension, WidestDimension
+from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.memoryless import MemorylessPolicy, Observation
-from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.selectors.selector import FixedSelector, Selector
 from stancekit.learners.training.envelope_methods import fit
 from stancekit.learners.training.reinforce import CurvePoint, TrainingScenes, evaluator, train

@@ -156,7 +156,7 @@ class Verify:
             return course
 
     def _dataset(self) -> int:
-        from stancekit.learners.data.dataset import Dataset
+        from stancekit.envs.data.dataset import Dataset
         from stancekit.learners.data.labelling import recheck
 
         if self.explain or self.tolerance != TOLERANCE:

@@ -93,7 +93,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     | projection | 'fix-toes' | the P2 that is tried at every box |
     | budget | 200 | convex problems an episode |
     | balanced | True | half of the scenes infeasible, none trivially |
-    | scenes | None | a source that replaces ``problem``'s and ``balanced`` |
+    | scenes | None | a source, or a labelled data set's folder, whose part "train" is drawn from |
     | programs | None | compiled models to share with other environments of this process |
     | render_mode | None | nothing is drawn |
 
@@ -113,7 +113,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         projection: Projection = "fix-toes",
         budget: int = 200,
         balanced: bool = True,
-        scenes: SceneSource | None = None,
+        scenes: SceneSource | str | Path | None = None,
         programs: Programs | None = None,
         render_mode: str | None = None,
     ) -> None:
@@ -129,7 +129,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         self._budget = budget
         self._programs = programs or Programs()
         self._acceptance = Acceptance()
-        self._scenes = scenes or scenes_of_kind(chosen, balanced=balanced, programs=self._programs)
+        self._scenes = scenes_of_kind(chosen, scenes, balanced=balanced, programs=self._programs)
         self._scene: Scene | None = None
         self._scaled: Scaled | None = None
         self._search: BoxSearch | None = None

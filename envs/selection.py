@@ -61,7 +61,8 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     ## Starting State
 
     A scene of ``scenes``; without them one of ``problem``, labelled by the exact planner: half of them infeasible and
-    none trivially so where ``balanced``, else as they come.
+    none trivially so where ``balanced``, else as they come. ``scenes`` may be the folder of a data set of
+    ``stancekit label`` with rows of ``problem``: a pool, of which the part "train" (``Dataset.only``) is drawn from.
 
     ## Episode End
 
@@ -87,7 +88,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | projections | ('fix-p',) | which P2 to run; the reward looks at the first |
     | weights | RewardWeights() | what a step is worth |
     | balanced | True | half of the scenes infeasible, none trivially |
-    | scenes | None | a source that replaces ``problem``'s and ``balanced`` |
+    | scenes | None | a source that replaces ``problem``'s, or a labelled data set's folder, see above |
     | timing | False | put seconds into ``info`` |
     | render_mode | None | "rgb_array" or "human" |
 
@@ -110,7 +111,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         projections: tuple[Projection, ...] = ("fix-p",),
         weights: RewardWeights = RewardWeights(),
         balanced: bool = True,
-        scenes: SceneSource | None = None,
+        scenes: SceneSource | str | Path | None = None,
         timing: bool = False,
         render_mode: str | None = None,
     ) -> None:

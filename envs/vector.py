@@ -38,7 +38,8 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     ``infos["final_info"]`` are those of the scenes that the actions were for. Sub-environment i with seed s + i lives
     through exactly what the single environment does after ``reset(seed=s + i)``, whatever ``workers`` is.
 
-    scenes: a source that keeps count of what it drew is copied for every sub-environment. workers: processes that draw
+    scenes: a source that keeps count of what it drew is copied for every sub-environment; a folder is read once a
+    process. workers: processes that draw
     and judge, each for an equal part of the batch; 1 works in this process. More need a main module that can be
     imported (``if __name__ == "__main__"``). The other arguments are those of ``EnvelopeSelectionEnv``.
     """
@@ -170,7 +171,7 @@ class _Batch:
     def step(self, actions: NDArray[Any]) -> _Stepped:
         """Judge, and draw the next scenes."""
         final = all_seen(self._at)
-        verdicts = [self._task.judge(scene, action) for scene, action in zip(self._at, actions, strict=True)]
+        verdicts = self._task.judge_all(self._at, actions)
         return _Stepped(
             rewards=[verdict.reward for verdict in verdicts],
             infos=[verdict.info for verdict in verdicts],

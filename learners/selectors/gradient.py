@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pydantic import PositiveInt
 from sklearn.mixture import GaussianMixture
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -18,7 +19,6 @@ from stancekit.planners.files.validation import check_fields
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
-from ..data.dataset import Dataset
 from .quantile import quantile_box
 
 
@@ -167,7 +167,7 @@ def fit_gradient(
         "method": "gradient",
         "settings": asdict(settings) | {"boxes": boxes, "share": share, "seed": seed},
         "rows": len(dataset),
-        "dataset": dataset.header.digest,
+        **dataset.origin,
         "notes": {"losses": losses},
     }
     return EnvelopeSet.for_problems(dataset.problem_class, list(dataset.problems()), found, provenance)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.distributions.stance import LAW
 from stancekit.planners.equilibrium.programs import Programs
@@ -17,7 +18,6 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.modes import Modes, world_points
 from stancekit.planners.search.exact import ExactPlanner
 
-from ..data.dataset import Dataset
 from .quantile import quantile_box
 
 MODES = {"ground": "ground", "wall": "wall", "terrain": "ground"}

@@ -17,6 +17,7 @@ import torch
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 from torch import Tensor, nn
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -24,7 +25,6 @@ from stancekit.planners.files.validation import check_fields
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.joint import RelaxationName, signed_margin
 
-from ..data.dataset import Dataset
 from .network import Architecture, Boxes, BoxNetwork, Mirror, SceneTensors, as_arrays, pinball
 from .tensors import load_weights, read_tensors, write_tensors
 

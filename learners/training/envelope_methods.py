@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
-from ..data.dataset import Dataset
 from ..selectors.genetic import GeneticSettings, fit_genetic
 from ..selectors.gradient import Descent, descend, fit_gradient
 from ..selectors.heuristic import heuristic_envelope
@@ -63,7 +63,7 @@ def fit(
         "method": method,
         "settings": settings.concerning(method),
         "rows": len(dataset),
-        "dataset": dataset.header.digest,
+        **dataset.origin,
         "notes": notes,
     }
     return EnvelopeSet.for_problems(dataset.problem_class, list(dataset.problems()), found, provenance)

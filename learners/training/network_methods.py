@@ -6,7 +6,8 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from ..data.scenes import scenes_of
+from stancekit.envs.data.scenes import scenes_of
+
 from ..selectors.chooser import Chooser, ChooserSettings, fit_chooser
 from ..selectors.neural import NeuralSelector, fit_neural
 from ..selectors.neural_training import NeuralSettings
@@ -49,7 +50,9 @@ def reinforcement(request: FitRequest) -> TrainedPolicy:
     count = {"feasible": len(learned.feasible), "infeasible": len(learned.infeasible), "seed": learned.header.plan.seed}
     config = settings.training(dataset.problem_class, dataset.header.legs if dataset.robot else None, count)
     base = bounds_of(fit(config.base, dataset, settings).envelopes[0])
-    scenes = TrainingScenes(train=scenes_of(learned), held_out=scenes_of(held_out), base=base)
+    scenes = TrainingScenes(
+        train=scenes_of(learned), held_out=scenes_of(held_out), base=base, origin=learned.origin
+    )  # fmt: skip
     with tempfile.TemporaryDirectory() as spare:
         where = request.checkpoint or Path(spare)
         where.mkdir(parents=True, exist_ok=True)

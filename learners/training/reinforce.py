@@ -11,7 +11,7 @@ import importlib.util
 import json
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +22,9 @@ from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.utils import FloatSchedule, set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
 
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.refinement import EnvelopeRefinementEnv
 from stancekit.envs.scenes import ListedScenes, PooledScenes, Scene
 from stancekit.envs.selection import EnvelopeSelectionEnv
@@ -30,10 +33,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.writing import write_text
 
-from ..data.dataset import Dataset
 from ..data.labelling import label
-from ..data.ledger import LabelPlan
-from ..data.scenes import scenes_of
 from ..selectors.policy import TrainedPolicy, bounds_of, check_shapes
 from ..selectors.selector import Selector
 from ..selectors.tensors import read_tensors, write_tensors
@@ -66,11 +66,15 @@ class Trained:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class TrainingScenes:
-    """What a run learns from and is evaluated on. base: bounds, shape (12N,), empty where nothing is selected."""
+    """What a run learns from and is evaluated on.
+
+    base: bounds, shape (12N,), empty where nothing is selected. origin: of the rows learned from, ``Dataset.origin``.
+    """
 
     train: Sequence[Scene]
     held_out: Sequence[Scene]
     base: Array
+    origin: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def label(cls, config: TrainConfig, folder: Path, *, workers: int = 1) -> TrainingScenes:
@@ -85,13 +89,13 @@ class TrainingScenes:
         scenes = [scenes_of(dataset) for dataset in sets]
         if config.shape.selects:
             base = bounds_of(fit(config.base, sets[0]).envelopes[0])
-            return cls(train=scenes[0], held_out=scenes[1], base=base)
+            return cls(train=scenes[0], held_out=scenes[1], base=base, origin=sets[0].origin)
         cut = [open_scenes(part) for part in scenes]
         for name, quota, left in zip(("train", "held_out"), (config.train, config.held_out), cut, strict=True):
             if not left:
                 asked = quota.feasible + quota.infeasible
                 raise InvalidInput(f"{name}: expected scenes that need cuts, found none among {asked}: ask for more")
-        return cls(train=cut[0], held_out=cut[1], base=np.zeros(0))
+        return cls(train=cut[0], held_out=cut[1], base=np.zeros(0), origin=sets[0].origin)
 
 
 def train(
@@ -173,7 +177,7 @@ class _Run:
         policy.set_training_mode(False)
         return TrainedPolicy(
             self._config.shape, policy, self._scenes.base, steps=self._model.num_timesteps,
-            provenance={"config": asdict(self._config)},
+            provenance={"config": asdict(self._config), **self._scenes.origin},
         )  # fmt: skip
 
     def _judge(self) -> None:

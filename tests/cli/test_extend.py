@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import stancekit as library
-from stancekit.learners.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.answer.answer_file import read_envelopes
 
 MINE = '''

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import torch
 
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
-from stancekit.learners.data.scenes import scenes_of
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, Mirror, SceneTensors, pinball
 from stancekit.learners.selectors.neural import NeuralSelector, calibrated_room, fit_neural, roomy
 from stancekit.learners.selectors.neural_training import NeuralSettings, Rows, margins_of
