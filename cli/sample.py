@@ -75,12 +75,13 @@ class Sample:
     def _export(self, folder: Path) -> int:
         """Write the scenes of a family."""
         from stancekit.learners.data.scene_set import export_scenes
+        from stancekit.planners.plugins import split_name
         from stancekit.planners.problem.family_scene import family_name
         from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
-        family, _, level = self.problem.partition(":")
+        family, numbers = split_name(self.problem)
         try:
-            hard = float(level) if family_name(self.problem) else None
+            hard = float(":".join(numbers)) if family_name(self.problem) else None
         except ValueError:
             hard = None
         if hard is None:

@@ -25,7 +25,7 @@ from stancekit.planners.errors import InvalidInput, StancekitError
 
 from .distributions.postures import Distribution
 from .scenes import Scene, SceneKind, all_seen
-from .selection_task import SelectionOptions, SelectionTask
+from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
 
 Observation = dict[str, NDArray[np.float32]]
 Seeds = Sequence[int | None]
@@ -61,7 +61,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
             raise InvalidInput(f"num_envs: expected 1 or more, got {num_envs}")
         if not 1 <= workers <= num_envs:
             raise InvalidInput(f"workers: expected 1 to num_envs = {num_envs}, got {workers}")
-        task = SelectionTask(problem, **options)
+        task = SelectionTask(problem, SelectionSettings(**options))
         self.num_envs = num_envs
         self.single_observation_space = task.observation_space
         self.single_action_space = task.action_space
@@ -221,7 +221,7 @@ class _Worker:
 
 def _serve(pipe: Connection, problem: str | Distribution | SceneKind, options: SelectionOptions, size: int) -> None:
     """A worker's life: answer until None comes or the other end is gone."""
-    batch = _Batch(SelectionTask(problem, **options), size)
+    batch = _Batch(SelectionTask(problem, SelectionSettings(**options)), size)
     with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
         while (request := pipe.recv()) is not None:
             batch.begin(*request)

@@ -16,7 +16,7 @@ from stancekit.planners.files.writing import check_new_folder, replaced
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.answer import CoursePlanner
-from stancekit.planners.terrain.families import TERRAIN_FAMILIES, FamilyTerrain, family_terrain
+from stancekit.planners.terrain.families import FamilyTerrain, family_terrain, terrain_family
 
 FORMAT = "stancekit/scenes/1"
 INDEX = "scenes.json"
@@ -67,7 +67,7 @@ def export_scenes(
             if progress is not None:
                 progress(k + 1, count)
         index = {
-            "format": FORMAT, "family": family, "level": level, "quantity": TERRAIN_FAMILIES[family].quantity,
+            "format": FORMAT, "family": family, "level": level, "quantity": terrain_family(family).quantity,
             "robot": "hexapod", "scenes": scenes,
         }  # fmt: skip
         (folder / INDEX).write_text(json.dumps(index), encoding="utf-8")

@@ -17,7 +17,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import builtin_courses, builtin_scenes, read_course, read_spec, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.robot import hexapod
-from stancekit.planners.search.methods import make_planner
+from stancekit.planners.search.methods import PlannerOptions, make_planner
 
 FIVE = ("ground-to-wall", "icy-walls", "stairs", "tube", "walls")
 TRIPODS = ({"RF", "RR", "LM"}, {"LF", "LR", "RM"})
@@ -56,7 +56,7 @@ def refusal(make, *values, **named):
 
 @pytest.fixture(scope="module")
 def exact():
-    return make_planner("exact", time_limit_s=10.0)
+    return make_planner("exact", PlannerOptions(time_limit_s=10.0))
 
 
 @pytest.fixture
