@@ -19,7 +19,7 @@ from .console import as_options, emit, err, out, progress
 from .options import check_drawn
 from .policy import read_policy
 from .run_film import film
-from .run_table import loop_table, run_table
+from .run_table import loop_table, run_table, unused
 
 if TYPE_CHECKING:
     from stancekit.planners.problem.course import Course
@@ -188,8 +188,9 @@ class Run:
         given: dict[str, Any] = {"horizon": self.horizon, "replan_m": self.replan_m}
         settings = LoopSettings(**{name: value for name, value in given.items() if value is not None})
         report = ClosedLoop(course, runner, policy, settings).run(self._terrain(course), first=first)
-        answers = None if policy is None else policy.answers
-        found = report.to_json() if answers is None else report.to_json() | {"chosen": answers[0], "lifted": answers[1]}
+        answers, found = None if policy is None else policy.answers, report.to_json()
+        if answers is not None:
+            found |= {"chosen": answers[0], "lifted": answers[1], "warning": "" if answers[0] else unused(answers)}
         return report.succeeded, found, loop_table(report, answers)
 
     def _report(self, succeeded: bool, record: dict[str, Any], table: Table) -> int:

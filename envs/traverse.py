@@ -91,10 +91,10 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     ## Info
 
     After a reset and a step (numeric, fixed shapes): ``feasible``, ``infeasible`` (proved), ``refused`` (the envelope
-    was not learned for these limbs or patches), ``executed`` (1 done, 0 failed, −1 not tried), ``frame``, ``solves``,
-    ``progress_m``, ``objective``, ``residual``, ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,): the mode of
-    the terrain under each coming frame, −1 where unknown; ``reward_<term>``; and ``plan_seconds``, ``compile_seconds``,
-    which stay 0 unless ``timing``.
+    was not learned for these limbs or patches), ``planner`` (whose plan it is, by its action, −1 where there is none),
+    ``executed`` (1 done, 0 failed, −1 not tried), ``frame``, ``solves``, ``progress_m``, ``objective``, ``residual``,
+    ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,): the mode of the terrain under each coming frame, −1 where
+    unknown; ``reward_<term>``; and ``plan_seconds``, ``compile_seconds``, which stay 0 unless ``timing``.
 
     ## Arguments
 
@@ -175,13 +175,12 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         if given.shape != () or given.dtype.kind not in "iu" or not 0 <= given < len(self._planners):
             raise InvalidInput(f"action: expected a planner, 0 to {len(self._planners) - 1}, got {action!r}")
         course, begin = self._course, self._frame
-        tried = self._try(course, self._planners[int(action)])
+        tried = self._try(course, int(action))
         if tried.plan is not None:
             self._walked.append(tried.plan)
             self._frame += tried.plan.course.frames - 1
         self._vain += tried.plan is None
-        dead = tried.infeasible or tried.executed == 0
-        terminated = dead or self._frame == course.frames - 1
+        terminated = tried.infeasible or tried.executed == 0 or self._frame == course.frames - 1
         truncated = not terminated and self._vain >= self._patience
         self._over = terminated or truncated
         info = self._info(course, tried, begin)
@@ -204,9 +203,9 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             raise gym.error.ResetNeeded("reset the environment before asking for the walk")
         return joined(self._course, self._walked)
 
-    def _try(self, course: Course, planner: CoursePlanner) -> _Try:
+    def _try(self, course: Course, chosen: int) -> _Try:
         """Plan the next window, have the walk with it verified, execute it."""
-        state = Standing.at_end(self._walked[-1])
+        state, planner = Standing.at_end(self._walked[-1]), self._planners[chosen]
         try:
             outcome = replan(state, course, frame=self._frame, horizon=self._horizon, planner=planner)
         except InvalidInput:  # an envelope that was not learned for these limbs or patches
@@ -215,7 +214,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         if plan is not None and not check_plan(joined(course, [*self._walked, plan])).accepted:
             plan = None  # it holds by itself, but cannot be reached from where the last one ended
         executed = -1 if plan is None or self._executor is None else int(self._executor(plan).succeeded)
-        return _Try(outcome=outcome, plan=plan, executed=executed)
+        return _Try(outcome=outcome, plan=plan, executed=executed, planner=-1 if plan is None else chosen)
 
     def _observe(self, course: Course) -> Features:
         return self._features.observe(course, self._frame, Standing.at_end(self._walked[-1]))
@@ -223,14 +222,14 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     def _info(self, course: Course, tried: _Try, begin: int = 0) -> dict[str, Any]:
         weights, standing = self._weights, Standing.at_end(self._walked[-1])
         coming = range(self._frame + 1, self._frame + 1 + self._horizon)
-        modes = course.modes or ()
-        outcome, clock = tried.outcome, float(self._timing)
+        modes, outcome, clock = course.modes or (), tried.outcome, float(self._timing)
         solves = 0 if outcome is None else outcome.solves
         seconds = 0.0 if outcome is None else clock * outcome.seconds
         return {
             "feasible": int(tried.plan is not None),
             "infeasible": int(tried.infeasible),
             "refused": int(tried.refused),
+            "planner": tried.planner,
             "executed": tried.executed,
             "frame": self._frame,
             "solves": solves,
@@ -257,6 +256,7 @@ class _Try:
     plan: Plan | None = None
     refused: bool = False
     executed: int = -1
+    planner: int = -1
 
     @property
     def infeasible(self) -> bool:

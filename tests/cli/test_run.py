@@ -92,7 +92,7 @@ def test_a_selector_file_walks_a_course_with_less_friction_than_it_says(
     code, out, _ = ended(verb, capsys)
     report = json.loads(out)
     assert (code, report["succeeded"], report["frames"], report["plans"]) == (0, True, 2, 2)
-    assert (report["chosen"], report["lifted"]) == (2, 0)
+    assert (report["chosen"], report["lifted"], report["warning"]) == (2, 0, "")
     assert len(read_log(log).of("plan")) == 2
 
 
