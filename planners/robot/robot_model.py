@@ -125,12 +125,6 @@ class RobotModel:
         """Doubts on joints, a line for all joints of the same."""
         return tuple(_joined([(f"joint {name}", text) for name, text in doubts]))
 
-    def check_torques(self) -> None:
-        """Raise InvalidInput unless every joint of a leg has a torque limit: 0 is what files say that have none."""
-        for joint in (joint for leg in self.legs for joint in leg.joints):
-            if joint.torque_nm <= 0.0:
-                raise InvalidInput(f"joint {joint.name}: expected a torque limit above 0 Nm, got {joint.torque_nm:g}")
-
     def link_frames(self, angles: Sequence[Array]) -> dict[str, tuple[Array, Array]]:
         """R_BL and p_BL of every link for one posture of every leg, shapes (3, 3) and (3,) [m].
 
