@@ -154,7 +154,12 @@ class MicpProgram:
         }
 
     def solve(self, scaled: Scaled, time_limit_s: float) -> MicpAnswer:
-        """Find a point of the grid. scaled: the problem, whose numbers the program has."""
+        """Find a point of the grid; of a course the best within the gap.
+
+        scaled: the problem, whose numbers the program has. time_limit_s: the solver's. Returns its claim in words, with
+        a point, a choice of candidates and the moments that it thinks there are where it found some: nothing is
+        verified here.
+        """
         _, limit, gaps, options = SOLVERS[self._solver]
         options = options | {"solver": self._solver.upper(), limit: time_limit_s}
         options |= dict(zip(gaps, (_ANY, _ANY) if self._gap is None else (self._gap, ABSOLUTE_GAP), strict=True))
