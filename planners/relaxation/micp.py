@@ -19,7 +19,7 @@ from ..equilibrium.layout import Index, Layout
 from ..equilibrium.reference import coupled
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import Array, checked_choice
 from .envelope import Envelope
 from .grid import Breaks, Cells, Cones, Encoding, planes, without_squares
 from .mccormick import Axes
@@ -63,8 +63,7 @@ class Grid:
         given = (self.encoding, self.cut, self.domain, self.envelope_use)
         known = {"encoding": Encoding, "cut": Cut, "domain": Domain, "envelope_use": EnvelopeUse}
         for (name, values), value in zip(known.items(), given, strict=True):
-            if value not in get_args(values):
-                raise InvalidInput(f"{name}: expected one of {', '.join(get_args(values))}, got {value!r}")
+            checked_choice(value, f"{name}", get_args(values))
         if self.intervals < 1 or (self.encoding == "log" and self.intervals & (self.intervals - 1)):
             raise InvalidInput(f"intervals: expected 1 or more, and a power of two for 'log', got {self.intervals}")
 

@@ -215,5 +215,5 @@ def test_a_climb_that_asks_too_much_of_its_joints_is_undecided_in_both_commands(
 def test_torques_that_make_no_sense_are_refused(call):
     message = "stancekit: error: --torque-nm: expected a number above 0, got -1\n"
     assert call(PlanCourse, "walls", "--torque-nm", -1)[::2] == (2, message)
-    message = "stancekit: error: --torque-share: expected a number in [-1e+06, 1], got 2\n"
+    message = "stancekit: error: --torque-share: expected a number in (0, 1], got 2\n"
     assert call(PlanCourse, "walls", "--torque-share", 2)[::2] == (2, message)
