@@ -94,7 +94,7 @@ class RobotModel:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of what a workspace depends on: the corrected URDF, the legs and their feet."""
+        """SHA-256 of the corrected URDF, the legs and their feet."""
         said = "\0".join([self.urdf, *(f"{leg.name}\0{leg.foot}\0{leg.stance_rad.tolist()}" for leg in self.legs)])
         return hashlib.sha256(said.encode()).hexdigest()
 
