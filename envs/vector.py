@@ -22,6 +22,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput, StancekitError
+from stancekit.planners.files.arrays import checked_int
 
 from .distributions.postures import Distribution
 from .scenes import Scene, SceneKind, all_seen
@@ -57,8 +58,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     ) -> None:
         if render_mode is not None:
             raise InvalidInput(f"render_mode: expected None for a batch of environments, got {render_mode!r}")
-        if num_envs < 1:
-            raise InvalidInput(f"num_envs: expected 1 or more, got {num_envs}")
+        checked_int(num_envs, "num_envs", least=1)
         if not 1 <= workers <= num_envs:
             raise InvalidInput(f"workers: expected 1 to num_envs = {num_envs}, got {workers}")
         task = SelectionTask(problem, SelectionSettings(**options))

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.writing import check_new_folder, replaced
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
@@ -51,8 +51,7 @@ def export_scenes(
     Raises InvalidInput for a folder with something in it, and for another family, level, seed or spacing.
     """
     check_new_folder(out)
-    if count < 1:
-        raise InvalidInput(f"count: expected 1 or more, got {count}")
+    checked_int(count, "count", least=1)
     family_terrain(family, level, seed)  # what is wrong is said before a folder is made
     scenes = []
     with replaced(out, folder=True) as folder:

@@ -143,7 +143,10 @@ def _clearance(plan: Plan, solver: Kinematics) -> PathClearance | None:
 
 
 def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, float]:
-    """Of all torques of a plan with joints the one with the largest share of its limit: (share, Nm)."""
+    """Of all torques of a plan with joints the one with the largest share of its limit: (share, torque [Nm]).
+
+    limit_nm: of every joint, shape (J,) [Nm]. The plan has ``joints_rad``.
+    """
     assert plan.joints_rad is not None
     rows = zip(plan.course.stances, plan.forces_n, strict=True)
     torques = np.abs([
