@@ -17,7 +17,6 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_keys import CourseSpec
-from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.course_features import CourseFeatures, Features
 from stancekit.planners.search.plan_window import Standing, joined
 from stancekit.planners.search.replan import replan
