@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from .answers import explain as explain
     from .answers import verify as verify
     from .courses import plan as plan
+    from .envs.data.dataset import Dataset as Dataset
     from .files import load as load
     from .files import save as save
-    from .learners.data.dataset import Dataset as Dataset
     from .pictures import draw as draw
     from .planners.answer.outcome import Certificate as Certificate
     from .planners.answer.outcome import Outcome as Outcome
@@ -58,7 +58,7 @@ _HOMES = {
     "answers": ("explain", "verify"),
     "courses": ("plan",),
     "files": ("load", "save"),
-    "learners.data.dataset": ("Dataset",),
+    "envs.data.dataset": ("Dataset",),
     "pictures": ("draw",),
     "planners.answer.outcome": ("Certificate", "Outcome", "Posture", "Status"),
     "planners.answer.plan": ("Plan", "PlanOutcome"),

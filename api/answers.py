@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import overload
 
-from stancekit.learners.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.data.labelling import RecheckReport, recheck
 from stancekit.planners.answer.outcome import Certificate, Posture
 from stancekit.planners.answer.plan import Plan

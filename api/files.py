@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, overload
 
-from stancekit.learners.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.selectors.selector import Learned
 from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.planners.answer import plan_file, proof_file

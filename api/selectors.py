@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal, overload
 
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.distributions.postures import Distribution, OwnDistribution, PostureDistribution
-from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.labelling import label as labelled
-from stancekit.learners.data.ledger import LabelPlan
-from stancekit.learners.data.scenes import scenes_of
+from stancekit.learners.data.origin import check_unseen
 from stancekit.learners.evaluation.evaluate import Score, check_same_class
 from stancekit.learners.evaluation.evaluate import evaluate as rolled_out
 from stancekit.learners.selectors.selector import Learned
@@ -135,20 +136,23 @@ def evaluate(
 
     Arguments:
         selector: what ``fit`` returned, envelopes, a file of either, or "FILE.py:NAME".
-        dataset: labelled rows that it was not learned from, or their folder.
+        dataset: labelled rows that it was not learned from, or their folder; a ``Dataset`` has parts for that, see
+            ``Dataset.only``.
         projections: stages P2 to try: "fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p".
         name: of the row.
     Returns:
         A ``Score``: shares with Wilson 95 % intervals of the feasible and infeasible problems that P1 answers right,
         and of the feasible ones from which each projection reaches a verified posture.
     Raises:
-        InvalidInput: for a selector of another class of problems, a data set without rows that are not trivial.
+        InvalidInput: for a selector of another class of problems, a data set without rows that are not trivial, and
+            rows that the selector was trained or calibrated on.
     Source:
         Paper E Table I.
     Example:
         >>> import stancekit
         >>> train = stancekit.label("wall-3", "train", feasible=6, infeasible=6)
-        >>> score = stancekit.evaluate(stancekit.fit(train, "quantile"), train)
+        >>> test = stancekit.label("wall-3", "test", feasible=6, infeasible=6, seed=1)
+        >>> score = stancekit.evaluate(stancekit.fit(train, "quantile"), test)
         >>> score.p1_feasible.of, score.p1_infeasible.of
         (6, 6)
     """
@@ -158,6 +162,7 @@ def evaluate(
     elif not isinstance(learned, Learned):
         learned = load_selector(learned)
     check_same_class(rows, learned.problem_class, name)
+    check_unseen(rows, learned.provenance, name)
     scenes = scenes_of(rows)
     if not scenes:
         raise InvalidInput(f"{rows}: expected feasible or not trivially infeasible rows, got none")

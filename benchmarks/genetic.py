@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from _bench import Options, launch
 
-from stancekit.learners.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.selectors.convergence import Generation, draw_convergence
 from stancekit.learners.selectors.evolution import evolve_cma, evolve_nsga2, extra
 from stancekit.learners.selectors.feasibility import CachingOracle, Counts, FeasibilityOracle, SolvingOracle

@@ -26,11 +26,11 @@ import numpy as np
 import tyro
 from _bench import Options, launch
 
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
-from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
-from stancekit.learners.data.scenes import scenes_of
 from stancekit.learners.evaluation.evaluate import evaluate
 from stancekit.learners.evaluation.experiment import Experiment
 from stancekit.learners.selectors.selector_file import load_selector

@@ -24,7 +24,7 @@ CHILD = """
 import json, sys, time
 from pathlib import Path
 from _yardstick import yardstick
-from stancekit.learners.data.ledger import LabelPlan
+from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
 
 kind, rows, balanced, folder, proposers = json.loads(sys.argv[1])
@@ -93,7 +93,7 @@ def child(tree: Path, task: list[object]) -> dict[str, float]:
 
 def compare(kind: str, before: Path, after: Path) -> None:
     """Row by row: problems, labels, and how far apart the numbers are that selectors learn from."""
-    from stancekit.learners.data.dataset import Dataset
+    from stancekit.envs.data.dataset import Dataset
 
     old, new = Dataset.open(before), Dataset.open(after)
     same = labels = points = proofs = 0

@@ -172,7 +172,7 @@ def answer(run: subprocess.Popen[str]) -> dict[str, object]:
 
 def check(folder: Path, rows: int) -> None:
     """Every planned row once."""
-    from stancekit.learners.data.dataset import Dataset
+    from stancekit.envs.data.dataset import Dataset
 
     data = Dataset.open(folder)
     places: Counter[tuple[int, int]] = Counter()

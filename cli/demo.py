@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from stancekit.learners.evaluation.bench import ClassResult
 
 
-SHOWN = {"wall-3": (0, 8)}
+SHOWN: dict[str, tuple[int, ...]] = {"wall-3": (0, 8)}
 """Postures that the demo begins with: seeds by class, one that can be held and one that cannot."""
 
 

@@ -29,12 +29,14 @@ class Evaluate:
     """Compare selectors on a labelled data set: the shares of paper E's Table I, with 95 % intervals.
 
     P1 feasible / infeasible: share of the feasible / infeasible problems that the relaxation answers right. Each
-    projection: share of the feasible problems for which P1 and then P2 end in a verified posture. Use a data set that
-    they were not learned from.
+    projection: share of the feasible problems for which P1 and then P2 end in a verified posture. Rows that a selector
+    was trained or calibrated on are refused.
     """
 
     dataset: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FOLDER")]
     """Data set folder of `stancekit label`."""
+    part: Literal["all", "train", "test"] = "all"
+    """Of the rows: all, or a part of the split by hash that `fit --part` knows, too."""
     robot: Annotated[OptionalText, ROBOT] = None
     """Robot that the data set must be of; one of another is refused."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
@@ -58,10 +60,10 @@ class Evaluate:
 
     def run(self) -> int:
         """Roll every selector out and print the table."""
-        from stancekit.learners.data.dataset import Dataset
+        from stancekit.envs.data.dataset import Dataset
+        from stancekit.envs.data.scenes import scenes_of
         from stancekit.learners.data.executor import executor
-        from stancekit.learners.data.origin import check_of
-        from stancekit.learners.data.scenes import scenes_of
+        from stancekit.learners.data.origin import check_of, check_unseen
         from stancekit.learners.evaluation.evaluate import check_same_class, evaluate, evaluate_lift
         from stancekit.learners.selectors.selector import Learned
         from stancekit.learners.selectors.selector_file import load_selector
@@ -74,12 +76,13 @@ class Evaluate:
             PROJECTIONS.get(name)
         if not (self.envelope or self.selector or self.lift):
             raise InvalidInput("--envelope, --selector: expected one or more files to compare, or the lift, got none")
-        dataset = Dataset.open(self.dataset)
+        dataset = Dataset.open(self.dataset).only(self.part)
         check_of(dataset, self.robot, self.terrain)
         selectors = [(str(path), Learned.fixed(path.stem, read_envelopes(path))) for path in self.envelope]
         selectors += [(name, load_selector(name)) for name in self.selector]
         for where, learned in selectors:
             check_same_class(dataset, learned.problem_class, where)
+            check_unseen(dataset, learned.provenance, where)
         scenes = scenes_of(dataset)
         if not scenes:
             raise InvalidInput(f"{self.dataset}: expected feasible or not trivially infeasible rows, got none")

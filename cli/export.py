@@ -30,7 +30,7 @@ class Export:
 
     def run(self) -> int:
         """Export, and read back."""
-        from stancekit.learners.data.dataset import Dataset
+        from stancekit.envs.data.dataset import Dataset
         from stancekit.learners.data.export import export, load_exported
 
         with progress("export") as bar:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
@@ -35,6 +35,8 @@ class Fit:
     """Data set folder of `stancekit label`; for modes one a terrain, in the order in which z counts them."""
     out: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """File to write: JSON for envelopes, safetensors for what has a network."""
+    part: Literal["all", "train", "test"] = "all"
+    """Of the rows: all, or a part of the split by hash; what is fitted to "train" can be evaluated on "test"."""
     robot: Annotated[OptionalText, ROBOT] = None
     """Robot that the data set must be of; one of another is refused."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
@@ -66,7 +68,7 @@ class Fit:
 
     def run(self) -> int:
         """Fit and write."""
-        from stancekit.learners.data.dataset import Dataset
+        from stancekit.envs.data.dataset import Dataset
         from stancekit.learners.data.origin import check_of
         from stancekit.learners.selectors.selector import FixedSelector
         from stancekit.learners.training.fitting import learn
@@ -77,7 +79,7 @@ class Fit:
         check_writable(self.out)
         if not self.dataset:
             raise InvalidInput("FOLDER: expected a data set folder, got none")
-        datasets = [Dataset.open(folder) for folder in self.dataset]
+        datasets = [Dataset.open(folder).only(self.part) for folder in self.dataset]
         for dataset in datasets:
             check_of(dataset, self.robot, self.terrain)
         held = None if self.calibration is None else Dataset.open(self.calibration)
@@ -110,10 +112,10 @@ class Fit:
         """The options and what the configuration file adds. Raises InvalidInput."""
         from stancekit.learners.settings import typed
         from stancekit.learners.training.fit_settings import FitSettings
+        from stancekit.planners.files.arrays import checked_int
         from stancekit.planners.files.documents import read_yaml
 
-        if self.seed < 0:
-            raise InvalidInput(f"--seed: expected 0 or more, got {self.seed}")
+        checked_int(self.seed, "--seed", least=0)
         if not 0.0 <= self.threshold < 1.0:
             raise InvalidInput(f"--threshold: expected a number in [0, 1), got {self.threshold:g}")
         if not self.time_limit_s > 0.0:

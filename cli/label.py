@@ -56,9 +56,9 @@ class LabelPostures:
 
     def run(self) -> int:
         """Label and sum up."""
+        from stancekit.envs.data.ledger import LabelPlan, read_header
         from stancekit.learners.data.executor import executor
         from stancekit.learners.data.labelling import Progress, label
-        from stancekit.learners.data.ledger import LabelPlan, read_header
 
         proposers = None if self.proposers is None else read_proposers(self.proposers)
         with as_options():

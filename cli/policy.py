@@ -37,6 +37,8 @@ def read_policy(name: str, course: Course) -> SelectorPolicy | None:
     from stancekit.runner.control.envelope_choice import SelectorPolicy
 
     learned = load_selector(Path(name))
+    if learned.relaxation != "p1":
+        raise InvalidInput(f"{name}: expected a selector of boxes for P1 alone, got one for P1 {learned.relaxation}")
     policy = SelectorPolicy(learned.selector, _envelopes(learned, name))
     try:
         policy.check_fits(course)

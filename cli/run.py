@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
@@ -16,10 +15,10 @@ from rich.table import Table
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, err, out, progress
-from .options import check_drawn
 from .policy import read_policy
+from .run_check import check_run
 from .run_film import film
-from .run_table import loop_table, run_table
+from .run_table import loop_table, run_table, unused
 
 if TYPE_CHECKING:
     from stancekit.planners.problem.course import Course
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
     from stancekit.runner.safety.heartbeat import HeartbeatMonitor
     from stancekit.runner.safety.latch import Source
     from stancekit.runner.settings import RunSettings
-    from stancekit.runner.worlds import World, WorldClass
+    from stancekit.runner.worlds import World
 
 Done = tuple[bool, dict[str, Any], Table]
 """Whether it succeeded, the report, and the report for people."""
@@ -116,7 +115,7 @@ class Run:
 
         with as_options("world"):
             kind = WORLDS.get(self.world)
-        self._check(kind)
+        check_run(self, kind)
         request = self._request()
         with ExitStack() as stack:
             made_for = request.plan.course if isinstance(request, Accepted) else request
@@ -188,8 +187,9 @@ class Run:
         given: dict[str, Any] = {"horizon": self.horizon, "replan_m": self.replan_m}
         settings = LoopSettings(**{name: value for name, value in given.items() if value is not None})
         report = ClosedLoop(course, runner, policy, settings).run(self._terrain(course), first=first)
-        answers = None if policy is None else policy.answers
-        found = report.to_json() if answers is None else report.to_json() | {"chosen": answers[0], "lifted": answers[1]}
+        answers, found = None if policy is None else policy.answers, report.to_json()
+        if answers is not None:
+            found |= {"chosen": answers[0], "lifted": answers[1], "warning": "" if answers[0] else unused(answers)}
         return report.succeeded, found, loop_table(report, answers)
 
     def _report(self, succeeded: bool, record: dict[str, Any], table: Table) -> int:
@@ -232,56 +232,6 @@ class Run:
         from stancekit.planners.search.friction_margin import slippery
 
         return slippery(course, self.friction_share).terrain
-
-    def _check(self, kind: WorldClass) -> None:
-        """Raise InvalidInput for an option that is out of range or a file that cannot be written."""
-        from stancekit.planners.files.writing import check_writable
-
-        if not 0.05 <= self.pace <= 4.0:
-            raise InvalidInput(f"--pace: expected a number from 0.05 to 4, got {self.pace:g}")
-        if self.rate_hz is not None and not 1.0 <= self.rate_hz <= 1000.0:
-            raise InvalidInput(f"--rate-hz: expected a number from 1 to 1000, got {self.rate_hz:g}")
-        if not 0.0 < self.friction_share <= 1.0:
-            raise InvalidInput(f"--friction-share: expected a number above 0, up to 1, got {self.friction_share:g}")
-        if self.friction_share != 1.0 and kind.kind != "simulation":
-            raise InvalidInput(f"--friction-share: expected a simulated world with it, got {self.world}")
-        if self.blind and (kind.kind != "simulation" or self.policy is not None):
-            wrong = f"got {self.world}" if self.policy is None else "got --policy"
-            raise InvalidInput(f"--blind: expected a plan or a gait in a simulated world with it, {wrong}")
-        if self.actuators is not None and kind.kind == "recording":
-            raise InvalidInput(f"--actuators: expected none with world {self.world}: the log has its own")
-        if self.horizon is not None and self.horizon < 0:
-            raise InvalidInput(f"--horizon: expected 0 or more, got {self.horizon}")
-        if self.replan_m is not None and not self.replan_m > 0.0:
-            raise InvalidInput(f"--replan-m: expected a number above 0, or inf, got {self.replan_m:g}")
-        if self.policy is None and (self.horizon is not None or self.replan_m is not None):
-            name = "--horizon" if self.horizon is not None else "--replan-m"
-            raise InvalidInput(f"{name}: expected --policy with it, got none")
-        if self.policy is not None and kind.kind == "recording":
-            raise InvalidInput(f"--policy: expected a world that answers to what is done, got {self.world}")
-        if self.log is not None:
-            self._check_log(self.log)
-            check_writable(self.log)
-        check_drawn(video=self.video)
-        if self.video is not None and (kind.kind != "simulation" or self.policy is not None):
-            wrong = f"got {self.world}" if self.policy is None else "got --policy"
-            raise InvalidInput(f"--video: expected a plan or a gait in a simulated world with it, {wrong}")
-        if self.picture is not None:
-            from stancekit.views.sheet import check_picture
-
-            if self.log is None:
-                raise InvalidInput("--picture: expected --log FILE.mcap with it, from which it is drawn, got none")
-            check_picture(self.picture)
-
-    def _check_log(self, log: Path) -> None:
-        """Raise InvalidInput for a log that is none by its name, or that would be written over another file here."""
-        if log.suffix != ".mcap":
-            raise InvalidInput(f"--log: expected a name that ends in .mcap, got {log}")
-        policy = None if self.policy is None else Path(self.policy)
-        others = {"PLAN": self.plan, "--setup": self.setup, "--policy": policy, "--picture": self.picture}
-        for name, other in others.items():
-            if other is not None and os.path.realpath(other) == os.path.realpath(log):
-                raise InvalidInput(f"--log: expected a file of its own, got that of {name}: {log}")
 
     def _log(self, stack: ExitStack) -> Log:
         from stancekit.runner.log import McapLog, NoLog

@@ -52,6 +52,8 @@ def run_table(report: RunReport) -> Table:
 def loop_table(report: LoopReport, answers: tuple[int, int] | None) -> Table:
     """The report of a closed loop; answers: plans made within what a selector chose, and without."""
     table = _begun("walked to the end", report.message, report.ended)
+    if answers is not None and not answers[0]:
+        table.add_row("warning", Text(unused(answers), style="yellow"))
     table.add_row("key frames", f"{report.frames} reached")
     table.add_row("plans", f"{report.plans}, {report.replans} of them because of a deviation")
     if answers is not None:
@@ -61,6 +63,11 @@ def loop_table(report: LoopReport, answers: tuple[int, int] | None) -> Table:
     table.add_row("body", f"{1e3 * report.com_final_m:.1f} mm from the last plan at the end")
     table.add_row("time", f"{report.seconds:.1f} s of motion, {report.plan_s:.1f} s of planning")
     return table
+
+
+def unused(answers: tuple[int, int]) -> str:
+    """What is said of a run to which a policy contributed nothing; answers: see ``loop_table``."""
+    return f"the policy made none of the {answers[1]} plans that were made" + (": the lift did" if answers[1] else "")
 
 
 def _begun(word: str, message: str, ended: Ended) -> Table:

@@ -16,16 +16,20 @@ from .names import ROBOT, TERRAIN
 from .options import OptionalPath, OptionalText
 
 if TYPE_CHECKING:
-    from stancekit.learners.training.reinforce import Trained
+    from stancekit.learners.training.held_out import Trained
 
 
 @dataclass
 class Train:
     """Train an agent on EnvelopeSelection-v0 or EnvelopeRefinement-v0 as a configuration file says.
 
+    Its method is ppo, or paired, for EnvelopeSelection-v0: a network that imitates the solutions at first, and then
+    follows a paired score function.
+
     The folder gets policy.safetensors (loaded without pickle), checkpoint.safetensors, curve.jsonl (held-out figures
     after every segment) and the labelled scenes. A run that is stopped, however hard, goes on with --resume and ends
-    with the policy that it would have ended with. See configs/train-selection.yaml for the keys.
+    with the policy that it would have ended with. See configs/train-selection.yaml and
+    configs/train-paired.yaml for the keys.
     """
 
     config: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
@@ -67,7 +71,7 @@ class Train:
                 emit(asdict(point))
         else:
             out.print(curve_table(trained))
-            out.print(f"{self.out / 'policy.safetensors'}: {trained.policy.steps} steps")
+            out.print(f"{self.out / 'policy.safetensors'}: {trained.curve[-1].steps} steps")
         return 0
 
 

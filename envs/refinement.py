@@ -15,7 +15,7 @@ from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
@@ -93,7 +93,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     | projection | 'fix-toes' | the P2 that is tried at every box |
     | budget | 200 | convex problems an episode |
     | balanced | True | half of the scenes infeasible, none trivially |
-    | scenes | None | a source that replaces ``problem``'s and ``balanced`` |
+    | scenes | None | a source, or a labelled data set's folder, whose part "train" is drawn from |
     | programs | None | compiled models to share with other environments of this process |
     | render_mode | None | nothing is drawn |
 
@@ -113,15 +113,14 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         projection: Projection = "fix-toes",
         budget: int = 200,
         balanced: bool = True,
-        scenes: SceneSource | None = None,
+        scenes: SceneSource | str | Path | None = None,
         programs: Programs | None = None,
         render_mode: str | None = None,
     ) -> None:
         if render_mode is not None:
             raise InvalidInput(f"render_mode: expected None, got {render_mode!r}")
         PROJECTIONS.get(projection)
-        if budget < 1:
-            raise InvalidInput(f"budget: expected 1 or more, got {budget}")
+        checked_int(budget, "budget", least=1)
         chosen = kind_of(problem, robot, terrain)
         self.render_mode = render_mode
         self._count = len(chosen.legs)
@@ -129,7 +128,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         self._budget = budget
         self._programs = programs or Programs()
         self._acceptance = Acceptance()
-        self._scenes = scenes or scenes_of_kind(chosen, balanced=balanced, programs=self._programs)
+        self._scenes = scenes_of_kind(chosen, scenes, balanced=balanced, programs=self._programs)
         self._scene: Scene | None = None
         self._scaled: Scaled | None = None
         self._search: BoxSearch | None = None

@@ -23,8 +23,19 @@ def kind_of(
     return problem
 
 
-def scenes_of_kind(kind: Distribution | SceneKind, *, balanced: bool, programs: Programs) -> SceneSource:
-    """Scenes of a distribution. Raises InvalidInput where they were to come from elsewhere."""
+def scenes_of_kind(
+    kind: Distribution | SceneKind, scenes: SceneSource | str | Path | None, *, balanced: bool, programs: Programs
+) -> SceneSource:
+    """The scenes that were given, the part "train" of a data set's folder, or some of a distribution.
+
+    Raises InvalidInput where there are none, and for a folder that is no pool of such scenes.
+    """
+    if isinstance(scenes, str | Path):
+        from .data.scenes import ScenePool  # Arrow takes a while to load
+
+        return ScenePool.open(scenes, of=kind.name, legs=kind.legs, balanced=balanced)
+    if scenes is not None:
+        return scenes
     if isinstance(kind, SceneKind):
         raise InvalidInput(f"scenes: expected some of {kind.name}, got none")
     return SampledScenes(kind, balanced=balanced, programs=programs)

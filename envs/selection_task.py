@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypedDict, get_args
 
@@ -56,8 +57,21 @@ class Verdict:
     envelope: Envelope
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Trial:
+    """One action on one scene before it is judged. postures: by projection; found: how many, before the verifier."""
+
+    scene: Scene
+    answer: RelaxationAnswer
+    envelope: Envelope
+    postures: dict[Projection, Posture]
+    found: int
+    p1_seconds: float
+    p2_seconds: float
+
+
 class SelectionOptions(TypedDict, total=False):
-    """What ``SelectionTask`` takes beside its problem; the page of ``EnvelopeSelectionEnv`` has their meaning."""
+    """Keywords of the environments beside their problem; the page of ``EnvelopeSelectionEnv`` has their meaning."""
 
     robot: str | Path | None
     terrain: str | Path | None
@@ -67,51 +81,58 @@ class SelectionOptions(TypedDict, total=False):
     projections: tuple[Projection, ...]
     weights: RewardWeights
     balanced: bool
-    scenes: SceneSource | None
+    scenes: SceneSource | str | Path | None
     timing: bool
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SelectionSettings:
+    """``SelectionOptions`` with their defaults. Raises InvalidInput for what does not go together."""
+
+    robot: str | Path | None = None
+    terrain: str | Path | None = None
+    boxes: int = 1
+    library: EnvelopeSet | str | Path | None = None
+    relaxation: RelaxationName = "p1"
+    projections: tuple[Projection, ...] = ("fix-p",)
+    weights: RewardWeights = RewardWeights()
+    balanced: bool = True
+    scenes: SceneSource | str | Path | None = None
+    timing: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.projections:
+            raise InvalidInput("projections: expected one or more, got none")
+        for name in self.projections:
+            PROJECTIONS.get(name)
+        if not isinstance(self.boxes, int) or self.boxes < 1:
+            raise InvalidInput(f"boxes: expected an integer of at least 1, got {self.boxes!r}")
+        joint = self.relaxation == "joint"
+        if self.relaxation not in get_args(RelaxationName) or (joint and (self.boxes, self.library) != (1, None)):
+            got = f"{self.relaxation!r} with {self.boxes} boxes and {'no' if self.library is None else 'a'} library"
+            raise InvalidInput(f"relaxation: expected p1, or joint over one box without a library, got {got}")
 
 
 class SelectionTask:
     """What the single environment and the batched one share: spaces, scenes, and the judging of one action.
 
-    The arguments are those of ``EnvelopeSelectionEnv``. Compiled models are made once a task.
+    The problem is that of ``EnvelopeSelectionEnv``. Compiled models are made once a task.
     """
 
-    def __init__(
-        self,
-        problem: str | Distribution | SceneKind = "wall-3",
-        *,
-        robot: str | Path | None = None,
-        terrain: str | Path | None = None,
-        boxes: int = 1,
-        library: EnvelopeSet | str | Path | None = None,
-        relaxation: RelaxationName = "p1",
-        projections: tuple[Projection, ...] = ("fix-p",),
-        weights: RewardWeights = RewardWeights(),
-        balanced: bool = True,
-        scenes: SceneSource | None = None,
-        timing: bool = False,
-    ) -> None:
-        if not projections:
-            raise InvalidInput("projections: expected one or more, got none")
-        for name in projections:
-            PROJECTIONS.get(name)
-        if not isinstance(boxes, int) or boxes < 1:
-            raise InvalidInput(f"boxes: expected an integer of at least 1, got {boxes!r}")
-        if relaxation not in get_args(RelaxationName) or (relaxation == "joint" and (boxes, library) != (1, None)):
-            got = f"{relaxation!r} with {boxes} boxes and {'no' if library is None else 'a'} library"
-            raise InvalidInput(f"relaxation: expected p1, or joint over one box without a library, got {got}")
-        chosen = kind_of(problem, robot, terrain)
+    def __init__(self, problem: str | Distribution | SceneKind, settings: SelectionSettings) -> None:
+        chosen = kind_of(problem, settings.robot, settings.terrain)
+        library = settings.library
         self._problem = chosen.name
         self._count = len(chosen.legs)
-        self._boxes = boxes
+        self._boxes = settings.boxes
         self._library = read_envelopes(library) if isinstance(library, str | Path) else library
-        self._relaxation: RelaxationName = relaxation
-        self._projections = tuple(projections)
-        self._weights = weights
-        self._timing = timing
+        self._relaxation: RelaxationName = settings.relaxation
+        self._projections = tuple(settings.projections)
+        self._keys = {way: f"project_{way.replace('-', '_')}" for way in self._projections}
+        self._weights = settings.weights
+        self._timing = settings.timing
         self._programs = Programs()
-        self.scenes = scenes or scenes_of_kind(chosen, balanced=balanced, programs=self._programs)
+        self.scenes = scenes_of_kind(chosen, settings.scenes, balanced=settings.balanced, programs=self._programs)
         self.observation_space = scene_space(self._count)
         self.action_space = self._make_action_space()
 
@@ -139,6 +160,24 @@ class SelectionTask:
 
     def judge(self, scene: Scene, action: NDArray[np.float32] | np.int64) -> Verdict:
         """Relax over the chosen boxes, project, compare with the expert."""
+        return self.judge_all((scene,), (action,))[0]
+
+    def judge_all(self, scenes: Sequence[Scene], actions: Sequence[Any] | NDArray[Any]) -> list[Verdict]:
+        """``judge`` of an action a scene, the postures of all verified together: every bit is that of one by one."""
+        tried = [self._try(scene, action) for scene, action in zip(scenes, actions, strict=True)]
+        found = [(trial.scene, trial.postures, way) for trial in tried for way in trial.postures]
+        if found:
+            begin = time.perf_counter()
+            worst = check_postures([scene.problem for scene, *_ in found], [its[way] for _, its, way in found])
+            for (_, its, way), off in zip(found, worst.tolist(), strict=True):
+                if off > ADMITTED:
+                    del its[way]
+            share = (time.perf_counter() - begin) / len(found)
+            tried = [replace(trial, p2_seconds=trial.p2_seconds + share * bool(trial.found)) for trial in tried]
+        return [self._verdict(trial) for trial in tried]
+
+    def _try(self, scene: Scene, action: NDArray[np.float32] | np.int64) -> _Trial:
+        """P1 over the boxes of an action, and from its point every projection."""
         scaled = scene.scaled
         envelopes, point = self._envelopes(action)
         begin = time.perf_counter()
@@ -146,21 +185,15 @@ class SelectionTask:
             answer = self._programs.get(McCormick, scaled.layout).solve_any(scaled, envelopes)
         else:
             answer = self._programs.get(Joint, scaled.layout).solve(scaled, envelopes[0], point)
-        p1_seconds = time.perf_counter() - begin
-        begin = time.perf_counter()
-        projected = {way: self._project(way, scene, answer) for way in self._projections}
-        p2_seconds = time.perf_counter() - begin
-        info = self._info(scene, answer, envelopes[answer.chosen], projected)
-        clock = self._timing
-        info["p1_seconds"] = p1_seconds if clock else 0.0
-        info["p2_seconds"] = p2_seconds if clock else 0.0
-        info["expert_seconds"] = scene.expert_seconds if clock else 0.0
-        return Verdict(
-            reward=float(info["reward_agreement"] + info["reward_projection"] + info["reward_tightness"]),
-            info=info,
-            posture=next((posture for posture in projected.values() if posture is not None), None),
-            envelope=envelopes[answer.chosen],
-        )
+        middle = time.perf_counter()
+        postures: dict[Projection, Posture] = {}
+        if answer.feasible and answer.point is not None:
+            points = {way: project(self._programs, way, scaled, answer.point) for way in self._projections}
+            postures = {way: scaled.posture(at) for way, at in points.items() if np.isfinite(at.residual)}
+        return _Trial(
+            scene=scene, answer=answer, envelope=envelopes[answer.chosen], postures=postures, found=len(postures),
+            p1_seconds=middle - begin, p2_seconds=time.perf_counter() - middle,
+        )  # fmt: skip
 
     def _envelopes(self, action: NDArray[np.float32] | np.int64) -> tuple[tuple[Envelope, ...], Array | None]:
         """The boxes of an action, and for "joint" the point of the one."""
@@ -176,41 +209,33 @@ class SelectionTask:
             return (Envelope.from_vector(bounds),), point.reshape(-1, 6)
         return tuple(Envelope.from_vector(row) for row in flat.reshape(self._boxes, -1)), None
 
-    def _project(self, way: Projection, scene: Scene, answer: RelaxationAnswer) -> Posture | None:
-        """Project P1's point; the posture where the verifier accepts it, None where P1 gave no point, too."""
-        if not answer.feasible or answer.point is None:
-            return None
-        point = project(self._programs, way, scene.scaled, answer.point)
-        if not np.isfinite(point.residual):
-            return None
-        posture = scene.scaled.posture(point)
-        return posture if check_postures([scene.problem], [posture])[0] <= ADMITTED else None
-
-    def _info(
-        self,
-        scene: Scene,
-        answer: RelaxationAnswer,
-        envelope: Envelope,
-        projected: dict[Projection, Posture | None],
-    ) -> dict[str, Any]:
-        reached = {way: posture is not None for way, posture in projected.items()}
+    def _verdict(self, trial: _Trial) -> Verdict:
+        """What the agent is told of a trial whose postures are the verifier's."""
+        scene, answer, envelope, weights = trial.scene, trial.answer, trial.envelope, self._weights
         agree = answer.known and answer.feasible == scene.feasible
         width = float(np.mean(envelope.high - envelope.low)) / 2.0
-        weights = self._weights
-        return {
+        reached = self._projections[0] in trial.postures
+        terms = (weights.agreement * agree, weights.projection * reached, weights.tightness * (1.0 - width))
+        clock = self._timing
+        info = {
             "label": int(scene.feasible),
             "p1_feasible": int(answer.feasible),
             "margin": float(answer.margin),
-            "gap": 0.0 if math.isnan(answer.gap) else answer.gap,
+            "gap": 0.0 if math.isnan(gap := answer.gap) else gap,
             "log_volume": envelope.log_volume(),
             "chosen": int(answer.chosen),
-            **{f"project_{way.replace('-', '_')}": int(value) for way, value in reached.items()},
-            "reward_agreement": weights.agreement * agree,
-            "reward_projection": weights.projection * reached[self._projections[0]],
-            "reward_tightness": weights.tightness * (1.0 - width),
+            **{self._keys[way]: int(way in trial.postures) for way in self._projections},
+            "reward_agreement": terms[0],
+            "reward_projection": terms[1],
+            "reward_tightness": terms[2],
             "expert_point": scene.point.copy(),
             "expert_lower_bound": float(scene.lower_bound),
+            "p1_seconds": trial.p1_seconds if clock else 0.0,
+            "p2_seconds": trial.p2_seconds if clock else 0.0,
+            "expert_seconds": scene.expert_seconds if clock else 0.0,
         }
+        posture = next((trial.postures[way] for way in self._projections if way in trial.postures), None)
+        return Verdict(reward=float(sum(terms)), info=info, posture=posture, envelope=envelope)
 
 
 def scene_space(count: int) -> spaces.Dict:

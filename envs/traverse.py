@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -18,7 +17,6 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_keys import CourseSpec
-from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.course_features import CourseFeatures, Features
 from stancekit.planners.search.plan_window import Standing, joined
 from stancekit.planners.search.replan import replan
@@ -26,14 +24,13 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 from .traverse_setup import (
-    Boxes,
     CourseSource,
-    Executor,
-    TraverseWeights,
+    TraverseSettings,
     course_source,
     offered_planners,
     path_length_m,
 )
+from .traverse_setup import TraverseWeights as TraverseWeights
 
 MAX_DRAWS = 50
 """Draws until a course whose first key frame holds."""
@@ -93,10 +90,10 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     ## Info
 
     After a reset and a step (numeric, fixed shapes): ``feasible``, ``infeasible`` (proved), ``refused`` (the envelope
-    was not learned for these limbs or patches), ``executed`` (1 done, 0 failed, −1 not tried), ``frame``, ``solves``,
-    ``progress_m``, ``objective``, ``residual``, ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,): the mode of
-    the terrain under each coming frame, −1 where unknown; ``reward_<term>``; and ``plan_seconds``, ``compile_seconds``,
-    which stay 0 unless ``timing``.
+    was not learned for these limbs or patches), ``planner`` (whose plan it is, by its action, −1 where there is none),
+    ``executed`` (1 done, 0 failed, −1 not tried), ``frame``, ``solves``, ``progress_m``, ``objective``, ``residual``,
+    ``com_m`` (3,), ``toes_m`` (N, 3), ``terrain_modes`` (H,): the mode of the terrain under each coming frame, −1 where
+    unknown; ``reward_<term>``; and ``plan_seconds``, ``compile_seconds``, which stay 0 unless ``timing``.
 
     ## Arguments
 
@@ -131,37 +128,21 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         self,
         courses: Sequence[str | CourseSpec] | CourseSource = ("stairs", "walls", "ground-to-wall"),
         *,
-        frames: int | None = 9,
-        horizon: int = 2,
-        amount: float = 1.0,
-        envelopes: Sequence[Boxes] | None = None,
-        planners: Sequence[CoursePlanner] | None = None,
-        weights: TraverseWeights = TraverseWeights(),
-        patience: int = 4,
-        limbs: int | None = None,
-        regions: int | None = None,
-        corners: int = 4,
-        robot: str | Path | None = None,
-        terrain: str | Path | None = None,
-        executor: Executor | None = None,
-        programs: Programs | None = None,
-        timing: bool = False,
         render_mode: str | None = None,
+        **options: Any,
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
-        for name, value, least in (("horizon", horizon, 1), ("patience", patience, 1), ("corners", corners, 3)):
-            if not isinstance(value, int) or value < least:
-                raise InvalidInput(f"{name}: expected {least} or more, got {value!r}")
-        self.render_mode = render_mode
-        sizes = {"horizon": horizon, "limbs": limbs, "regions": regions, "corners": corners}
-        self._draw, self._features = course_source(courses, frames, amount, sizes, robot, terrain)
-        programs = programs or Programs()
-        self._planners = tuple(offered_planners(envelopes, programs) if planners is None else planners)
+        self.render_mode, settings = render_mode, TraverseSettings(**options)
+        self._draw, self._features = course_source(courses, settings)
+        programs = settings.programs or Programs()
+        planners = settings.planners
+        self._planners = tuple(offered_planners(settings.envelopes, programs) if planners is None else planners)
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
-        self._start, self._executor = TwoStageCoursePlanner(programs=programs), executor
-        self._horizon, self._weights, self._patience, self._timing = horizon, weights, patience, timing
+        self._start, self._executor = TwoStageCoursePlanner(programs=programs), settings.executor
+        self._horizon, self._weights = settings.horizon, settings.weights
+        self._patience, self._timing = settings.patience, settings.timing
         self._course: Course | None = None
         self._walked: list[Plan] = []
         self._frame = self._vain = 0
@@ -193,13 +174,12 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         if given.shape != () or given.dtype.kind not in "iu" or not 0 <= given < len(self._planners):
             raise InvalidInput(f"action: expected a planner, 0 to {len(self._planners) - 1}, got {action!r}")
         course, begin = self._course, self._frame
-        tried = self._try(course, self._planners[int(action)])
+        tried = self._try(course, int(action))
         if tried.plan is not None:
             self._walked.append(tried.plan)
             self._frame += tried.plan.course.frames - 1
         self._vain += tried.plan is None
-        dead = tried.infeasible or tried.executed == 0
-        terminated = dead or self._frame == course.frames - 1
+        terminated = tried.infeasible or tried.executed == 0 or self._frame == course.frames - 1
         truncated = not terminated and self._vain >= self._patience
         self._over = terminated or truncated
         info = self._info(course, tried, begin)
@@ -222,9 +202,9 @@ class TraverseEnv(gym.Env[Features, np.int64]):
             raise gym.error.ResetNeeded("reset the environment before asking for the walk")
         return joined(self._course, self._walked)
 
-    def _try(self, course: Course, planner: CoursePlanner) -> _Try:
+    def _try(self, course: Course, chosen: int) -> _Try:
         """Plan the next window, have the walk with it verified, execute it."""
-        state = Standing.at_end(self._walked[-1])
+        state, planner = Standing.at_end(self._walked[-1]), self._planners[chosen]
         try:
             outcome = replan(state, course, frame=self._frame, horizon=self._horizon, planner=planner)
         except InvalidInput:  # an envelope that was not learned for these limbs or patches
@@ -233,7 +213,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         if plan is not None and not check_plan(joined(course, [*self._walked, plan])).accepted:
             plan = None  # it holds by itself, but cannot be reached from where the last one ended
         executed = -1 if plan is None or self._executor is None else int(self._executor(plan).succeeded)
-        return _Try(outcome=outcome, plan=plan, executed=executed)
+        return _Try(outcome=outcome, plan=plan, executed=executed, planner=-1 if plan is None else chosen)
 
     def _observe(self, course: Course) -> Features:
         return self._features.observe(course, self._frame, Standing.at_end(self._walked[-1]))
@@ -241,14 +221,14 @@ class TraverseEnv(gym.Env[Features, np.int64]):
     def _info(self, course: Course, tried: _Try, begin: int = 0) -> dict[str, Any]:
         weights, standing = self._weights, Standing.at_end(self._walked[-1])
         coming = range(self._frame + 1, self._frame + 1 + self._horizon)
-        modes = course.modes or ()
-        outcome, clock = tried.outcome, float(self._timing)
+        modes, outcome, clock = course.modes or (), tried.outcome, float(self._timing)
         solves = 0 if outcome is None else outcome.solves
         seconds = 0.0 if outcome is None else clock * outcome.seconds
         return {
             "feasible": int(tried.plan is not None),
             "infeasible": int(tried.infeasible),
             "refused": int(tried.refused),
+            "planner": tried.planner,
             "executed": tried.executed,
             "frame": self._frame,
             "solves": solves,
@@ -275,6 +255,7 @@ class _Try:
     plan: Plan | None = None
     refused: bool = False
     executed: int = -1
+    planner: int = -1
 
     @property
     def infeasible(self) -> bool:

@@ -22,10 +22,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput, StancekitError
+from stancekit.planners.files.arrays import checked_int
 
 from .distributions.postures import Distribution
 from .scenes import Scene, SceneKind, all_seen
-from .selection_task import SelectionOptions, SelectionTask
+from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
 
 Observation = dict[str, NDArray[np.float32]]
 Seeds = Sequence[int | None]
@@ -38,7 +39,8 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     ``infos["final_info"]`` are those of the scenes that the actions were for. Sub-environment i with seed s + i lives
     through exactly what the single environment does after ``reset(seed=s + i)``, whatever ``workers`` is.
 
-    scenes: a source that keeps count of what it drew is copied for every sub-environment. workers: processes that draw
+    scenes: a source that keeps count of what it drew is copied for every sub-environment; a folder is read once a
+    process. workers: processes that draw
     and judge, each for an equal part of the batch; 1 works in this process. More need a main module that can be
     imported (``if __name__ == "__main__"``). The other arguments are those of ``EnvelopeSelectionEnv``.
     """
@@ -56,11 +58,10 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     ) -> None:
         if render_mode is not None:
             raise InvalidInput(f"render_mode: expected None for a batch of environments, got {render_mode!r}")
-        if num_envs < 1:
-            raise InvalidInput(f"num_envs: expected 1 or more, got {num_envs}")
+        checked_int(num_envs, "num_envs", least=1)
         if not 1 <= workers <= num_envs:
             raise InvalidInput(f"workers: expected 1 to num_envs = {num_envs}, got {workers}")
-        task = SelectionTask(problem, **options)
+        task = SelectionTask(problem, SelectionSettings(**options))
         self.num_envs = num_envs
         self.single_observation_space = task.observation_space
         self.single_action_space = task.action_space
@@ -170,7 +171,7 @@ class _Batch:
     def step(self, actions: NDArray[Any]) -> _Stepped:
         """Judge, and draw the next scenes."""
         final = all_seen(self._at)
-        verdicts = [self._task.judge(scene, action) for scene, action in zip(self._at, actions, strict=True)]
+        verdicts = self._task.judge_all(self._at, actions)
         return _Stepped(
             rewards=[verdict.reward for verdict in verdicts],
             infos=[verdict.info for verdict in verdicts],
@@ -220,7 +221,7 @@ class _Worker:
 
 def _serve(pipe: Connection, problem: str | Distribution | SceneKind, options: SelectionOptions, size: int) -> None:
     """A worker's life: answer until None comes or the other end is gone."""
-    batch = _Batch(SelectionTask(problem, **options), size)
+    batch = _Batch(SelectionTask(problem, SelectionSettings(**options)), size)
     with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
         while (request := pipe.recv()) is not None:
             batch.begin(*request)

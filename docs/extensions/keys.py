@@ -62,7 +62,7 @@ SECTIONS = (
             ("planners.problem.course_json:_CourseJson",)),
     Section("Envelopes", "`stancekit/envelope/1`, JSON.", ("planners.relaxation.envelope:_EnvelopeSetJson",)),
     Section("Data sets", "`header.json` and `timing-N.json` of `stancekit/dataset/1`; written by the program.",
-            ("learners.data.ledger:Header", "learners.data.label_plan:LabelPlan", "learners.data.ledger:Timing")),
+            ("envs.data.ledger:Header", "envs.data.label_plan:LabelPlan", "envs.data.ledger:Timing")),
 )  # fmt: skip
 
 INTERNAL = {
@@ -75,8 +75,8 @@ INTERNAL = {
     "learners.selectors.neural:_Header": "metadata of weights",
     "learners.selectors.chooser:_Header": "metadata of weights",
     "learners.selectors.policy:PolicyShape": "metadata of weights",
-    "learners.data.label_plan:Counts": "written by the program into shards",
-    "learners.data.ledger:Tally": "written by the program into shards",
+    "envs.data.label_plan:Counts": "written by the program into shards",
+    "envs.data.ledger:Tally": "written by the program into shards",
     "runner.worlds.setup_file:SetupFile": "what servo and rosbridge files share",
     "planners.problem.terrain_spec:TerrainSpec": "what all kinds of terrain share",
 }

@@ -18,15 +18,14 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.envs.data.dataset import Dataset, LabelledPosture
+from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.scenes import Scene, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import check_new_folder, failure_of, replaced
 from stancekit.planners.relaxation.envelope import Envelope
-
-from .dataset import Dataset, LabelledPosture
-from .ledger import LabelPlan
 
 ENVIRONMENT = "stancekit/EnvelopeSelection-v0"
 INFOS = ("label", "p1_feasible", "margin", "expert_lower_bound")

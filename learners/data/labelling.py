@@ -20,6 +20,10 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from stancekit.envs.data import ledger
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import Header, LabelPlan, Shard
+from stancekit.envs.data.summary import Summary, finite
 from stancekit.envs.distributions.postures import Distribution
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -27,12 +31,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import write_bytes
 from stancekit.planners.verify import check_certificate, check_posture
 
-from . import ledger
-from .dataset import Dataset
 from .executor import processes
-from .ledger import Header, LabelPlan, Shard
 from .shards import label_shard, planned, samples
-from .summary import Summary, finite
 
 if TYPE_CHECKING:  # torch
     from ..proposers.proposer import Proposers

@@ -1,14 +1,15 @@
-"""Whose a data set is, held against a robot's and a terrain's file."""
+"""Whose a data set is, held against a robot's and a terrain's file, and against what a selector learned from."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.distributions.cut import identity_of
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
-
-from .dataset import Dataset
 
 
 def check_of(dataset: Dataset, robot: str | None, terrain: str | Path | None) -> None:
@@ -22,3 +23,23 @@ def check_of(dataset: Dataset, robot: str | None, terrain: str | Path | None) ->
     if terrain is not None and not dataset.problem_class.endswith(f"-on-{identity_of(terrain)}"):
         wanted = identity_of(terrain)
         raise InvalidInput(f"{where}: terrain: expected a data set of {wanted}, got one of {dataset.problem_class}")
+
+
+def check_unseen(dataset: Dataset, provenance: Mapping[str, Any], where: str) -> None:
+    """Raise InvalidInput where a selector learned from rows of this data set, or from draws of the same seed.
+
+    provenance: the selector's, with what ``Dataset.origin`` says of its rows; older ones name the set alone. Two
+    different parts of the split by hash have no row in common.
+    """
+    mine, theirs = dataset.origin, {name: provenance.get(name) for name in ("dataset", "first_sample")}
+    if isinstance(provenance.get("calibration"), dict):
+        check_unseen(dataset, provenance["calibration"], where)
+    if {mine["part"], provenance.get("part", "all")} == {"train", "test"}:
+        return
+    same = [name for name, value in theirs.items() if value is not None and value == mine[name]]
+    if same:
+        said = "these rows" if same[0] == "dataset" else f"draws of the same seed, {dataset.header.plan.seed}"
+        raise InvalidInput(
+            f"{where}: expected rows that it was not trained on, got {said}: {dataset.ledger.folder}; fit it to "
+            "--part train and evaluate it on --part test, or label with another seed"
+        )

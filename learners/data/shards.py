@@ -14,6 +14,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from stancekit.envs.data import ledger
+from stancekit.envs.data.dataset import LabelledPosture, table_of
+from stancekit.envs.data.ledger import Counts, Header, LabelPlan, Shard, Tally
 from stancekit.envs.distributions.postures import Distribution, distribution
 from stancekit.planners.answer.outcome import Outcome, Posture, Status
 from stancekit.planners.equilibrium.batch import ScaledBatch
@@ -26,10 +29,6 @@ from stancekit.planners.search.batch import Decided, decide_all
 from stancekit.planners.search.canonical import solved
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.proposals import Proposer
-
-from . import ledger
-from .dataset import LabelledPosture, table_of
-from .ledger import Counts, Header, LabelPlan, Shard, Tally
 
 BLOCK = 512
 """Samples that are decided together, at most."""

@@ -13,18 +13,18 @@ from typing import Any, ClassVar, Literal, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan, software
+from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.scenes import Scene
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import write_text
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 
-from ..data.dataset import Dataset
 from ..data.executor import Executor
 from ..data.labelling import label
-from ..data.ledger import LabelPlan, software
 from ..data.quota import Quota
-from ..data.scenes import scenes_of
 from ..selectors.selector import FixedSelector, Learned
 from ..selectors.selector_file import load_selector
 from ..training.fitting import learn_selector

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.scenes import Scene, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.envs.selection_task import ADMITTED
@@ -23,7 +24,6 @@ from stancekit.planners.relaxation.joint import RelaxationName
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import Acceptance
 
-from ..data.dataset import Dataset
 from ..data.executor import Executor, gather, processes
 from ..selectors.own import ANY
 from ..selectors.selector import Learned, Selector

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ..data.ledger import software
+from stancekit.envs.data.ledger import software
+
 from .evaluate import TABLE_I
 from .experiment import Experiment
 

@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt
 from torch import Tensor, nn
 from torch.nn import functional
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.envs.selection_task import ADMITTED
 from stancekit.planners.equilibrium.programs import Programs
@@ -25,7 +26,6 @@ from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
 
-from ..data.dataset import Dataset
 from .network import Architecture, ChoiceNetwork, SceneTensors
 from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
 
@@ -61,6 +61,7 @@ class Chooser(MemorylessPolicy):
     def __init__(self, network: ChoiceNetwork, envelopes: EnvelopeSet) -> None:
         self.network = network.eval()
         self.envelopes = envelopes
+        self.provenance = envelopes.provenance
         self._actions = np.stack([envelope.to_vector() for envelope in envelopes.envelopes]).astype(np.float32)
 
     def choose(self, observation: Observation) -> NDArray[np.int64]:

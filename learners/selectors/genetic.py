@@ -18,6 +18,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field, NonNegativeInt, PositiveInt
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
@@ -25,7 +26,6 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.validation import check_fields
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
-from ..data.dataset import Dataset
 from .convergence import Generation, Run, read_checkpoint, write_checkpoint
 from .dual_bounds import Index
 from .feasibility import CachingOracle, Counts, FeasibilityOracle
@@ -281,7 +281,7 @@ def fit_genetic(
         "method": "ga",
         "settings": asdict(settings),
         "rows": len(dataset),
-        "dataset": dataset.header.digest,
+        **dataset.origin,
         "notes": {
             "a": result.a,
             "b": result.b,

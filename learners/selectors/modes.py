@@ -6,18 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.distributions.stance import LAW
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.modes import Modes, world_points
 from stancekit.planners.search.exact import ExactPlanner
 
-from ..data.dataset import Dataset
 from .quantile import quantile_box
 
 MODES = {"ground": "ground", "wall": "wall", "terrain": "ground"}
@@ -39,8 +39,7 @@ def learn_modes(
     and wall is that of ``Course.modes``.
     Raises InvalidInput for a count below 1.
     """
-    if count < 1:
-        raise InvalidInput(f"count: expected 1 or more, got {count}")
+    checked_int(count, "count", least=1)
     planner = ExactPlanner(programs=programs or Programs())
     samples = dict[str, tuple[Sequence[PostureProblem], Sequence[Envelope]]]()
     for name in distributions:

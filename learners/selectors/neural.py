@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.memoryless import MemorylessPolicy, Observation
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
@@ -23,7 +24,6 @@ from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.joint import RelaxationName, signed_margin
 from stancekit.planners.relaxation.relaxed import FEASIBLE_MARGIN
 
-from ..data.dataset import Dataset
 from .network import BoxNetwork, SceneTensors, as_arrays
 from .neural_training import NeuralSettings, Progress, Rows, Trainer
 from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
@@ -161,7 +161,8 @@ def fit_neural(
             "settings": asdict(settings),
             "rows": len(train),
             "calibration_rows": len(held),
-            "dataset": dataset.header.digest,
+            "calibration": calibration.origin,
+            **dataset.origin,
             "history": trainer.history,
         },
     )

@@ -7,7 +7,7 @@ decides in an epoch depends on the seed and the epoch alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,15 +17,15 @@ import torch
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
 from torch import Tensor, nn
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import check_fields
-from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.planners.relaxation.joint import RelaxationName, signed_margin
+from stancekit.planners.relaxation.joint import RelaxationName
 
-from ..data.dataset import Dataset
-from .network import Architecture, Boxes, BoxNetwork, Mirror, SceneTensors, as_arrays, pinball
+from .margin import margins
+from .network import Architecture, Boxes, BoxNetwork, Mirror, SceneTensors, pinball
 from .tensors import load_weights, read_tensors, write_tensors
 
 Progress = Callable[[int, int], None]
@@ -92,43 +92,6 @@ class Rows:
 
     def __len__(self) -> int:
         return len(self.problems)
-
-
-class Margin(torch.autograd.Function):
-    """P1's signed margin of each scene over its box, with the exact gradient that P1's multipliers give.
-
-    low, high: shape (B, N, 6); returns shape (B,). Where P1 has no margin the value is 0 and nothing flows back.
-    relaxation: which P1.
-    """
-
-    @staticmethod
-    def forward(
-        ctx: Any, low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs, relaxation: RelaxationName
-    ) -> Tensor:
-        """Solve P1 once a scene."""
-        lows, highs = as_arrays(low, high)
-        margins, slopes = np.zeros(len(problems)), np.zeros((2, *lows.shape))
-        for i, problem in enumerate(problems):
-            answer = signed_margin(programs, problem, Envelope(low=lows[i], high=highs[i]), relaxation, gradient=True)
-            if answer.gradient is not None:
-                margins[i], slopes[:, i] = answer.margin, answer.gradient
-        ctx.save_for_backward(torch.as_tensor(slopes, dtype=low.dtype))
-        return torch.as_tensor(margins, dtype=low.dtype)
-
-    @staticmethod
-    def backward(ctx: Any, *outputs: Tensor) -> tuple[Tensor, Tensor, None, None, None]:
-        """Chain rule."""
-        (slopes,) = ctx.saved_tensors
-        grown = outputs[0][:, None, None]
-        return slopes[0] * grown, slopes[1] * grown, None, None, None
-
-
-def margins_of(
-    low: Tensor, high: Tensor, problems: Sequence[Scaled], programs: Programs, relaxation: RelaxationName = "p1"
-) -> Tensor:
-    """``Margin`` with types."""
-    found: Tensor = Margin.apply(low, high, problems, programs, relaxation)  # type: ignore[no-untyped-call]
-    return found
 
 
 class Trainer:
@@ -221,7 +184,7 @@ class Trainer:
             boxes = self._mirror.boxes(boxes, flipped)
         low, high, _ = boxes
         problems = [rows.problems[int(i)] for i in chosen]
-        return boxes, margins_of(low, high, problems, self._programs, self._settings.relaxation)
+        return boxes, margins(low, high, problems, self._programs, self._settings.relaxation)
 
     def _step(self, loss: Tensor) -> float:
         self._optimizer.zero_grad()

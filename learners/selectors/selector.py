@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -37,6 +37,7 @@ class FixedSelector(MemorylessPolicy):
     def __init__(self, name: str, envelopes: EnvelopeSet) -> None:
         self.name = name
         self.envelopes = envelopes
+        self.provenance = envelopes.provenance
         self._action = np.concatenate([envelope.to_vector() for envelope in envelopes.envelopes]).astype(np.float32)
 
     def action(self, observation: Observation) -> NDArray[Any]:
@@ -93,6 +94,11 @@ class Learned:
         return cls(
             selector=found, problem_class=of, write=write, boxes=getattr(found, "boxes", 1), relaxation=relaxation
         )
+
+    @property
+    def provenance(self) -> Mapping[str, Any]:
+        """How it was learned, and from which rows (``Dataset.origin``); nothing where it does not say."""
+        return dict(getattr(self.selector, "provenance", {}))
 
     @property
     def envelopes(self) -> EnvelopeSet:

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
-from ..data.dataset import Dataset
 from ..selectors.genetic import GeneticSettings, fit_genetic
 from ..selectors.gradient import Descent, descend, fit_gradient
 from ..selectors.heuristic import heuristic_envelope
@@ -41,8 +42,7 @@ def fit(
 
     ``progress`` is told steps done and steps in all where a method takes its time.
     """
-    if method not in ENVELOPES:
-        raise InvalidInput(f"method: expected one of {', '.join(ENVELOPES)}, got {method!r}")
+    checked_choice(method, "method", ENVELOPES)
     if len(dataset.feasible) < 2 or (method.startswith("gmm") and len(dataset.infeasible) < 2):
         raise InvalidInput(
             f"data set: expected two or more rows of each label, got {len(dataset.feasible)} feasible and "
@@ -63,7 +63,7 @@ def fit(
         "method": method,
         "settings": settings.concerning(method),
         "rows": len(dataset),
-        "dataset": dataset.header.digest,
+        **dataset.origin,
         "notes": notes,
     }
     return EnvelopeSet.for_problems(dataset.problem_class, list(dataset.problems()), found, provenance)

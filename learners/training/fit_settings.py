@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 from pydantic import ConfigDict, Field, NonNegativeInt, PositiveInt
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.validation import check_fields
 
-from ..data.dataset import Dataset
 from ..selectors.genetic import GeneticSettings
 from ..settings import typed
 

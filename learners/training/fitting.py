@@ -7,11 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.plugins import Registry, takes
 from stancekit.planners.relaxation.modes import Modes
 
-from ..data.dataset import Dataset
 from ..selectors.modes import modes_of
 from ..selectors.selector import Learned
 from .envelope_methods import ENVELOPES, fit

@@ -6,7 +6,8 @@ import tempfile
 from dataclasses import replace
 from pathlib import Path
 
-from ..data.scenes import scenes_of
+from stancekit.envs.data.scenes import scenes_of
+
 from ..selectors.chooser import Chooser, ChooserSettings, fit_chooser
 from ..selectors.neural import NeuralSelector, fit_neural
 from ..selectors.neural_training import NeuralSettings
@@ -14,7 +15,8 @@ from ..selectors.policy import TrainedPolicy, bounds_of
 from ..settings import typed
 from .envelope_methods import fit
 from .fit_settings import FitRequest
-from .reinforce import TrainingScenes, train
+from .held_out import TrainingScenes
+from .reinforce import train
 
 JOINT_TARGET = 0.99
 """Share of the feasible rows that the joint P1 must admit where nothing is said: chosen on validation rows."""
@@ -42,14 +44,14 @@ def chooser(request: FitRequest) -> Chooser:
     return fit_chooser(dataset, envelopes, typed(ChooserSettings, settings.chooser, "chooser"), progress)
 
 
-def reinforcement(request: FitRequest) -> TrainedPolicy:
+def reinforcement(request: FitRequest) -> TrainedPolicy | NeuralSelector:
     """A policy trained on the data set's scenes; its learning curve is drawn on the calibration rows."""
     dataset, calibration, settings = request.dataset, request.calibration, request.settings
     learned, held_out = (dataset, calibration) if calibration is not None else dataset.split((0.85, 0.15))
     count = {"feasible": len(learned.feasible), "infeasible": len(learned.infeasible), "seed": learned.header.plan.seed}
     config = settings.training(dataset.problem_class, dataset.header.legs if dataset.robot else None, count)
     base = bounds_of(fit(config.base, dataset, settings).envelopes[0])
-    scenes = TrainingScenes(train=scenes_of(learned), held_out=scenes_of(held_out), base=base)
+    scenes = TrainingScenes(train=scenes_of(learned), held_out=scenes_of(held_out), base=base, rows=learned)
     with tempfile.TemporaryDirectory() as spare:
         where = request.checkpoint or Path(spare)
         where.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Reinforcement: PPO on both environments, in segments that can be resumed bit for bit.
+"""Reinforcement: PPO on both environments, in segments that can be resumed bit for bit; or ``paired``.
 
 A run is cut into segments of ``evaluate_every`` steps. Before each one every random stream is seeded from the run's
 seed and the segment's number, and after each one the policy is evaluated on held-out scenes and a checkpoint written.
@@ -8,12 +8,10 @@ So a run that was stopped, however hard, goes on from its last segment and ends 
 from __future__ import annotations
 
 import importlib.util
-import json
 import logging
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -22,76 +20,19 @@ from stable_baselines3.common.logger import Logger, configure
 from stable_baselines3.common.utils import FloatSchedule, set_random_seed
 from stable_baselines3.common.vec_env import VecEnv
 
-from stancekit.envs.refinement import EnvelopeRefinementEnv
-from stancekit.envs.scenes import ListedScenes, PooledScenes, Scene
-from stancekit.envs.selection import EnvelopeSelectionEnv
+from stancekit.envs.scenes import PooledScenes
 from stancekit.envs.vector import EnvelopeSelectionVectorEnv
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
-from stancekit.planners.files.writing import write_text
 
-from ..data.dataset import Dataset
-from ..data.labelling import label
-from ..data.ledger import LabelPlan
-from ..data.scenes import scenes_of
-from ..selectors.policy import TrainedPolicy, bounds_of, check_shapes
-from ..selectors.selector import Selector
-from ..selectors.tensors import read_tensors, write_tensors
-from .baselines import SelectionVecEnv, open_scenes, refinement_vec_env
-from .envelope_methods import fit
+from ..selectors.policy import TrainedPolicy
+from .baselines import SelectionVecEnv, refinement_vec_env
+from .checkpoint import NAME, read_checkpoint, write_checkpoint
+from .held_out import CurvePoint, Trained, TrainingScenes, evaluator
+from .paired import PairedRun
 from .train_config import TrainConfig
 
-CHECKPOINT_FORMAT = "stancekit/training/1"
-Figures = dict[str, float]
 Progress = Callable[[int, int], None]
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, kw_only=True)
-class CurvePoint:
-    """A point of the learning curve: steps so far, mean reward an episode on held-out scenes, and further figures."""
-
-    steps: int
-    reward: float
-    figures: Mapping[str, float]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Trained:
-    """What a run ended with."""
-
-    policy: TrainedPolicy
-    curve: tuple[CurvePoint, ...]
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class TrainingScenes:
-    """What a run learns from and is evaluated on. base: bounds, shape (12N,), empty where nothing is selected."""
-
-    train: Sequence[Scene]
-    held_out: Sequence[Scene]
-    base: Array
-
-    @classmethod
-    def label(cls, config: TrainConfig, folder: Path, *, workers: int = 1) -> TrainingScenes:
-        """Make both data sets in a folder, or use those that are there."""
-        sets = []
-        for name, quota in (("train", config.train), ("held-out", config.held_out)):
-            plan = LabelPlan(
-                distribution=config.problem, robot=config.robot, terrain=config.terrain, shard_size=125, **asdict(quota)
-            )  # fmt: skip
-            label(plan, folder / name, workers=workers)
-            sets.append(Dataset.open(folder / name))
-        scenes = [scenes_of(dataset) for dataset in sets]
-        if config.shape.selects:
-            base = bounds_of(fit(config.base, sets[0]).envelopes[0])
-            return cls(train=scenes[0], held_out=scenes[1], base=base)
-        cut = [open_scenes(part) for part in scenes]
-        for name, quota, left in zip(("train", "held_out"), (config.train, config.held_out), cut, strict=True):
-            if not left:
-                asked = quota.feasible + quota.infeasible
-                raise InvalidInput(f"{name}: expected scenes that need cuts, found none among {asked}: ask for more")
-        return cls(train=cut[0], held_out=cut[1], base=np.zeros(0))
 
 
 def train(
@@ -108,13 +49,15 @@ def train(
     labels them in the folder. progress: told steps done and in all. Uses one torch thread. Raises InvalidInput.
     """
     torch.set_num_threads(1)
-    checkpoint = folder / "checkpoint.safetensors"
+    checkpoint = folder / NAME
     if checkpoint.exists() and not resume:
         raise InvalidInput(f"{folder}: holds a run already: resume it, or choose another folder")
     if resume and not checkpoint.exists():
         raise InvalidInput(f"{folder}: expected checkpoint.safetensors to resume from, found none")
     folder.mkdir(parents=True, exist_ok=True)
     scenes = scenes or TrainingScenes.label(config, folder)
+    if config.method == "paired":
+        return PairedRun(config, folder, scenes).go(checkpoint if resume else None, progress)
     env = _training_env(config, scenes)
     try:
         return _Run(config, folder, scenes, env).go(checkpoint if resume else None, progress)
@@ -173,7 +116,7 @@ class _Run:
         policy.set_training_mode(False)
         return TrainedPolicy(
             self._config.shape, policy, self._scenes.base, steps=self._model.num_timesteps,
-            provenance={"config": asdict(self._config)},
+            provenance={"config": asdict(self._config), **self._scenes.origin},
         )  # fmt: skip
 
     def _judge(self) -> None:
@@ -185,83 +128,18 @@ class _Run:
         self._model.logger.dump(self._model.num_timesteps)
 
     def _store(self) -> None:
-        """The checkpoint, whole or not at all; then what people read."""
-        model = self._model
-        tensors = {f"policy.{name}": value for name, value in model.policy.state_dict().items()}
-        for index, slot in model.policy.optimizer.state_dict()["state"].items():
-            tensors |= {f"optimizer.{index}.{name}": value for name, value in slot.items()}
-        header = {
-            "config": asdict(self._config), "steps": model.num_timesteps, "updates": model._n_updates,
-            "curve": [asdict(point) for point in self._curve],
-        }  # fmt: skip
-        write_tensors(self._folder / "checkpoint.safetensors", CHECKPOINT_FORMAT, header, tensors)
-        write_text(self._folder / "curve.jsonl", "".join(json.dumps(asdict(point)) + "\n" for point in self._curve))
+        """The checkpoint."""
+        model, policy = self._model, self._model.policy
+        write_checkpoint(
+            self._folder, self._config, self._curve, policy.state_dict(), policy.optimizer,
+            steps=model.num_timesteps, updates=model._n_updates,
+        )  # fmt: skip
 
     def _restore(self, path: Path) -> None:
         """Go back to the checkpoint. Raises InvalidInput where it is damaged or of another configuration."""
-        header, tensors = read_tensors(path, CHECKPOINT_FORMAT)
-        mine = json.loads(json.dumps(asdict(self._config)))
-        theirs = header.get("config")
-        if not isinstance(theirs, dict):
-            raise InvalidInput(f"{path}: expected a configuration in the header, got none")
-        odd = [key for key in mine if key not in ("steps", "workers") and mine[key] != theirs.get(key)]
-        if odd:
-            raise InvalidInput(f"{path}: {odd[0]}: expected {theirs.get(odd[0])} as in the run, got {mine[odd[0]]}")
         model = self._model
-        policy = {f"policy.{name}": tuple(value.shape) for name, value in model.policy.state_dict().items()}
-        check_shapes(path, policy, {name: value for name, value in tensors.items() if name.startswith("policy.")})
-        model.policy.load_state_dict({name.removeprefix("policy."): tensors[name] for name in policy})
-        state: dict[int, dict[str, Any]] = {}
-        for name, value in tensors.items():
-            if name.startswith("optimizer."):
-                _, index, slot = name.split(".")
-                state.setdefault(int(index), {})[slot] = value
-        groups = model.policy.optimizer.state_dict()["param_groups"]
-        model.policy.optimizer.load_state_dict({"state": state, "param_groups": groups})
+        header, self._curve = read_checkpoint(path, self._config, model.policy, model.policy.optimizer)
         model.num_timesteps, model._n_updates = int(header["steps"]), int(header["updates"])
-        self._curve = [CurvePoint(**point) for point in header["curve"]]
-
-
-def evaluator(config: TrainConfig, scenes: Sequence[Scene]) -> Callable[[Selector], tuple[float, Figures]]:
-    """A function that plays every scene once with a policy: mean reward an episode, and figures.
-
-    Selection: ``p1_feasible``, ``p1_infeasible`` (shares that P1 answers as the expert does), ``projected`` (of the
-    feasible). Refinement: ``solves`` an episode, ``settled`` (share that ended with a verdict).
-    """
-    if config.shape.selects:
-        selection = EnvelopeSelectionEnv(config.kind, scenes=ListedScenes(scenes))
-        return lambda policy: _selection_figures(policy, selection, len(scenes))
-    refinement = EnvelopeRefinementEnv(config.kind, budget=config.budget, scenes=ListedScenes(scenes))
-    return lambda policy: _refinement_figures(policy, refinement, len(scenes))
-
-
-def _selection_figures(policy: Selector, env: EnvelopeSelectionEnv, episodes: int) -> tuple[float, Figures]:
-    rewards, projected = [], []
-    right: dict[int, list[float]] = {0: [], 1: []}
-    for _ in range(episodes):
-        observation, _ = env.reset()
-        _, reward, _, _, info = env.step(policy.predict(observation, deterministic=True)[0])
-        rewards.append(reward)
-        right[info["label"]].append(float(info["reward_agreement"] > 0.0))
-        if info["label"]:
-            projected.append(float(info["project_fix_p"]))
-    shares = {"p1_feasible": right[1], "p1_infeasible": right[0], "projected": projected}
-    return float(np.mean(rewards)), {name: float(np.mean(values)) for name, values in shares.items() if values}
-
-
-def _refinement_figures(policy: Selector, env: EnvelopeRefinementEnv, episodes: int) -> tuple[float, Figures]:
-    rewards, solves, settled = [], [], []
-    for _ in range(episodes):
-        observation, _ = env.reset()
-        total, over = 0.0, False
-        while not over:
-            action, _ = policy.predict(observation, deterministic=True)
-            observation, reward, ended, cut_off, info = env.step(np.int64(action))
-            total, over = total + reward, ended or cut_off
-        rewards.append(total)
-        solves.append(info["solves"])
-        settled.append(info["verdict"] >= 0)
-    return float(np.mean(rewards)), {"solves": float(np.mean(solves)), "settled": float(np.mean(settled))}
 
 
 def _training_env(config: TrainConfig, scenes: TrainingScenes) -> VecEnv:

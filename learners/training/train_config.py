@@ -37,6 +37,28 @@ class PpoSettings:
 
 
 @dataclass(frozen=True, kw_only=True)
+class PairedSettings:
+    """Knobs of the paired score function (``training.paired``).
+
+    start: keys of ``NeuralSettings``, for the network that it begins with. scenes: of an update. pairs: of opposite
+    actions a scene. spread: standard deviation of an action's bounds, non-dimensional. rate: Adam's; falls to a tenth.
+    """
+
+    __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
+
+    start: Mapping[str, Any] = field(default_factory=lambda: {"margin_epochs": 0})
+    scenes: Annotated[int, Field(ge=1)] = 96
+    pairs: Annotated[int, Field(ge=1)] = 4
+    spread: Annotated[float, Field(gt=0.0)] = 0.015
+    rate: Annotated[float, Field(gt=0.0)] = 5e-5
+
+    @property
+    def steps(self) -> int:
+        """Of the environment, an update."""
+        return 2 * self.pairs * self.scenes
+
+
+@dataclass(frozen=True, kw_only=True)
 class TrainConfig:
     """One training run. Steps are rounded up to whole segments, and segments to whole rollouts.
 
@@ -45,7 +67,8 @@ class TrainConfig:
     from and to evaluate on, and their seeds.
     envs: sub-environments; workers: their processes (selection only). Selection: base, offset, spread: the envelope
     that the policy moves the bounds of, how far it may, and the initial standard deviation of that, as a share of
-    offset. Refinement: budget of solves an episode. tensorboard: write its logs, too.
+    offset. Refinement: budget of solves an episode. tensorboard: write its logs, too. method: "ppo", or for selection
+    "paired", with the settings of its name; it has no use for envs, workers, base, offset and spread.
     """
 
     __pydantic_config__: ClassVar[ConfigDict] = ConfigDict(extra="forbid")
@@ -64,7 +87,9 @@ class TrainConfig:
     budget: Annotated[int, Field(ge=1)] = 200
     evaluate_every: Annotated[int, Field(ge=1)] = 10_240
     tensorboard: bool = False
+    method: Literal["ppo", "paired"] = "ppo"
     ppo: PpoSettings = field(default_factory=PpoSettings)
+    paired: PairedSettings = field(default_factory=PairedSettings)
     robot: str | None = None
     terrain: str | None = None
     legs: tuple[str, ...] | None = None
@@ -72,6 +97,8 @@ class TrainConfig:
     def __post_init__(self) -> None:
         if self.train.seed == self.held_out.seed:
             raise InvalidInput(f"held_out.seed: expected another seed than train.seed, got {self.train.seed} for both")
+        if self.method == "paired" and not self.environment.endswith("EnvelopeSelection-v0"):
+            raise InvalidInput(f"method: expected ppo for {self.environment}, got paired")
         _ = self.kind  # refuses unknown distributions
 
     @classmethod
@@ -97,6 +124,6 @@ class TrainConfig:
 
     @property
     def segment(self) -> int:
-        """Steps between evaluations: whole rollouts."""
-        rollout = self.ppo.rollout * self.envs
+        """Steps between evaluations: whole rollouts, or updates."""
+        rollout = self.ppo.rollout * self.envs if self.method == "ppo" else self.paired.steps
         return -(-self.evaluate_every // rollout) * rollout

@@ -47,17 +47,18 @@ class Numbers:
     """
 
     def __init__(self, values: Sequence[object], data: object) -> None:
-        names = dict.fromkeys(one.name for one in values if isinstance(one, Of))
-        self._read = [attrgetter(name) for name in names]
+        names = list(dict.fromkeys(one.name for one in values if isinstance(one, Of)))
+        several = len(names) > 1  # attrgetter then reads all in one call
+        self._read = attrgetter(*names) if several else lambda data: [attrgetter(name)(data) for name in names]
         self._places, end = {}, 1
-        for name, read in zip(names, self._read, strict=True):
-            numbers = np.asarray(read(data))
+        for name, found in zip(names, self._read(data), strict=True):
+            numbers = np.asarray(found)
             self._places[name] = end + np.arange(numbers.size).reshape(numbers.shape)
             end += numbers.size
 
     def of(self, data: object) -> Array:
         """The numbers of a problem."""
-        return np.concatenate([1.0, *(read(data) for read in self._read)], axis=None)
+        return np.concatenate((1.0, *self._read(data)), axis=None)
 
     def places(self, values: Of) -> Index:
         """Where these are."""

@@ -48,7 +48,7 @@ class Envelope:
     def __post_init__(self) -> None:
         low = read_only(self.low, (None, 6), "low")
         high = read_only(self.high, (len(low), 6), "high")
-        if np.any(low > high):
+        if (low > high).any():
             i, d = np.argwhere(low > high)[0]
             raise InvalidInput(f"low[{i}][{d}]: expected at most high, got {low[i, d]:g} > {high[i, d]:g}")
         object.__setattr__(self, "low", low)

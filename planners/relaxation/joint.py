@@ -40,14 +40,22 @@ RelaxationName = Literal["p1", "joint"]
 def signed_margin(
     programs: Programs, scaled: Scaled, box: Envelope, relaxation: RelaxationName, *, gradient: bool = False
 ) -> RelaxationAnswer:
-    """Either P1's signed margin over a box; gradient: see ``McCormick``."""
+    """Either P1's signed margin over a box: the least t by which the rows of its envelope have to give way.
+
+    P1 has an answer where t ≤ 0. programs: to share. relaxation: "p1" McCormick's rows alone, "joint" linked with the
+    lift. gradient: also ∂t/∂low and ∂t/∂high. The margin of the answer is inf where not even the rest has an answer,
+    NaN where the solver failed.
+    """
     if relaxation == "p1":
         return programs.get(McCormick, scaled.layout).solve(scaled, box, gradient=gradient)
     return programs.get(Joint, scaled.layout, True).solve(scaled, box, gradient=gradient)
 
 
 def near_nominal(scaled: Scaled, at: Array) -> Point:
-    """A point with these [p, f], shape (B, 6), the bodies where they are nominally; it need not be on the patches."""
+    """A point with these [p, f], the bodies where they are nominally; it need not be on the patches.
+
+    at: shape (B, 6), non-dimensional. Its residual is inf: it is a place to linearise about, no answer.
+    """
     stance, _, foothold = scaled.layout.contacts
     toes = np.zeros((scaled.layout.footholds, 3))
     toes[foothold] = at[:, :3] + scaled.com[scaled.layout.stance_frames[stance]]

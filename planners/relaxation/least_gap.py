@@ -48,7 +48,11 @@ class LeastGap:
         return least_gap(given.scaled, given.held)
 
     def solve(self, scaled: Scaled, about: Point) -> Point:
-        """The point of least gap as linearised ``about`` another; its residual is inf where there is none."""
+        """The point of least gap as linearised about another, rounded onto patches and friction cones.
+
+        about: [p̂, f̂]; one candidate a foothold. Returns the rounded point with residual 0.0, which says that there is
+        one: its own moments are near zero, not zero. The residual is inf where the lift has no answer.
+        """
         solution = self.rows.solve(Given(scaled, about))
         if not solution.solved:
             return replace(about, residual=float("inf"), seconds=solution.seconds)

@@ -103,7 +103,11 @@ class McCormick:
         return p1(given.scaled, given.boxes[0], soft=self._soft, axes=self._axes)
 
     def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
-        """P1 over this box; gradient: of the signed margin."""
+        """P1 over one box (paper E §III): m = p f replaced by McCormick's envelope over it.
+
+        box: over the B stance contacts, [p, f] non-dimensional. gradient: also that of the signed margin in the box's
+        bounds, from the multipliers. Where the rows are hard the margin of the answer is 0 or inf.
+        """
         solution = self.rows.solve(Boxed(scaled, boxes=(box,)))
         answer = self._answer(solution, scaled)
         if gradient and answer.at is not None:
@@ -111,12 +115,21 @@ class McCormick:
         return answer
 
     def solve_hull(self, scaled: Scaled, boxes: Sequence[Envelope], allowed: Array) -> RelaxationAnswer:
-        """P1 over the hull. allowed: 1 where a stance may use a box, 0 where not, shape (S, E)."""
+        """P1 over the convex hull of a choice among boxes in every stance (paper E §IV-A, mode switching).
+
+        boxes: E of them, each over all stance contacts. allowed: 1 where a stance may use a box, 0 where not, shape (S,
+        E). Returns an answer with ``modes``, the shares of the boxes, shape (S, E); a stance is decided where one of
+        them is 1.
+        """
         solution = self.rows.solve(Boxed(scaled, boxes=boxes, allowed=allowed))
         return replace(self._answer(solution, scaled), modes=np.clip(solution.value("modes"), 0.0, 1.0))
 
     def solve_any(self, scaled: Scaled, envelopes: Sequence[Envelope]) -> RelaxationAnswer:
-        """P1 with one binary an envelope: the box of least margin. One posture has few boxes, so each is tried."""
+        """P1 with one binary an envelope: the box of least margin. One posture has few boxes, so each is tried.
+
+        envelopes: one or more. Returns the best answer with ``chosen``, its number, and ``solves``; the margin is NaN
+        where none is feasible and some solve failed. Raises InvalidInput for none.
+        """
         if not envelopes:
             raise InvalidInput("envelopes: expected one or more, got none")
         answers = [self.solve(scaled, envelope) for envelope in envelopes]
@@ -128,7 +141,11 @@ class McCormick:
         return best if best.feasible or all_known else RelaxationAnswer(margin=float("nan"), solves=len(answers))
 
     def dual_bound(self, scaled: Scaled, box: Envelope) -> DualBound:
-        """Signed margin over this box, and what its solution and multipliers say about other boxes; of a posture."""
+        """The signed margin over this box, and what its solution and multipliers prove about other boxes; of a posture.
+
+        Returns slope and constant of a lower bound on the margin that is linear in [p, f] (see ``DualBound``): what the
+        solver's dual residual leaves open is taken at its worst.
+        """
         given = Boxed(scaled, boxes=(box,))
         solution = self.rows.solve(given)
         answer = self._answer(solution, scaled)
@@ -285,7 +302,10 @@ def _relaxed(solution: ConicSolution, scaled: Scaled, forces: Forces) -> Relaxed
 
 
 def margin_gradient(solution: ConicSolution, at: Array, box: Envelope) -> tuple[Array, Array]:
-    """∂t/∂low and ∂t/∂high: the envelope theorem, row by row of the envelope; at: [p, f], shape (B, 6)."""
+    """∂t/∂low and ∂t/∂high of P1's signed margin, shape (B, 6) each: the envelope theorem, row by row of the envelope.
+
+    solution: of the program with a margin. at: its [p, f], shape (B, 6). box: that it was solved over.
+    """
     signed = solution.dual("envelope") * SIGNS
     p_ends, f_ends = box.corners.p, box.corners.f
     by_p = (signed * (at[:, None, 3:] - SIGNS * f_ends)).sum(axis=3)  # of p_end: Σ_k u_jk (f_k − f_end)

@@ -51,9 +51,9 @@ class SelectorPolicy:
     def __call__(self, observation: Observation) -> CoursePlanner:
         """The planner of the coming key frames."""
         boxes = chosen(self._selector, self.learned, observation.window)
-        if not boxes:
-            return self._lift
-        within = EnvelopeCoursePlanner(replace(self.learned, envelopes=boxes), programs=self._programs)
+        within = None
+        if boxes:
+            within = EnvelopeCoursePlanner(replace(self.learned, envelopes=boxes), programs=self._programs)
         self.planners.append(EnvelopeOrLift(within, self._lift))
         return self.planners[-1]
 
@@ -106,21 +106,21 @@ def triangular(patch: Patch) -> Patch:
 
 
 class EnvelopeOrLift:
-    """Plans within envelopes, and without where that fails or they are not for the course.
+    """Plans within envelopes, and without where there are none, that fails, or they are not for the course.
 
     within_last: whether the last plan is within them; None before there is one.
     """
 
     name = "two-stage"
 
-    def __init__(self, within: EnvelopeCoursePlanner, lift: TwoStageCoursePlanner) -> None:
+    def __init__(self, within: EnvelopeCoursePlanner | None, lift: TwoStageCoursePlanner) -> None:
         self.within, self.lift = within, lift
         self.within_last: bool | None = None
 
     def solve(self, course: Course) -> PlanOutcome:
         """Answer one course."""
         try:
-            outcome = self.within.solve(course)
+            outcome = None if self.within is None else self.within.solve(course)
         except InvalidInput:
             outcome = None
         if outcome is not None and outcome.plan is not None:

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from stancekit.cli.main import main
+from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
 
 PLAN = LabelPlan(distribution="wall-3", feasible=8, infeasible=8, shard_size=4, seed=2)
 

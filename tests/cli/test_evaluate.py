@@ -27,7 +27,7 @@ def test_the_rows_are_shares_with_their_intervals(stancekit, labelled, envelopes
 
 
 def test_shares_agree_with_solve(stancekit, labelled, envelopes, write):
-    from stancekit.learners.data.dataset import Dataset
+    from stancekit.envs.data.dataset import Dataset
 
     data = Dataset.open(labelled)
     file = write("p.jsonl", *(data.row(index).problem.to_json() for index in data.feasible))
@@ -117,3 +117,13 @@ def test_a_data_set_of_nothing_but_trivial_rows_is_refused(refusal, stancekit):
     assert summary["rows"]["trivial"] == 1
     assert refusal("evaluate", "data") == "data: expected feasible or not trivially infeasible rows, got none"
     assert refusal("evaluate", "none") == "none: expected the folder of a data set, found nothing"
+
+
+def test_rows_that_were_trained_on_are_refused_and_the_other_part_is_not(stancekit, refusal, labelled):
+    stancekit("fit", labelled, "--method", "quantile", "--part", "train", "--out", "q.json")
+    told = f"q.json: expected rows that it was not trained on, got these rows: {labelled}; fit it to --part train "
+    told += "and evaluate it on --part test, or label with another seed"
+    for part in ("all", "train"):
+        assert refusal("evaluate", labelled, "--envelope", "q.json", "--part", part) == told
+    ran = stancekit("evaluate", labelled, "--envelope", "q.json", "--part", "test", "--no-lift", "--json")
+    assert (ran.code, len(ran.records)) == (0, 1)

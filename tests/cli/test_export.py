@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from stancekit.cli.main import main
+from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
 
 
 def run(*arguments: object) -> int:

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.data import labelling
-from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.shards import LabellingFailed
 
 SAME = ("--feasible", "8", "--infeasible", "8", "--shard-size", "4", "--seed", "2", "--workers", "1")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from stancekit.learners.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.data.labelling import recheck
 from stancekit.planners.answer.answer_file import read_envelopes
 from stancekit.planners.robot.robot_file import named_robot

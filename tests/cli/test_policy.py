@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from stancekit.cli.policy import read_policy
+from stancekit.cli.run_table import loop_table, unused
 from stancekit.learners.selectors.chooser import Chooser
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
 from stancekit.learners.selectors.neural import NeuralSelector
@@ -17,7 +18,8 @@ from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.expert import expert_envelopes
-from stancekit.runner.control.closed_loop import Observation
+from stancekit.runner.control.closed_loop import LoopReport, Observation
+from stancekit.runner.safety.ending import Ended
 
 COURSE = read_course("walls", frames=3)
 EXPERT = expert_envelopes("wall")
@@ -56,6 +58,15 @@ def test_any_selector_s_file_is_a_policy_whose_plans_are_verified(kind: str, tmp
         assert policy.answers == (1, 0)
 
 
+def test_boxes_that_are_for_p1_joined_with_the_lift_are_refused(tmp_path: Path) -> None:
+    NeuralSelector(
+        BoxNetwork(Architecture(width=16, layers=1, heads=2, corner_width=8)), problem_class=EXPERT.problem_class,
+        legs=EXPERT.legs, force_scale_n=1.0, length_scale_m=1.0, relaxation="joint",
+    ).save(tmp_path / "joint.safetensors")  # fmt: skip
+    with pytest.raises(InvalidInput, match="expected a selector of boxes for P1 alone, got one for P1 joint"):
+        read_policy(str(tmp_path / "joint.safetensors"), COURSE)
+
+
 def test_the_lift_needs_no_selector() -> None:
     assert read_policy("lift", COURSE) is None
 
@@ -71,3 +82,15 @@ def test_selectors_that_do_not_fit_are_refused_with_their_file(tmp_path: Path) -
     write_selector("neural", path, problem="moon-3")
     with pytest.raises(InvalidInput, match=r"strange.safetensors: problem class: distribution: expected .*moon-3"):
         read_policy(str(path), COURSE)
+
+
+@pytest.mark.parametrize(("answers", "said"), [((0, 3), True), ((0, 0), True), ((1, 2), False)])
+def test_a_run_to_which_the_policy_gave_no_plan_is_a_warning(answers: tuple[int, int], said: bool) -> None:
+    report = LoopReport(
+        succeeded=True, message="", ended=Ended(left="held", message="", seconds=0.0), plans=3, replans=0, frames=4,
+        friction_share=1.0, com_final_m=0.0, deviation_m=0.0, seconds=1.0, plan_s=0.1, wall_s=1.0,
+    )  # fmt: skip
+    column = list(loop_table(report, answers).columns[0].cells)
+    assert ("warning" in column) == said
+    warned = f"the policy made none of the {answers[1]} plans that were made"
+    assert unused(answers).startswith(warned)

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from stancekit.learners.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.proposers.proposer import FORMAT, Proposers
 from stancekit.learners.selectors.tensors import read_tensors, write_tensors
 

@@ -15,9 +15,9 @@ import yaml
 from PIL import Image
 
 from stancekit.configs import config_path
+from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import distribution
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.selectors.chooser import Chooser
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, ChoiceNetwork
 from stancekit.learners.selectors.neural import NeuralSelector

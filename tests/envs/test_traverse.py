@@ -126,6 +126,7 @@ def test_a_walk_with_fitting_planners_reaches_the_end_and_is_accepted_by_the_ver
     assert len(seen) == 1 + len(actions)
     assert seen[-1][2:4] == (True, False)
     assert all(step[-1]["feasible"] == 1 for step in seen[1:])
+    assert [step[-1]["planner"] for step in seen] == [-1, *actions]
     walk = env.walk()
     report = check_plan(walk)
     assert report.accepted, report.message
@@ -154,6 +155,7 @@ def test_an_envelope_learned_for_another_terrain_is_refused_and_the_robot_stays(
     first, _ = env.reset(seed=0)
     after, reward, terminated, truncated, info = env.step(np.int64(WALKING))
     assert (info["refused"], info["feasible"], info["frame"], terminated, truncated) == (1, 0, 0, False, False)
+    assert info["planner"] == -1
     assert reward == pytest.approx(-TraverseWeights().failure)
     assert same(first, after, exact=True)
 

@@ -73,6 +73,13 @@ def test_a_choice_within_which_there_is_no_plan_is_planned_without() -> None:
     assert (policy.answers, outcome.plan.provenance["p1"]) == ((0, 1), "lift")
 
 
+def test_what_is_planned_where_nothing_was_chosen_counts_as_planned_without() -> None:
+    policy = SelectorPolicy(Always(vector(LEARNED)), expert_envelopes("wall", legs=FIVE_LEGS))
+    outcome = policy(seen()).solve(WINDOW)
+    assert outcome.plan is not None
+    assert (policy.answers, outcome.plan.provenance["p1"]) == ((0, 1), "lift")
+
+
 def test_a_selector_that_would_never_be_asked_is_refused() -> None:
     policy = SelectorPolicy(Always(vector(LEARNED)), expert_envelopes("wall", legs=FIVE_LEGS))
     with pytest.raises(InvalidInput, match="expected a selector for stances of walls, got one for RF, RM, RR, LF, LR"):

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data import executor as module
 from stancekit.learners.data.executor import ClusterGone, WorkersDied, executor, gather, processes
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
 from stancekit.planners.errors import InvalidInput
 from tests.emulators.tasks import die, die_once, fail, square
 

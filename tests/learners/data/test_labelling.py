@@ -18,12 +18,13 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from stancekit.envs.data import ledger
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import PostureDistribution, distribution
-from stancekit.learners.data import ledger, shards
-from stancekit.learners.data.dataset import Dataset
+from stancekit.learners.data import shards
 from stancekit.learners.data.executor import processes
 from stancekit.learners.data.labelling import Progress, Task, label, recheck
-from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.data.shards import LabellingFailed, samples
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
@@ -35,7 +36,7 @@ NATURAL = LabelPlan(distribution="wall-3", feasible=0, infeasible=40, shard_size
 
 RUN = """
 import json, os, signal, sys
-from stancekit.learners.data.ledger import LabelPlan
+from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
 
 plan, path, workers, function, calls = json.loads(sys.argv[1])

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.scenes import ListedScenes, Scene
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.executor import processes
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
-from stancekit.learners.data.scenes import scenes_of
 from stancekit.learners.evaluation import evaluate as module
 from stancekit.learners.evaluation.evaluate import Share, evaluate, evaluate_lift, paper_row, rollout
 from stancekit.learners.selectors.selector import FixedSelector, Learned

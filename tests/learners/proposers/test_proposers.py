@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.label_plan import LabelPlan
 from stancekit.envs.distributions.postures import distribution
-from stancekit.learners.data.dataset import Dataset
-from stancekit.learners.data.label_plan import LabelPlan
 from stancekit.learners.data.labelling import label, recheck
 from stancekit.learners.proposers import proof, witness
 from stancekit.learners.proposers.proposer import FORMAT, Proposers, networks

@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.memoryless import Observation
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
-from stancekit.learners.data.scenes import scenes_of
 from stancekit.learners.evaluation.evaluate import rollout
 from stancekit.learners.selectors.chooser import Chooser, ChooserSettings, costs, fit_chooser
 from stancekit.learners.selectors.gradient import clustered_boxes

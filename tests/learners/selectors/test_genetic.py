@@ -12,10 +12,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.distributions.postures import distribution
-from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.selectors import evolution
 from stancekit.learners.selectors.convergence import Generation, draw_convergence
 from stancekit.learners.selectors.feasibility import CachingOracle, Counts, SolvingOracle

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from stancekit.learners.data.dataset import Dataset
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
 from stancekit.learners.selectors.gradient import (
     Descent,
     clustered_boxes,

@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 import torch
 
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.scenes import ListedScenes
 from stancekit.envs.selection import EnvelopeSelectionEnv
-from stancekit.learners.data.dataset import Dataset
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
-from stancekit.learners.data.scenes import scenes_of
+from stancekit.learners.selectors.margin import margins
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, Mirror, SceneTensors, pinball
 from stancekit.learners.selectors.neural import NeuralSelector, calibrated_room, fit_neural, roomy
-from stancekit.learners.selectors.neural_training import NeuralSettings, Rows, margins_of
+from stancekit.learners.selectors.neural_training import NeuralSettings, Rows
 from stancekit.learners.selectors.quantile import quantile_box
 from stancekit.learners.selectors.tensors import read_tensors, write_tensors
 from stancekit.planners.equilibrium.programs import Programs
@@ -117,8 +118,8 @@ def test_the_mirror_is_an_exact_symmetry_of_scenes_and_of_p1(name: str) -> None:
     low = torch.tensor(middle - rng.uniform(0.05, 0.3, middle.shape))
     high = torch.tensor(middle + rng.uniform(0.05, 0.3, middle.shape))
     here, there = (
-        margins_of(low, high, originals, programs),
-        margins_of(*mirror.boxes((low, high, low), flipped)[:2], turned, programs),
+        margins(low, high, originals, programs),
+        margins(*mirror.boxes((low, high, low), flipped)[:2], turned, programs),
     )
     assert bool((here != 0.0).sum() > 6)
     torch.testing.assert_close(here, there, rtol=0.0, atol=1e-6)
@@ -135,14 +136,14 @@ def test_the_margin_flows_back_as_finite_differences_say(dataset: Dataset, progr
     box = quantile_box(dataset.points)
     low, high = (torch.tensor(np.stack([side] * 6)).requires_grad_() for side in (box.low, box.high))
     weights = torch.arange(1.0, 7.0, dtype=torch.float64)
-    torch.autograd.backward((weights * margins_of(low, high, problems, programs)).sum())
+    torch.autograd.backward((weights * margins(low, high, problems, programs)).sum())
     assert low.grad is not None
     assert high.grad is not None
     rng, step = np.random.default_rng(0), 1e-5
     for _ in range(3):
         ways = [torch.tensor(rng.normal(size=low.shape)) for _ in range(2)]
         sides = [(low.detach() + s * ways[0], high.detach() + s * ways[1]) for s in (step, -step)]
-        ahead, behind = (float((weights * margins_of(*pair, problems, programs)).sum()) for pair in sides)
+        ahead, behind = (float((weights * margins(*pair, problems, programs)).sum()) for pair in sides)
         along = float((low.grad * ways[0]).sum() + (high.grad * ways[1]).sum())
         assert along == pytest.approx((ahead - behind) / (2 * step), rel=0.02, abs=2e-3)
 

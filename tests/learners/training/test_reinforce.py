@@ -27,7 +27,8 @@ from stancekit.learners.selectors.policy import PolicyShape, TrainedPolicy, boun
 from stancekit.learners.selectors.selector import FixedSelector
 from stancekit.learners.training import reinforce
 from stancekit.learners.training.baselines import SelectionVecEnv, open_scenes, refinement_vec_env
-from stancekit.learners.training.reinforce import TrainingScenes, evaluator, train
+from stancekit.learners.training.held_out import TrainingScenes, evaluator
+from stancekit.learners.training.reinforce import train
 from stancekit.learners.training.train_config import PpoSettings, TrainConfig
 from stancekit.planners.errors import InvalidInput
 

@@ -12,10 +12,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from stancekit.learners.data import dataset, ledger, shards
-from stancekit.learners.data.dataset import Dataset, LabelledPosture
+from stancekit.envs.data import dataset, ledger
+from stancekit.envs.data.dataset import Dataset, LabelledPosture
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.learners.data import shards
 from stancekit.learners.data.labelling import label
-from stancekit.learners.data.ledger import LabelPlan
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.features import observe_batch
 from stancekit.planners.equilibrium.scaled import Scaled

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 import pyarrow as pa
@@ -30,6 +31,10 @@ Index = NDArray[np.intp]
 Observation = dict[str, NDArray[np.float32]]
 Read = TypeVar("Read")
 POSTURE: dict[str, tuple[int, ...]] = {"com_m": (3,), "rotation_rad": (3,), "toes_m": (-1, 3), "forces_n": (-1, 3)}
+Part = Literal["all", "train", "test"]
+"""Of a data set's rows: see ``Dataset.only``."""
+TEST_SHARE = 5
+"""One row in so many is of the part "test"."""
 LABELS = {"feasible": 1, "infeasible": 0, "undecided": -1}
 """What ``Dataset[k]`` says of a row."""
 OPEN_SHARDS = 4
@@ -83,6 +88,7 @@ class Dataset:
     Arguments:
         ledger: the folder's files, see ``Dataset.open``.
         chosen: which rows of the folder these are, in this order, shape (K,).
+        part: what they were confined to, see ``only``.
     Raises:
         InvalidInput: from ``open``, for a folder that is missing, foreign, damaged or of another version.
     Source:
@@ -97,6 +103,7 @@ class Dataset:
 
     ledger: Ledger
     chosen: Index
+    part: Part = "all"
     _open: dict[int, pa.Table] = field(default_factory=dict)
 
     @classmethod
@@ -191,7 +198,27 @@ class Dataset:
 
     def select(self, indices: ArrayLike) -> Dataset:
         """The data set of these rows."""
-        return Dataset(ledger=self.ledger, chosen=self.chosen[np.asarray(indices, dtype=np.intp)])
+        return replace(self, chosen=self.chosen[np.asarray(indices, dtype=np.intp)], _open={})
+
+    def only(self, part: Part) -> Dataset:
+        """The rows of "train" or of "test", one in TEST_SHARE, by a hash of their problems; or "all".
+
+        A problem is of the same part in whatever data set it is: what was learned from "train" has seen nothing of
+        "test". Raises InvalidInput for another part.
+        """
+        if part not in get_args(Part):
+            raise InvalidInput(f"part: expected one of {', '.join(get_args(Part))}, got {part!r}")
+        if part == "all":
+            return self
+        shards = [self.ledger.read(shard, ["problem"]) for shard in range(self.header.plan.shards)]
+        texts = [text for shard in shards for text in shard.column("problem").to_pylist()]
+        found = [_is_test(texts[k]) == (part == "test") for k in self.chosen]
+        return replace(self, chosen=self.chosen[np.array(found, dtype=bool)], part=part, _open={})
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """What a selector that learned from these rows keeps of them: digest of the set, of its draws, the part."""
+        return {"dataset": self.header.digest, "first_sample": self.header.first_sample, "part": self.part}
 
     def split(self, fractions: Sequence[float]) -> tuple[Dataset, ...]:
         """Disjoint data sets of these shares of every kind of rows, always the same ones, e.g. (.6, .2, .2).
@@ -268,6 +295,11 @@ class Dataset:
             return decode(self._open[shard].slice(row, 1).to_pylist()[0])
         except (TypeError, ValueError, OverflowError, KeyError, AttributeError) as error:
             raise InvalidInput(f"{self.ledger.folder / shard_name(shard)}: row {row}: {error}") from None
+
+
+def _is_test(problem: str) -> bool:
+    """Whether the problem, as a shard has it, is of the part "test"."""
+    return int.from_bytes(hashlib.sha256(problem.encode()).digest()[:8], "big") % TEST_SHARE == 0
 
 
 def table_of(rows: Sequence[LabelledPosture], contacts: int) -> pa.Table:

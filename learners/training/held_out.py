@@ -1,0 +1,127 @@
+"""What a training run learns from, and how it is judged: labelled scenes, and episodes on those held out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.data.scenes import scenes_of
+from stancekit.envs.refinement import EnvelopeRefinementEnv
+from stancekit.envs.scenes import ListedScenes, Scene
+from stancekit.envs.selection import EnvelopeSelectionEnv
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+
+from ..data.labelling import label
+from ..selectors.neural import NeuralSelector
+from ..selectors.policy import TrainedPolicy, bounds_of
+from ..selectors.selector import Selector
+from .baselines import open_scenes
+from .envelope_methods import fit
+from .train_config import TrainConfig
+
+Figures = dict[str, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurvePoint:
+    """A point of the learning curve: steps so far, mean reward an episode on held-out scenes, and further figures."""
+
+    steps: int
+    reward: float
+    figures: Mapping[str, float]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trained:
+    """What a run ended with."""
+
+    policy: TrainedPolicy | NeuralSelector
+    curve: tuple[CurvePoint, ...]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TrainingScenes:
+    """What a run learns from and is evaluated on.
+
+    base: bounds, shape (12N,), empty where nothing is selected. rows: those that ``train`` are of, where
+    they are a data set's.
+    """
+
+    train: Sequence[Scene]
+    held_out: Sequence[Scene]
+    base: Array
+    rows: Dataset | None = None
+
+    @property
+    def origin(self) -> dict[str, str]:
+        """Of the rows learned from, see ``Dataset.origin``; nothing where they are no data set's."""
+        return {} if self.rows is None else self.rows.origin
+
+    @classmethod
+    def label(cls, config: TrainConfig, folder: Path, *, workers: int = 1) -> TrainingScenes:
+        """Make both data sets in a folder, or use those that are there."""
+        sets = []
+        for name, quota in (("train", config.train), ("held-out", config.held_out)):
+            plan = LabelPlan(
+                distribution=config.problem, robot=config.robot, terrain=config.terrain, shard_size=125, **asdict(quota)
+            )  # fmt: skip
+            label(plan, folder / name, workers=workers)
+            sets.append(Dataset.open(folder / name))
+        scenes = [scenes_of(dataset) for dataset in sets]
+        if config.shape.selects:
+            base = bounds_of(fit(config.base, sets[0]).envelopes[0])
+            return cls(train=scenes[0], held_out=scenes[1], base=base, rows=sets[0])
+        cut = [open_scenes(part) for part in scenes]
+        for name, quota, left in zip(("train", "held_out"), (config.train, config.held_out), cut, strict=True):
+            if not left:
+                asked = quota.feasible + quota.infeasible
+                raise InvalidInput(f"{name}: expected scenes that need cuts, found none among {asked}: ask for more")
+        return cls(train=cut[0], held_out=cut[1], base=np.zeros(0), rows=sets[0])
+
+
+def evaluator(config: TrainConfig, scenes: Sequence[Scene]) -> Callable[[Selector], tuple[float, Figures]]:
+    """A function that plays every scene once with a policy: mean reward an episode, and figures.
+
+    Selection: ``p1_feasible``, ``p1_infeasible`` (shares that P1 answers as the expert does), ``projected`` (of the
+    feasible). Refinement: ``solves`` an episode, ``settled`` (share that ended with a verdict).
+    """
+    if config.shape.selects:
+        selection = EnvelopeSelectionEnv(config.kind, scenes=ListedScenes(scenes))
+        return lambda policy: _selection_figures(policy, selection, len(scenes))
+    refinement = EnvelopeRefinementEnv(config.kind, budget=config.budget, scenes=ListedScenes(scenes))
+    return lambda policy: _refinement_figures(policy, refinement, len(scenes))
+
+
+def _selection_figures(policy: Selector, env: EnvelopeSelectionEnv, episodes: int) -> tuple[float, Figures]:
+    rewards, projected = [], []
+    right: dict[int, list[float]] = {0: [], 1: []}
+    for _ in range(episodes):
+        observation, _ = env.reset()
+        _, reward, _, _, info = env.step(policy.predict(observation, deterministic=True)[0])
+        rewards.append(reward)
+        right[info["label"]].append(float(info["reward_agreement"] > 0.0))
+        if info["label"]:
+            projected.append(float(info["project_fix_p"]))
+    shares = {"p1_feasible": right[1], "p1_infeasible": right[0], "projected": projected}
+    return float(np.mean(rewards)), {name: float(np.mean(values)) for name, values in shares.items() if values}
+
+
+def _refinement_figures(policy: Selector, env: EnvelopeRefinementEnv, episodes: int) -> tuple[float, Figures]:
+    rewards, solves, settled = [], [], []
+    for _ in range(episodes):
+        observation, _ = env.reset()
+        total, over = 0.0, False
+        while not over:
+            action, _ = policy.predict(observation, deterministic=True)
+            observation, reward, ended, cut_off, info = env.step(np.int64(action))
+            total, over = total + reward, ended or cut_off
+        rewards.append(total)
+        solves.append(info["solves"])
+        settled.append(info["verdict"] >= 0)
+    return float(np.mean(rewards)), {"solves": float(np.mean(solves)), "settled": float(np.mean(settled))}
