@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -125,6 +125,44 @@ class Corners(NamedTuple):
     outward: Array
 
 
+class Learned(Protocol):
+    """What was learned for problems of one class: legs of one robot, in one pair of units."""
+
+    @property
+    def robot(self) -> str:
+        """Identity of the robot, see ``Robot``; empty for the default hexapod."""
+
+    @property
+    def legs(self) -> tuple[str, ...]:
+        """Of the contacts, in order."""
+
+    @property
+    def force_scale_n(self) -> float:
+        """Unit of forces [N]."""
+
+    @property
+    def length_scale_m(self) -> float:
+        """Unit of lengths [m]."""
+
+
+def check_robot(it: Learned, robot: str, learned: str) -> None:
+    """Raise InvalidInput unless it was learned for the robot of this identity. learned: what it is, in words."""
+    if robot != it.robot:
+        mine, other = (name or "the default hexapod" for name in (it.robot, robot))
+        raise InvalidInput(f"robot: expected {mine} for {learned}, got {other}")
+
+
+def check_learned(it: Learned, problem: PostureProblem, learned: str) -> None:
+    """Raise InvalidInput unless the problem is of the robot, legs and units that it was learned for."""
+    check_robot(it, problem.robot, learned)
+    if problem.legs != it.legs:
+        raise InvalidInput(f"contacts: expected legs {list(it.legs)} for {learned}, got {list(problem.legs)}")
+    for name in ("force_scale_n", "length_scale_m"):
+        mine, theirs = getattr(it, name), float(getattr(problem, name))
+        if abs(mine - theirs) > 1e-6 * mine:
+            raise InvalidInput(f"{name}: expected {mine:g} for {learned}, got {theirs:g}")
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class EnvelopeSet:
     """Envelopes learned for one class of problems; P1 may choose any one of them a posture (a binary each).
@@ -215,20 +253,12 @@ class EnvelopeSet:
 
     def check_robot(self, robot: str) -> None:
         """Raise InvalidInput unless the envelopes were learned for the robot of this identity."""
-        if robot != self.robot:
-            mine, other = (name or "the default hexapod" for name in (self.robot, robot))
-            raise InvalidInput(f"robot: expected {mine} for an envelope learned for {self.problem_class}, got {other}")
+        check_robot(self, robot, f"an envelope learned for {self.problem_class}")
 
     def check_fits(self, problem: PostureProblem) -> None:
         """Raise InvalidInput unless the problem is of the class that the envelopes were learned for."""
         learned = f"an envelope learned for {self.problem_class}"
-        self.check_robot(problem.robot)
-        if problem.legs != self.legs:
-            raise InvalidInput(f"contacts: expected legs {list(self.legs)} for {learned}, got {list(problem.legs)}")
-        for name in ("force_scale_n", "length_scale_m"):
-            mine, theirs = getattr(self, name), float(getattr(problem, name))
-            if abs(mine - theirs) > 1e-6 * mine:
-                raise InvalidInput(f"{name}: expected {mine:g} for {learned}, got {theirs:g}")
+        check_learned(self, problem, learned)
         for index, contact in enumerate(problem.contacts):
             lean = float(np.arccos(np.clip(contact.patch.normal @ self.normals[index], -1.0, 1.0)))
             most = float(self.tilt_rad[index]) + TILT_ROOM_RAD

@@ -72,8 +72,8 @@ for function, calls in deaths:
 print(json.dumps(ended))
 """
 DEATHS = (("fsync", 1, 0), ("fsync", 3, 0), ("replace", 3, 0), ("replace", 4, 1), ("fsync", 13, 2), ("replace", 13, 5))
-"""A function of os, before which of its calls a run is killed, and the shards that are whole by then: there is a header,
-then for each shard its times and the shard; each, then its folder."""
+"""A function of os, before which of its calls a run is killed, and the shards that are whole then. There is a header,
+then for each shard its times and the shard; each of them, then its folder, is synchronised."""
 
 
 @pytest.fixture(scope="module")
