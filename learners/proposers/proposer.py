@@ -20,7 +20,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.validation import validated
 from stancekit.planners.problem import PostureProblem
-from stancekit.planners.relaxation.envelope import check_learned
+from stancekit.planners.relaxation.learned import check_learned
 from stancekit.planners.search.canonical import Index
 
 from ..selectors.network import CORNERS, Architecture, as_arrays

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -14,6 +14,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from ..files.validation import validated
 from ..problem import PostureProblem
+from .learned import check_learned, check_robot
 
 FORMAT = "stancekit/envelope/1"
 TILT_ROOM_RAD = np.deg2rad(10.0)
@@ -123,44 +124,6 @@ class Corners(NamedTuple):
     f: Array
     products: Array
     outward: Array
-
-
-class Learned(Protocol):
-    """What was learned for problems of one class: legs of one robot, in one pair of units."""
-
-    @property
-    def robot(self) -> str:
-        """Identity of the robot, see ``Robot``; empty for the default hexapod."""
-
-    @property
-    def legs(self) -> tuple[str, ...]:
-        """Of the contacts, in order."""
-
-    @property
-    def force_scale_n(self) -> float:
-        """Unit of forces [N]."""
-
-    @property
-    def length_scale_m(self) -> float:
-        """Unit of lengths [m]."""
-
-
-def check_robot(it: Learned, robot: str, learned: str) -> None:
-    """Raise InvalidInput unless it was learned for the robot of this identity. learned: what it is, in words."""
-    if robot != it.robot:
-        mine, other = (name or "the default hexapod" for name in (it.robot, robot))
-        raise InvalidInput(f"robot: expected {mine} for {learned}, got {other}")
-
-
-def check_learned(it: Learned, problem: PostureProblem, learned: str) -> None:
-    """Raise InvalidInput unless the problem is of the robot, legs and units that it was learned for."""
-    check_robot(it, problem.robot, learned)
-    if problem.legs != it.legs:
-        raise InvalidInput(f"contacts: expected legs {list(it.legs)} for {learned}, got {list(problem.legs)}")
-    for name in ("force_scale_n", "length_scale_m"):
-        mine, theirs = getattr(it, name), float(getattr(problem, name))
-        if abs(mine - theirs) > 1e-6 * mine:
-            raise InvalidInput(f"{name}: expected {mine:g} for {learned}, got {theirs:g}")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -26,7 +26,8 @@ from ..files.arrays import Array
 from .boxed import Boxed
 from .envelope import Envelope
 from .least_gap import least_gap
-from .mccormick import McCormick, envelope_rows, margin_gradient
+from .margin_gradient import margin_gradient
+from .mccormick import McCormick, envelope_rows
 from .relaxed import RelaxationAnswer, Relaxed
 
 MARGIN_PRICE = 10.0
