@@ -11,18 +11,19 @@ WORKERS ?= 2
 PINS ?= constraints.txt
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.stancekit-installed
+DOCS := $(VENV)/.stancekit-docs-installed
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check --no-input
 LINKS := .editable/stancekit
 BENCHMARKS := $(filter-out benchmarks/_%,$(wildcard benchmarks/*.py))
 
 # One thread a process: the problems are small, and the work is spread over processes.
-test demo bench: export OMP_NUM_THREADS = 1
-test demo bench: export OPENBLAS_NUM_THREADS = 1
+test docs demo bench: export OMP_NUM_THREADS = 1
+test docs demo bench: export OPENBLAS_NUM_THREADS = 1
 
 # Tests start hundreds of processes: without bytecode each of them compiles the package again.
 test: export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: help setup lint test demo bench wheel clean
+.PHONY: help setup lint test docs demo bench wheel smoke clean
 
 help:  ## list these targets
 	@grep -E '^[a-z]+:.*## ' Makefile | sed -E 's/^([a-z]+):.*## (.*)/make \1\t\2/' | expand -t 14
@@ -57,6 +58,15 @@ test: lint  ## lint, then every test
 	@echo "pytest"
 	@$(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
 
+docs: $(DOCS)  ## build the pages into docs/_build/html: warnings are errors, examples are run
+	@$(BIN)/python setup.py --quiet links
+	@$(BIN)/python -m sphinx --quiet --fail-on-warning --keep-going --builder html docs docs/_build/html
+	@echo "docs/_build/html/index.html"
+
+$(DOCS): $(STAMP)
+	@$(PIP) install -c $(PINS) --no-build-isolation -e ".[docs]"
+	@touch $@
+
 demo: setup  ## plan on sampled terrain and write pictures and files to out/demo
 	@$(BIN)/stancekit demo --out out/demo
 	@$(BIN)/stancekit plan icy-walls --out out/demo/climb.json --picture out/demo/climb.png
@@ -70,6 +80,10 @@ wheel: setup  ## build the wheel into dist/
 	@rm -rf build
 	@$(BIN)/python -m build --wheel --no-isolation --outdir dist
 
+smoke: setup  ## build wheel and sdist, install each into empty environments of every Python at hand, and try them
+	@$(BIN)/python -m build --no-isolation --outdir dist
+	@$(PYTHON) .ci/smoke.py --pins $(PINS) dist/*.whl dist/*.tar.gz
+
 clean:  ## remove what was built and cached; .venv and out/ stay
-	@rm -rf build dist *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	@rm -rf build dist docs/_build docs/auto_examples docs/environments/*.png docs/environments/[A-Z]*.md *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	@find . -path './$(VENV)' -prune -o -type d -name __pycache__ -exec rm -rf {} +

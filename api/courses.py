@@ -17,7 +17,7 @@ from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.modes import Modes
 from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.friction_margin import plan_with_reserve
-from stancekit.planners.search.methods import Relaxation, make_course_planner
+from stancekit.planners.search.methods import PlannerOptions, Relaxation, make_course_planner
 
 from .arguments import checked
 
@@ -80,10 +80,11 @@ def plan(
     limits = WholeBodyLimits(torque_nm=torque_nm, share=torque_share, clearance_m=clearance_m)
     chosen = planner
     if isinstance(chosen, str):
-        chosen = make_course_planner(
-            chosen, relaxation=relaxation, envelopes=envelopes, projection=projection, time_limit_s=time_limit_s,
+        options = PlannerOptions(
+            relaxation=relaxation, envelopes=envelopes, projection=projection, time_limit_s=time_limit_s,
             programs=Programs(engine=engine),
         )  # fmt: skip
+        chosen = make_course_planner(chosen, options)
     outcome = plan_with_reserve(chosen, course) if reserve and planner == "two-stage" else chosen.solve(course)
     if outcome.plan is None:
         return outcome

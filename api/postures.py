@@ -14,7 +14,7 @@ from stancekit.planners.problem import PostureProblem
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.search.answer import Planner
-from stancekit.planners.search.methods import make_planner
+from stancekit.planners.search.methods import PlannerOptions, make_planner
 
 from .arguments import Sampler, checked
 
@@ -108,8 +108,9 @@ def solve(
         envelopes.check_fits(problem)
     planner = method
     if isinstance(planner, str):
-        planner = make_planner(
-            planner, envelopes=envelopes, projection=projection, solver=solver, intervals=intervals,
+        options = PlannerOptions(
+            envelopes=envelopes, projection=projection, solver=solver, intervals=intervals,
             time_limit_s=time_limit_s, programs=Programs(engine=engine),
         )  # fmt: skip
+        planner = make_planner(planner, options)
     return planner.solve(problem)

@@ -34,7 +34,7 @@ BATCH = 50
 class FamilyOptions(Options):
     """Which scenes, and for how long."""
 
-    families: tuple[str, ...] = tuple(TERRAIN_FAMILIES)
+    families: tuple[str, ...] = TERRAIN_FAMILIES.names()
     levels: tuple[float, ...] = tuple(round(0.1 * k, 1) for k in range(11))
     count: int = 200
     most: int = 600

@@ -5,7 +5,7 @@
 
 FILE: courses of the hexapod. Each is planned with a reserve of friction, bent until no joint takes more than
 --torque-nm at rest, and where the verifier accepts it run with servos of --servo-nm, or with --actuators in place of
-them, by ``simulate``. FOLDER: rows that are there are not measured again.
+them, by ``simulate``. FOLDER: plans and rows that are there are not made again.
 
 run: to the end, or where and why not. body: root mean square, worst and last distance of its origin from where it
 should be [mm]. slip: of the worst foothold since it touched [mm]. torque: largest measured, and planned by the runner
@@ -23,6 +23,7 @@ import tyro
 from _bench import Options, kept, launch
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.answer.plan_file import read_plan, write_plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
@@ -67,7 +68,7 @@ def of_course(path: Path, arguments: Arguments) -> list[dict[str, Any]]:
 
     @cache
     def plan() -> Plan | str:
-        return planned(path, arguments.torque_nm)
+        return planned(path, arguments.torque_nm, arguments.folder)
 
     def measured(world: str) -> dict[str, Any]:
         course = plan()
@@ -86,8 +87,11 @@ def of_course(path: Path, arguments: Arguments) -> list[dict[str, Any]]:
     return rows
 
 
-def planned(path: Path, torque_nm: float) -> Plan | str:
-    """An accepted plan within the torque, or why there is none."""
+def planned(path: Path, torque_nm: float, folder: Path | None = None) -> Plan | str:
+    """An accepted plan within the torque, or why there is none. folder: where plans are kept."""
+    file = folder and folder / f"{path.stem}-{torque_nm:g}-plan.json"
+    if file and file.exists():
+        return read_plan(file)[0]
     try:
         course = read_course(path)
     except InvalidInput as error:
@@ -97,7 +101,12 @@ def planned(path: Path, torque_nm: float) -> Plan | str:
     if outcome.plan is None:
         return outcome.message or outcome.status.value
     report = check_plan(outcome.plan, joints=True)
-    return outcome.plan if report.accepted else f"{report.message}; {report.joints_message}"
+    if not report.accepted:
+        return f"{report.message}; {report.joints_message}"
+    if file:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        write_plan(file, outcome.plan, report)
+    return outcome.plan
 
 
 def figures(report: RunReport) -> dict[str, Any]:

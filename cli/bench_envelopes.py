@@ -52,10 +52,10 @@ class BenchEnvelopes:
     """One JSON object a row."""
 
     def run(self) -> int:
-        """Run the bench, and write the table and a picture a class."""
+        """Run the bench, and write the table, as numbers and as a page, and a picture a class."""
         from stancekit.configs import config_path
         from stancekit.learners.data.executor import executor
-        from stancekit.learners.evaluation import bench
+        from stancekit.learners.evaluation import bench, leaderboard
         from stancekit.learners.evaluation.experiment import Experiment
         from stancekit.planners.files.writing import write_text
         from stancekit.views.sheet import save
@@ -77,6 +77,7 @@ class BenchEnvelopes:
                 records = rows(result)
                 table += records
                 write_text(folder / "table.json", json.dumps(table, indent=1) + "\n")
+                write_text(folder / "table.md", leaderboard.page(table, experiment))
                 save(comparison_figure(result), folder / f"{result.problem_class}.png")
                 report(result, as_json=self.json)
         if not self.json:

@@ -63,6 +63,8 @@ class BenchGait:
 
     def run(self) -> int:
         """Measure what is missing, and print the tables."""
+        from stancekit.planners.files.arrays import checked_int
+
         if self.against is not None:
             return judge(self.against, self.out or Path("out/bench-gait"), as_json=self.json)
         from rich.console import Console
@@ -71,8 +73,7 @@ class BenchGait:
         from stancekit.planners.files.writing import write_text
 
         settings = self._settings()
-        if self.workers < 1:
-            raise InvalidInput(f"--workers: expected 1 or more, got {self.workers}")
+        checked_int(self.workers, "--workers", least=1)
         folder = self.out or Path("out/bench-gait-quick" if self.quick else "out/bench-gait")
         if not self.kept:
             make_folder(folder)

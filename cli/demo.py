@@ -1,4 +1,4 @@
-"""``stancekit demo``: the main job, end to end, in a few minutes."""
+"""``stancekit demo``: two postures with their evidence, then the main job, end to end, in half a minute."""
 
 from __future__ import annotations
 
@@ -8,15 +8,48 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from .bench_envelopes import comparison_figure, report
-from .console import err, make_folder, stages
+from .console import err, make_folder, out, stages
 
 if TYPE_CHECKING:
     from stancekit.learners.evaluation.bench import ClassResult
 
 
+SHOWN: dict[str, tuple[int, ...]] = {"wall-3": (0, 8)}
+"""Postures that the demo begins with: seeds by class, one that can be held and one that cannot."""
+
+
+def decide(shown: dict[str, tuple[int, ...]], folder: Path) -> None:
+    """Decide postures, print each one's verdict with its evidence, and draw them."""
+    import numpy as np
+
+    from stancekit.envs.distributions.postures import DISTRIBUTIONS
+    from stancekit.planners.search.exact import ExactPlanner
+    from stancekit.planners.verify import check_certificate, check_posture, explain
+    from stancekit.views.postures import draw_posture
+    from stancekit.views.sheet import save
+
+    planner = ExactPlanner()
+    for name, seeds in shown.items():
+        for seed in seeds:
+            problem = DISTRIBUTIONS[name].sample(np.random.default_rng(seed))
+            outcome = planner.solve(problem)
+            picture = folder / f"{name}-{seed}-{outcome.status.value}.png"
+            out.print(f"three toes on two leaning walls ({name}, seed {seed}): {outcome.status.value}")
+            if outcome.posture is not None:
+                out.print(f"  posture {check_posture(problem, outcome.posture).message}")
+            if outcome.certificate is not None:
+                proof = check_certificate(problem, outcome.certificate)
+                verdict = "accepted" if proof.accepted else "refused"
+                out.print(f"  certificate {verdict}, without a solver: no posture, however forces and toes are chosen")
+                out.print(f"  {explain(problem, outcome.certificate).message}")
+            save(draw_posture(problem, outcome.posture), picture)
+            out.print(f"  picture {picture}")
+    out.print()
+
+
 @dataclass
 class Demo:
-    """Sample terrains, label them exactly, learn envelopes, compare them on held-out terrains, and draw a posture.
+    """Decide two postures and say why one cannot be held; then label terrains, learn envelopes, compare and draw.
 
     Prints the comparison beside the paper's Table I and writes data sets, envelopes and pictures to a folder. Started
     again, it goes on from what is there.
@@ -41,6 +74,8 @@ class Demo:
         experiment = Experiment.from_yaml(self.config or config_path("demo.yaml"))
         executor = processes(self.workers)
         make_folder(self.out)
+        if not self.json:
+            decide(SHOWN, self.out)
         results = []
         with stages("demo") as on_progress:
             for result in bench.run(experiment, self.out, executor=executor, progress=on_progress):

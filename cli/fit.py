@@ -112,10 +112,10 @@ class Fit:
         """The options and what the configuration file adds. Raises InvalidInput."""
         from stancekit.learners.settings import typed
         from stancekit.learners.training.fit_settings import FitSettings
+        from stancekit.planners.files.arrays import checked_int
         from stancekit.planners.files.documents import read_yaml
 
-        if self.seed < 0:
-            raise InvalidInput(f"--seed: expected 0 or more, got {self.seed}")
+        checked_int(self.seed, "--seed", least=0)
         if not 0.0 <= self.threshold < 1.0:
             raise InvalidInput(f"--threshold: expected a number in [0, 1), got {self.threshold:g}")
         if not self.time_limit_s > 0.0:

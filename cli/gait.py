@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.validation import shown
 
 from . import gait_options
 from .console import as_options, emit, err, out
@@ -133,6 +132,7 @@ class Gait:
 
     def _check(self) -> None:
         """Raise InvalidInput for what cannot be written, and for counts out of range, before any work."""
+        from stancekit.planners.files.arrays import checked_int
         from stancekit.planners.gait.charts import CHARTS
         from stancekit.planners.gait.trajectory_file import check_name
 
@@ -151,14 +151,13 @@ class Gait:
         if self.chart != "portfolio":
             with as_options():
                 CHARTS.get(self.chart)
-        if not 1 <= self.seeds <= 1000:
-            raise InvalidInput(f"--seeds: expected 1 to 1000, got {self.seeds}")
-        if self.seed < 0:
-            raise InvalidInput(f"--seed: expected 0 or more, got {self.seed}")
-        if self.max_iterations is not None and self.max_iterations < 1:
-            raise InvalidInput(f"--max-iterations: expected 1 or more, got {self.max_iterations}")
+        checked_int(self.seeds, "--seeds", least=1, most=1000)
+        checked_int(self.seed, "--seed", least=0)
+        if self.max_iterations is not None:
+            checked_int(self.max_iterations, "--max-iterations", least=1)
 
     def _task(self) -> GaitTask:
+        from stancekit.planners.files.validation import shown
         from stancekit.planners.gait.task import GaitTask
 
         start, goal = gait_options.place(self.start, "--start"), gait_options.place(self.goal, "--goal")

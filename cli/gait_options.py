@@ -6,7 +6,6 @@ import math
 from typing import TYPE_CHECKING
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import shown
 
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
@@ -17,6 +16,8 @@ def place(text: str, option: str) -> Array:
     """A place X,Y, shape (2,) [m]."""
     import numpy as np
 
+    from stancekit.planners.files.validation import shown
+
     try:
         x, y = (float(part) for part in text.split(","))
     except ValueError:
@@ -26,6 +27,8 @@ def place(text: str, option: str) -> Array:
 
 def heading(text: str, way: Array) -> float:
     """An angle, or that of the way to the goal [rad]."""
+    from stancekit.planners.files.validation import shown
+
     if text == "goal":
         return math.atan2(way[1], way[0])
     try:

@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
-from importlib import import_module
 from typing import Any
 
 import tyro
 
+NAMES = {
+    "stancekit.planners.projection.project:PROJECTIONS": (
+        "stancekit.projections", ("fix-p", "fix-f", "fix-toes", "scp", "nlp", "lift-fix-p"),
+    ),
+    "stancekit.planners.search.methods:PLANNERS": (
+        "stancekit.planners", ("exact", "p1", "lift", "two-stage", "nlp", "micp"),
+    ),
+    "stancekit.planners.search.methods:COURSE_PLANNERS": (
+        "stancekit.course_planners", ("two-stage", "micp", "nlp", "decoupled", "exact"),
+    ),
+    "stancekit.learners.training.fitting:METHODS": (
+        "stancekit.methods",
+        ("heuristic", "quantile", "gmm-printed", "gmm", "ga", "gradient", "modes", "chooser", "neural", "joint", "rl"),
+    ),
+    "stancekit.learners.selectors.own:SELECTORS": ("stancekit.selectors", ()),
+}  # fmt: skip
+"""By registry: the group of other packages' names, and our own, for which `--help` would else load solvers and networks
+(a test holds them to be those of the registry)."""
+
 
 def named(registry: str, metavar: str = "NAME|FILE.py:NAME") -> Any:
-    """What an option is annotated with that takes a name of this registry, given as "module:attribute".
-
-    The registry is imported when help is asked for, and not before.
-    """
+    """What an option is annotated with that takes a name of this registry, a key of ``NAMES``."""
 
     def hint(default: str) -> str:
-        module, _, attribute = registry.partition(":")
-        names = getattr(import_module(module), attribute).names()
+        from importlib.metadata import entry_points
+
+        group, ours = NAMES[registry]
+        names = list(dict.fromkeys([*ours, *(point.name for point in entry_points(group=group))]))
         known = [f"default: {default}"] if default else []
         known += [f"one of {', '.join([*names, 'FILE.py:NAME'])}"] if names else []
         return f"({'; '.join(known)})" if known else ""

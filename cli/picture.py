@@ -37,7 +37,7 @@ class Picture:
         """Solve, draw, write."""
         from stancekit.planners.answer.answer_file import read_envelopes, read_problems
         from stancekit.planners.files.writing import check_writable
-        from stancekit.planners.search.methods import make_planner
+        from stancekit.planners.search.methods import PlannerOptions, make_planner
         from stancekit.views.postures import draw_posture
         from stancekit.views.sheet import save
 
@@ -56,7 +56,8 @@ class Picture:
                 raise InvalidInput(f"{where}: {error}") from None
         caption, posture, chosen, status = "", None, 0, None
         if self.method != "none":
-            outcome = make_planner(self.method, envelopes=envelopes, projection=self.project).solve(problem)
+            options = PlannerOptions(envelopes=envelopes, projection=self.project)
+            outcome = make_planner(self.method, options).solve(problem)
             posture, status = outcome.posture, outcome.status.value
             chosen = int(outcome.details.get("chosen", 0))
             caption = f"{outcome.method}: {outcome.status.value}, {1e3 * outcome.seconds:.1f} ms"

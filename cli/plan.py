@@ -201,20 +201,15 @@ class PlanCourse:
     def _planner(self) -> CoursePlanner:
         from stancekit.planners.answer.answer_file import read_boxes
         from stancekit.planners.equilibrium.programs import Programs
-        from stancekit.planners.search.methods import make_course_planner
+        from stancekit.planners.search.methods import PlannerOptions, make_course_planner
 
         envelopes = None if self.envelope is None else read_boxes(self.envelope)
         with as_options(*SETTINGS):
-            return make_course_planner(
-                self.planner,
-                relaxation=self.relaxation,
-                envelopes=envelopes,
-                projection=self.projection,
-                solver=self.solver,
-                intervals=self.intervals,
-                time_limit_s=self.time_limit_s,
-                programs=Programs(engine=self.engine),
-            )
+            options = PlannerOptions(
+                relaxation=self.relaxation, envelopes=envelopes, projection=self.projection, solver=self.solver,
+                intervals=self.intervals, time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine),
+            )  # fmt: skip
+            return make_course_planner(self.planner, options)
 
     def _write(self, plan: Plan) -> Report:
         """Verify the plan once more, and write the files that were asked for."""

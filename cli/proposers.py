@@ -41,6 +41,8 @@ class TrainProposers:
 
     def run(self) -> int:
         """Train, write, and say what share of scenes each settles."""
+        from stancekit.planners.files.arrays import checked_int
+
         try:
             from stancekit.learners.proposers.training import ProposerSettings, curve, train_proposers
         except ModuleNotFoundError as error:
@@ -49,8 +51,7 @@ class TrainProposers:
         from stancekit.planners.files.documents import read_yaml
         from stancekit.planners.files.validation import validated
 
-        if self.seed < 0:
-            raise InvalidInput(f"--seed: expected 0 or more, got {self.seed}")
+        checked_int(self.seed, "--seed", least=0)
         extra: dict[str, Any] = {} if self.config is None else read_yaml(self.config)
         if "seed" in extra:
             raise InvalidInput(f"{self.config}: seed: expected as an option, --seed")

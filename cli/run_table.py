@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.table import Table
 from rich.text import Text
 
@@ -44,7 +44,7 @@ def run_table(report: RunReport) -> Table:
         )
         table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
     median, late = (1e3 * value for value in report.cycle_s)
-    if np.isfinite(median):
+    if math.isfinite(median):
         table.add_row("cycle", f"{median:.1f} ms median, {late:.1f} ms 99th percentile")
     return table
 

@@ -49,12 +49,11 @@ class Sample:
         import numpy as np
 
         from stancekit.envs.distributions.postures import distribution
+        from stancekit.planners.files.arrays import checked_int
         from stancekit.planners.files.writing import check_writable, write_text
 
-        if self.count < 1:
-            raise InvalidInput(f"--count: expected 1 or more, got {self.count}")
-        if self.seed < 0:
-            raise InvalidInput(f"--seed: expected 0 or more, got {self.seed}")
+        checked_int(self.count, "--count", least=1)
+        checked_int(self.seed, "--seed", least=0)
         if self.export is not None:
             return self._export(self.export)
         source = distribution(self.problem, robot=self.robot, terrain=self.terrain)
@@ -75,12 +74,13 @@ class Sample:
     def _export(self, folder: Path) -> int:
         """Write the scenes of a family."""
         from stancekit.learners.data.scene_set import export_scenes
+        from stancekit.planners.plugins import split_name
         from stancekit.planners.problem.family_scene import family_name
         from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
-        family, _, level = self.problem.partition(":")
+        family, numbers = split_name(self.problem)
         try:
-            hard = float(level) if family_name(self.problem) else None
+            hard = float(":".join(numbers)) if family_name(self.problem) else None
         except ValueError:
             hard = None
         if hard is None:

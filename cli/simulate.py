@@ -53,12 +53,12 @@ class Simulate:
     def run(self) -> int:
         """Read, execute, compare."""
         from stancekit.planners.answer.plan_file import read_plan
+        from stancekit.planners.files.arrays import checked
         from stancekit.runner.motion.timeline import Timing
         from stancekit.runner.run import simulate
         from stancekit.runner.settings import RunSettings
 
-        if not 0.1 <= self.pace <= 4.0:
-            raise InvalidInput(f"--pace: expected a number from 0.1 to 4, got {self.pace:g}")
+        checked(self.pace, "--pace", least=0.1, most=4.0)
         self._check_files()
         plan, header = read_plan(self.plan)
         if not header["verified"]:

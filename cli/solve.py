@@ -79,22 +79,18 @@ class Solve:
         from stancekit.planners.answer.answer_file import read_envelopes
         from stancekit.planners.equilibrium.programs import Programs
         from stancekit.planners.files.writing import check_writable, write_text
-        from stancekit.planners.search.methods import make_planner
+        from stancekit.planners.search.methods import PlannerOptions, make_planner
 
         self._check()
         if self.out is not None:
             check_writable(self.out)
         envelopes = None if self.envelope is None else read_envelopes(self.envelope)
         with as_options(*SETTINGS):
-            planner = make_planner(
-                self.method,
-                envelopes=envelopes,
-                projection=self.project,
-                solver=self.solver,
-                intervals=self.intervals,
-                time_limit_s=self.time_limit_s,
-                programs=Programs(engine=self.engine),
-            )
+            options = PlannerOptions(
+                envelopes=envelopes, projection=self.project, solver=self.solver, intervals=self.intervals,
+                time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine),
+            )  # fmt: skip
+            planner = make_planner(self.method, options)
         problems = list(_problems(self.files))
         lines: list[dict[str, Any]] = []
         with progress(f"solve by {self.method}") as bar:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 import tyro
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import shown
 
 from .options import OptionalFloat, OptionalInt, OptionalText
 
@@ -133,5 +132,7 @@ def numbers(text: str, option: str, kind: type, count: int) -> tuple[Any, ...]:
     except ValueError:
         found = ()
     if len(found) != count:
+        from stancekit.planners.files.validation import shown  # slow to import
+
         raise InvalidInput(f"{option}: expected {count} numbers with commas between them, got {shown(text)}")
     return found

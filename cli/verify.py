@@ -11,7 +11,6 @@ from typing import Annotated, Any
 import tyro
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import shown
 
 from .console import complain, emit, out, text_of
 from .options import OptionalPath, OptionalText
@@ -218,10 +217,11 @@ class Verify:
 
 def _status(claim: Any) -> str:
     """The status that an answer claims; where it has none, the one that its evidence speaks for."""
+    from stancekit.planners.files.arrays import checked_choice
+
     known = ("feasible", "infeasible", "undecided", "invalid")
     status = claim.get("status", "infeasible" if "certificate" in claim else "feasible" if "toes_m" in claim else None)
-    if status not in known:
-        raise InvalidInput(f"status: expected one of {', '.join(known)}, got {shown(status)}")
+    checked_choice(status, "status", known)
     return str(status)
 
 

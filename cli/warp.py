@@ -55,12 +55,12 @@ class Warp:
 
     def run(self) -> int:
         """Read the terrain, make the map, write and say what came of it."""
+        from stancekit.planners.files.arrays import checked_int
         from stancekit.planners.files.writing import check_writable
         from stancekit.planners.warp.conformal import fit_map
 
         cells = numbers(self.cells, "--cells", int, 3)
-        if not 1 <= self.iterations <= 10_000:
-            raise InvalidInput(f"--iterations: expected 1 to 10000, got {self.iterations}")
+        checked_int(self.iterations, "--iterations", least=1, most=10000)
         if self.out is not None and self.out.suffix != ".npz":
             raise InvalidInput(f"--out: expected a name that ends in .npz, got {self.out}")
         for path in (self.out, self.picture):

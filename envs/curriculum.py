@@ -16,7 +16,7 @@ from stancekit.planners.problem.course_keys import MOST_EVERYWHERE
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.family_scene import family_keys
 from stancekit.planners.search.course_features import Features
-from stancekit.planners.terrain.families import TERRAIN_FAMILIES
+from stancekit.planners.terrain.families import TERRAIN_FAMILIES, terrain_family
 
 from .traverse import TraverseEnv
 
@@ -37,7 +37,7 @@ class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
     episode that did.
 
     Arguments:
-        families: names in ``terrain.families.TERRAIN_FAMILIES``, one of which is drawn for every episode.
+        families: names in ``terrain.families.TERRAIN_FAMILIES``, or FILE.py:NAME; an episode draws one.
         target: share of success at which a level stays, in (0, 1).
         step: of a level, in (0, 1].
         level: at the beginning.
@@ -55,17 +55,18 @@ class Curriculum(gym.Wrapper[Features, np.int64, Features, np.int64]):
 
     def __init__(
         self,
-        families: Sequence[str] = tuple(TERRAIN_FAMILIES),
+        families: Sequence[str] = TERRAIN_FAMILIES.names(),
         *,
         target: float = 0.7,
         step: float = 0.1,
         level: float = 0.0,
         **options: Any,
     ) -> None:
+        if isinstance(families, str):
+            known = ", ".join(TERRAIN_FAMILIES.names())
+            raise InvalidInput(f"families: expected a list of some of {known}, got {families!r}")
         for family in families:
-            if isinstance(families, str) or family not in TERRAIN_FAMILIES:
-                known = ", ".join(TERRAIN_FAMILIES)
-                raise InvalidInput(f"families: expected a list of some of {known}, got {families!r}")
+            terrain_family(family)
         if not families:
             raise InvalidInput("families: expected one or more, got none")
         self._target = checked(target, "target", above=0.0, most=1.0 - 1e-6)

@@ -15,7 +15,7 @@ from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
@@ -120,8 +120,7 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         if render_mode is not None:
             raise InvalidInput(f"render_mode: expected None, got {render_mode!r}")
         PROJECTIONS.get(projection)
-        if budget < 1:
-            raise InvalidInput(f"budget: expected 1 or more, got {budget}")
+        checked_int(budget, "budget", least=1)
         chosen = kind_of(problem, robot, terrain)
         self.render_mode = render_mode
         self._count = len(chosen.legs)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -12,15 +11,14 @@ from numpy.typing import NDArray
 
 from stancekit.planners.answer.outcome import Posture
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.projection.project import Projection
-from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
-from stancekit.planners.relaxation.joint import RelaxationName
+from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.views.postures import draw_posture
 from stancekit.views.sheet import to_rgb
 
 from .distributions.postures import Distribution
-from .scenes import Scene, SceneKind, SceneSource, seen
-from .selection_task import RewardWeights, SelectionTask
+from .scenes import Scene, SceneKind, seen
+from .selection_task import RewardWeights as RewardWeights
+from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
 
 WINDOW = "stancekit"
 
@@ -103,25 +101,13 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
         self,
         problem: str | Distribution | SceneKind = "wall-3",
         *,
-        robot: str | Path | None = None,
-        terrain: str | Path | None = None,
-        boxes: int = 1,
-        library: EnvelopeSet | str | Path | None = None,
-        relaxation: RelaxationName = "p1",
-        projections: tuple[Projection, ...] = ("fix-p",),
-        weights: RewardWeights = RewardWeights(),
-        balanced: bool = True,
-        scenes: SceneSource | str | Path | None = None,
-        timing: bool = False,
         render_mode: str | None = None,
+        **options: Unpack[SelectionOptions],
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
         self.render_mode = render_mode
-        self._task = SelectionTask(
-            problem, robot=robot, terrain=terrain, boxes=boxes, library=library, relaxation=relaxation,
-            projections=projections, weights=weights, balanced=balanced, scenes=scenes, timing=timing,
-        )  # fmt: skip
+        self._task = SelectionTask(problem, SelectionSettings(**options))
         self._scene: Scene | None = None
         self._shown: tuple[Posture | None, Envelope | None] = (None, None)
         self.observation_space: spaces.Space[Any] = self._task.observation_space

@@ -71,7 +71,7 @@ class _Trial:
 
 
 class SelectionOptions(TypedDict, total=False):
-    """What ``SelectionTask`` takes beside its problem; the page of ``EnvelopeSelectionEnv`` has their meaning."""
+    """Keywords of the environments beside their problem; the page of ``EnvelopeSelectionEnv`` has their meaning."""
 
     robot: str | Path | None
     terrain: str | Path | None
@@ -85,48 +85,54 @@ class SelectionOptions(TypedDict, total=False):
     timing: bool
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SelectionSettings:
+    """``SelectionOptions`` with their defaults. Raises InvalidInput for what does not go together."""
+
+    robot: str | Path | None = None
+    terrain: str | Path | None = None
+    boxes: int = 1
+    library: EnvelopeSet | str | Path | None = None
+    relaxation: RelaxationName = "p1"
+    projections: tuple[Projection, ...] = ("fix-p",)
+    weights: RewardWeights = RewardWeights()
+    balanced: bool = True
+    scenes: SceneSource | str | Path | None = None
+    timing: bool = False
+
+    def __post_init__(self) -> None:
+        if not self.projections:
+            raise InvalidInput("projections: expected one or more, got none")
+        for name in self.projections:
+            PROJECTIONS.get(name)
+        if not isinstance(self.boxes, int) or self.boxes < 1:
+            raise InvalidInput(f"boxes: expected an integer of at least 1, got {self.boxes!r}")
+        joint = self.relaxation == "joint"
+        if self.relaxation not in get_args(RelaxationName) or (joint and (self.boxes, self.library) != (1, None)):
+            got = f"{self.relaxation!r} with {self.boxes} boxes and {'no' if self.library is None else 'a'} library"
+            raise InvalidInput(f"relaxation: expected p1, or joint over one box without a library, got {got}")
+
+
 class SelectionTask:
     """What the single environment and the batched one share: spaces, scenes, and the judging of one action.
 
-    The arguments are those of ``EnvelopeSelectionEnv``. Compiled models are made once a task.
+    The problem is that of ``EnvelopeSelectionEnv``. Compiled models are made once a task.
     """
 
-    def __init__(
-        self,
-        problem: str | Distribution | SceneKind = "wall-3",
-        *,
-        robot: str | Path | None = None,
-        terrain: str | Path | None = None,
-        boxes: int = 1,
-        library: EnvelopeSet | str | Path | None = None,
-        relaxation: RelaxationName = "p1",
-        projections: tuple[Projection, ...] = ("fix-p",),
-        weights: RewardWeights = RewardWeights(),
-        balanced: bool = True,
-        scenes: SceneSource | str | Path | None = None,
-        timing: bool = False,
-    ) -> None:
-        if not projections:
-            raise InvalidInput("projections: expected one or more, got none")
-        for name in projections:
-            PROJECTIONS.get(name)
-        if not isinstance(boxes, int) or boxes < 1:
-            raise InvalidInput(f"boxes: expected an integer of at least 1, got {boxes!r}")
-        if relaxation not in get_args(RelaxationName) or (relaxation == "joint" and (boxes, library) != (1, None)):
-            got = f"{relaxation!r} with {boxes} boxes and {'no' if library is None else 'a'} library"
-            raise InvalidInput(f"relaxation: expected p1, or joint over one box without a library, got {got}")
-        chosen = kind_of(problem, robot, terrain)
+    def __init__(self, problem: str | Distribution | SceneKind, settings: SelectionSettings) -> None:
+        chosen = kind_of(problem, settings.robot, settings.terrain)
+        library = settings.library
         self._problem = chosen.name
         self._count = len(chosen.legs)
-        self._boxes = boxes
+        self._boxes = settings.boxes
         self._library = read_envelopes(library) if isinstance(library, str | Path) else library
-        self._relaxation: RelaxationName = relaxation
-        self._projections = tuple(projections)
+        self._relaxation: RelaxationName = settings.relaxation
+        self._projections = tuple(settings.projections)
         self._keys = {way: f"project_{way.replace('-', '_')}" for way in self._projections}
-        self._weights = weights
-        self._timing = timing
+        self._weights = settings.weights
+        self._timing = settings.timing
         self._programs = Programs()
-        self.scenes = scenes_of_kind(chosen, scenes, balanced=balanced, programs=self._programs)
+        self.scenes = scenes_of_kind(chosen, settings.scenes, balanced=settings.balanced, programs=self._programs)
         self.observation_space = scene_space(self._count)
         self.action_space = self._make_action_space()
 

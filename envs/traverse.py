@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
@@ -18,7 +17,6 @@ from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_keys import CourseSpec
-from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.course_features import CourseFeatures, Features
 from stancekit.planners.search.plan_window import Standing, joined
 from stancekit.planners.search.replan import replan
@@ -26,14 +24,13 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 from .traverse_setup import (
-    Boxes,
     CourseSource,
-    Executor,
-    TraverseWeights,
+    TraverseSettings,
     course_source,
     offered_planners,
     path_length_m,
 )
+from .traverse_setup import TraverseWeights as TraverseWeights
 
 MAX_DRAWS = 50
 """Draws until a course whose first key frame holds."""
@@ -131,37 +128,21 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         self,
         courses: Sequence[str | CourseSpec] | CourseSource = ("stairs", "walls", "ground-to-wall"),
         *,
-        frames: int | None = 9,
-        horizon: int = 2,
-        amount: float = 1.0,
-        envelopes: Sequence[Boxes] | None = None,
-        planners: Sequence[CoursePlanner] | None = None,
-        weights: TraverseWeights = TraverseWeights(),
-        patience: int = 4,
-        limbs: int | None = None,
-        regions: int | None = None,
-        corners: int = 4,
-        robot: str | Path | None = None,
-        terrain: str | Path | None = None,
-        executor: Executor | None = None,
-        programs: Programs | None = None,
-        timing: bool = False,
         render_mode: str | None = None,
+        **options: Any,
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise InvalidInput(f"render_mode: expected one of {self.metadata['render_modes']}, got {render_mode!r}")
-        for name, value, least in (("horizon", horizon, 1), ("patience", patience, 1), ("corners", corners, 3)):
-            if not isinstance(value, int) or value < least:
-                raise InvalidInput(f"{name}: expected {least} or more, got {value!r}")
-        self.render_mode = render_mode
-        sizes = {"horizon": horizon, "limbs": limbs, "regions": regions, "corners": corners}
-        self._draw, self._features = course_source(courses, frames, amount, sizes, robot, terrain)
-        programs = programs or Programs()
-        self._planners = tuple(offered_planners(envelopes, programs) if planners is None else planners)
+        self.render_mode, settings = render_mode, TraverseSettings(**options)
+        self._draw, self._features = course_source(courses, settings)
+        programs = settings.programs or Programs()
+        planners = settings.planners
+        self._planners = tuple(offered_planners(settings.envelopes, programs) if planners is None else planners)
         if not self._planners:
             raise InvalidInput("planners: expected one or more, got none")
-        self._start, self._executor = TwoStageCoursePlanner(programs=programs), executor
-        self._horizon, self._weights, self._patience, self._timing = horizon, weights, patience, timing
+        self._start, self._executor = TwoStageCoursePlanner(programs=programs), settings.executor
+        self._horizon, self._weights = settings.horizon, settings.weights
+        self._patience, self._timing = settings.patience, settings.timing
         self._course: Course | None = None
         self._walked: list[Plan] = []
         self._frame = self._vain = 0

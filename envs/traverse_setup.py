@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -66,34 +66,58 @@ def path_length_m(course: Course) -> float:
     return length if length > 1e-9 else 1.0
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class TraverseSettings:
+    """Keywords of ``TraverseEnv`` beside its courses; its page has their meaning. Raises InvalidInput."""
+
+    frames: int | None = 9
+    horizon: int = 2
+    amount: float = 1.0
+    envelopes: Sequence[Boxes] | None = None
+    planners: Sequence[CoursePlanner] | None = None
+    weights: TraverseWeights = TraverseWeights()
+    patience: int = 4
+    limbs: int | None = None
+    regions: int | None = None
+    corners: int = 4
+    robot: str | Path | None = None
+    terrain: str | Path | None = None
+    executor: Executor | None = None
+    programs: Programs | None = None
+    timing: bool = False
+
+    def __post_init__(self) -> None:
+        for name, least in (("horizon", 1), ("patience", 1), ("corners", 3)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or value < least:
+                raise InvalidInput(f"{name}: expected {least} or more, got {value!r}")
+
+
 def course_source(
-    courses: Sequence[str | CourseSpec] | CourseSource,
-    frames: int | None,
-    amount: float,
-    sizes: Mapping[str, int | None],
-    robot: str | Path | None = None,
-    terrain: str | Path | None = None,
+    courses: Sequence[str | CourseSpec] | CourseSource, settings: TraverseSettings
 ) -> tuple[CourseSource, CourseFeatures]:
     """What draws courses, and the size of their views: horizon, limbs, regions and corners, the courses' where None.
 
-    robot, terrain: files in place of the courses' own. Raises InvalidInput.
+    robot, terrain of the settings: files in place of the courses' own. Raises InvalidInput.
     """
+    robot, terrain = settings.robot, settings.terrain
     if callable(courses):
-        if sizes["regions"] is None:
+        if settings.regions is None:
             raise InvalidInput("regions: expected the most candidates of a toe where courses is a function, got None")
         if robot is not None or terrain is not None:
             raise InvalidInput("robot, terrain: expected none where courses is a function, which has its own")
-        return _with_footing(courses), _features(sizes, limbs=len(hexapod().limbs), regions=0)
+        return _with_footing(courses), _features(settings, limbs=len(hexapod().limbs), regions=0)
     specs = [_spec(course, robot, terrain) for course in courses]
-    specs = [spec if frames is None else spec.with_frames(frames) for spec in specs]
+    if settings.frames is not None:
+        specs = [spec.with_frames(settings.frames) for spec in specs]
     if not specs:
         raise InvalidInput("courses: expected one or more, got none")
 
     def draw(rng: np.random.Generator) -> Course:
-        return perturbed(specs[int(rng.integers(len(specs)))], rng, amount=amount)
+        return perturbed(specs[int(rng.integers(len(specs)))], rng, amount=settings.amount)
 
     most = max(spec.candidates.most for spec in specs)
-    return _with_footing(draw), _features(sizes, limbs=max(_limbs(spec) for spec in specs), regions=most)
+    return _with_footing(draw), _features(settings, limbs=max(_limbs(spec) for spec in specs), regions=most)
 
 
 def _with_footing(draw: CourseSource) -> CourseSource:
@@ -110,9 +134,12 @@ def _with_footing(draw: CourseSource) -> CourseSource:
     return again
 
 
-def _features(sizes: Mapping[str, int | None], **of_courses: int) -> CourseFeatures:
-    given = {name: size for name, size in sizes.items() if size is not None}
-    return CourseFeatures(**{**of_courses, **given})
+def _features(settings: TraverseSettings, *, limbs: int, regions: int) -> CourseFeatures:
+    return CourseFeatures(
+        horizon=settings.horizon, corners=settings.corners,
+        limbs=limbs if settings.limbs is None else settings.limbs,
+        regions=regions if settings.regions is None else settings.regions,
+    )  # fmt: skip
 
 
 def _spec(course: str | CourseSpec, robot: str | Path | None, terrain: str | Path | None) -> CourseSpec:

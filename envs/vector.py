@@ -22,10 +22,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput, StancekitError
+from stancekit.planners.files.arrays import checked_int
 
 from .distributions.postures import Distribution
 from .scenes import Scene, SceneKind, all_seen
-from .selection_task import SelectionOptions, SelectionTask
+from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
 
 Observation = dict[str, NDArray[np.float32]]
 Seeds = Sequence[int | None]
@@ -57,11 +58,10 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     ) -> None:
         if render_mode is not None:
             raise InvalidInput(f"render_mode: expected None for a batch of environments, got {render_mode!r}")
-        if num_envs < 1:
-            raise InvalidInput(f"num_envs: expected 1 or more, got {num_envs}")
+        checked_int(num_envs, "num_envs", least=1)
         if not 1 <= workers <= num_envs:
             raise InvalidInput(f"workers: expected 1 to num_envs = {num_envs}, got {workers}")
-        task = SelectionTask(problem, **options)
+        task = SelectionTask(problem, SelectionSettings(**options))
         self.num_envs = num_envs
         self.single_observation_space = task.observation_space
         self.single_action_space = task.action_space
@@ -221,7 +221,7 @@ class _Worker:
 
 def _serve(pipe: Connection, problem: str | Distribution | SceneKind, options: SelectionOptions, size: int) -> None:
     """A worker's life: answer until None comes or the other end is gone."""
-    batch = _Batch(SelectionTask(problem, **options), size)
+    batch = _Batch(SelectionTask(problem, SelectionSettings(**options)), size)
     with suppress(EOFError, KeyboardInterrupt, BrokenPipeError):
         while (request := pipe.recv()) is not None:
             batch.begin(*request)

@@ -37,8 +37,8 @@ class Registry(Generic[T]):
     """The things of one kind, by name.
 
     kind: what messages call one, e.g. "world". group: of the entry points of other packages, e.g. "stancekit.worlds".
-    table: those of this package, name → "module:attribute". expected, accepts: what a thing must be, in words and as a
-    test of what was found; what fails it is refused.
+    table: those of this package, name → the thing, or "module:attribute". expected, accepts: what a thing must be, in
+    words and as a test of what was found; what fails it is refused.
 
     >>> worlds = Registry("world", "stancekit.worlds", {"mujoco": "stancekit.runner.worlds.mujoco:MujocoWorld"})
     >>> worlds.names()
@@ -51,7 +51,7 @@ class Registry(Generic[T]):
         self,
         kind: str,
         group: str,
-        table: Mapping[str, str],
+        table: Mapping[str, str | T],
         *,
         expected: str = "something to call",
         accepts: Callable[[Any], bool] = callable,
@@ -105,6 +105,16 @@ class Registry(Generic[T]):
 
     def _points(self) -> Iterable[EntryPoint]:
         return entry_points(group=self.group)
+
+
+def split_name(name: str) -> tuple[str, list[str]]:
+    """A name, and what stands behind it, parted by colons.
+
+    >>> split_name("rough:0.5:7"), split_name("mine.py:Rough:0.5:7")
+    (('rough', ['0.5', '7']), ('mine.py:Rough', ['0.5', '7']))
+    """
+    first, *rest = name.split(":")
+    return (f"{first}:{rest[0]}", rest[1:]) if rest and first.endswith(".py") else (first, rest)
 
 
 def takes(thing: Any, count: int) -> bool:

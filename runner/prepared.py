@@ -20,7 +20,7 @@ from .execution import Execution
 from .motion.bodies import motion_bodies
 from .motion.gait_motion import GaitMotion
 from .motion.motion import Hung, Motion
-from .motion.redundancy import RedundancyResolution
+from .motion.redundancy import RedundancyResolution, resolved
 from .motion.time_parametrization import (
     ACCELERATION_RAD_S2,
     BLIND,
@@ -33,6 +33,7 @@ from .motion.time_parametrization import (
     joint_profile,
     limit_use,
     parametrize,
+    unhurried,
 )
 from .motion.timeline import PlanMotion
 from .needs import JointNeeds
@@ -58,12 +59,12 @@ class Tracked(Generic[M_co]):
     first: Target
     sees: bool
 
-    def next(self, felt: Array, time_s: float, state: State | None = None) -> Target | None:
-        """The target of the period that ends at a time, None at the end.
+    def next(self, felt: Array, state: State | None = None) -> Target | None:
+        """The target of the next period, None at the end.
 
         felt: by the feet just now, (N, 3) [N]. state: the world's, from its last period on.
         """
-        return self.tracker.next(felt, state) if self.sees else self.tracker.next(expected(self.motion.at(time_s)))
+        return self.tracker.next(felt, state) if self.sees else self.tracker.next(expected(self.tracker.coming))
 
     @staticmethod
     def lean(target: Target) -> Array:
@@ -112,11 +113,16 @@ def prepare_plan(
     course = plan.course
     kinematics = kinematics or Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
     forces_n = distribute_forces(plan, kinematics) if settings.forces == "shared" else None
-    motion, pace, bound_by, wished = PlanMotion(plan, settings.timing, forces_n), 1.0, "", None
+    motion, pace, bound_by = PlanMotion(plan, settings.timing, forces_n), 1.0, ""
+    wished = resolved(motion, kinematics)
+    most = ACCELERATION_RAD_S2 if course.robot.model is None else np.inf
+    longer = unhurried(motion, wished, world.capabilities.velocity_rad_s, most)
+    motion = PlanMotion(plan, settings.timing, forces_n, longer)
+    wished = wished.retimed(motion.knots_s)
     if settings.check_limits:
         timed = parametrize(
             plan, kinematics, world.capabilities, settings.timing, forces_n=forces_n, hung=settings.hung,
-            drives=world.drives,
+            drives=world.drives, longer=longer,
         )  # fmt: skip
         motion, pace, bound_by, wished = timed.motion, timed.pace, timed.bound_by, timed.profile.wished
         _check_heat(accepted.source, timed.profile, world)

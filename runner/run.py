@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from itertools import count
 from typing import overload
 
 import numpy as np
@@ -171,10 +170,7 @@ class Runner:
         assert self.state is not None
         seen = self.world.capabilities.has_body_pose and not self.world.dry and not self.settings.blind
         felt, total = tracked.first.sample.forces_n, 0.0 if self._prepared is None else self._prepared.motion.last_frame
-        for k in count(1):
-            target = tracked.next(felt, k / self.world.rate_hz, self.state if seen else None)
-            if target is None:
-                break
+        while (target := tracked.next(felt, self.state if seen else None)) is not None:
             began = time.perf_counter()
             state = self.send(target.targets_rad, target.angles_rad, tracked.lean(target))
             record.add(target, state, began)

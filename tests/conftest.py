@@ -162,7 +162,7 @@ def timed() -> dict[str, Any]:
 def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     """Runs of one plan, on one kind of world, at one pace, share its time parametrisation, most of a run's work."""
     from stancekit.runner import prepared
-    from stancekit.runner.control.tracker import near_of
+    from stancekit.runner.motion.redundancy import near_of
     from stancekit.runner.motion.time_parametrization import parametrize
 
     def once(plan: Any, kinematics: Any, can: Any, *how: Any, **options: Any) -> Any:

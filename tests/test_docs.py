@@ -1,10 +1,20 @@
-"""What the documents show is true: their Python runs, their problem is solved, their commands exist."""
+"""What the documents show is true: their Python and commands run, their problem is solved, their tables are whole."""
 
+import importlib
+import io
 import json
 import re
+import shlex
+import sys
+import tomllib
+from collections.abc import Iterator
+from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
+from types import ModuleType
 
+import matplotlib.pyplot as plt
 import pytest
+import yaml
 
 from stancekit.cli.main import main
 from stancekit.planners.answer.outcome import Status
@@ -13,18 +23,97 @@ from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.verify import check_posture
 
 ROOT = Path(__file__).parent.parent
-BLOCK = re.compile(r"```(\w+)\n(.*?)```", re.DOTALL)
-README = BLOCK.findall((ROOT / "README.md").read_text(encoding="utf-8"))
-FORMATS = BLOCK.findall((ROOT / "docs" / "formats.md").read_text(encoding="utf-8"))
+DOCS = ROOT / "docs"
+BLOCK = re.compile(r"(?:<!-- file: (\S+) -->\n)?```(\w+)\n(.*?)```", re.DOTALL)
+PAGES = ["README.md", *sorted(path.relative_to(ROOT).as_posix() for path in DOCS.rglob("[!A-Z]*.md"))]
+FIRST = ("README.md", "docs/index.md")
+"""Pages whose one example is shown with what it prints."""
+COMMANDS = ("docs/quickstart.md", "docs/selectors.md", "docs/scale-out.md")
+"""Pages all of whose commands are run; what takes minutes stands on others."""
+BEFORE = {"docs/running-on-a-robot.md": ["plan desk.yaml --out desk.json"]}
+"""Commands of a page that its Python needs."""
+NEEDS = {"docs/training.md": "stable_baselines3", "docs/running-on-a-robot.md": "pinocchio",
+         "docs/learning-own-robot.md": "trimesh", "3_own_robot": "mujoco"}  # fmt: skip
 
 
-@pytest.mark.parametrize("code", [text for language, text in README if language == "python"])
-def test_python_in_the_readme_runs_and_prints(
-    code: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def blocks(page: str) -> list[tuple[str, str, str]]:
+    """File, language and text of a page's blocks."""
+    return BLOCK.findall((ROOT / page).read_text(encoding="utf-8"))
+
+
+def shown(page: str) -> list[str]:
+    """Languages on a page."""
+    return [language for _, language, _ in blocks(page)]
+
+
+def command(line: str) -> None:
+    """A line of a page, as a shell has it; it has to end with 0."""
+    words = shlex.split(line, comments=True)
+    words, target = (words[: words.index(">")], words[-1]) if ">" in words else (words, None)
+    box = io.StringIO()
+    with nullcontext() if target is None else redirect_stdout(box), pytest.raises(SystemExit) as stop:
+        main(words[1:])
+    assert stop.value.code == 0, line
+    if target is not None:
+        Path(target).write_text(box.getvalue(), encoding="utf-8")
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty one, in which the test is; figures that were left open are closed."""
     monkeypatch.chdir(tmp_path)
-    exec(compile(code, "README.md", "exec"), {})
+    monkeypatch.setenv("COLUMNS", "80")
+    yield tmp_path
+    plt.close("all")
+
+
+def written(page: str) -> None:
+    """The files that a page shows, written."""
+    for name, _, text in blocks(page):
+        if name:
+            Path(name).write_text(text, encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", [page for page in PAGES if "python" in shown(page) and page not in FIRST])
+def test_python_of_a_page_runs_block_after_block(page: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip(NEEDS.get(page, "numpy"))
+    written(page)
+    for line in BEFORE.get(page, []):
+        command(f"stancekit {line}")
+    capsys.readouterr()
+    names: dict[str, object] = {}
+    for _, language, text in blocks(page):
+        if language == "python":
+            exec(compile(text, page, "exec"), names)
+    assert capsys.readouterr().out.strip() or page in ("docs/learning-own-robot.md", "docs/selectors.md")
+
+
+@pytest.mark.parametrize("page", FIRST)
+def test_what_a_first_page_says_is_printed_is_printed(
+    page: str, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (code,), (said,) = ([text for _, is_, text in blocks(page) if is_ == language] for language in ("python", "text"))
+    assert len([line for line in code.splitlines() if line]) <= 15
+    exec(compile(code, page, "exec"), {})
+    assert capsys.readouterr().out == said
+
+
+@pytest.mark.parametrize("page", COMMANDS)
+def test_commands_of_a_page_run_line_after_line(page: str, folder: Path) -> None:
+    written(page)
+    lines = [line for _, language, text in blocks(page) if language == "sh" for line in text.splitlines()]
+    ours = [line for line in lines if line.startswith("stancekit ")]
+    assert len(ours) >= 3
+    for line in ours:
+        command(line)
+
+
+@pytest.mark.parametrize("path", sorted((DOCS / "examples").glob("plot_*.py")), ids=lambda path: path.stem)
+def test_an_example_runs_and_draws(path: Path, folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip(NEEDS.get(path.stem.removeprefix("plot_"), "numpy"))
+    exec(compile(path.read_text(encoding="utf-8"), path.name, "exec"), {"__name__": "__main__"})
     assert capsys.readouterr().out.strip()
+    assert list(folder.glob("*.png"))
 
 
 def test_the_training_loop_of_the_learning_page_runs_and_is_short(
@@ -40,13 +129,13 @@ def test_the_training_loop_of_the_learning_page_runs_and_is_short(
 
 
 def test_the_readme_shows_python_and_commands() -> None:
-    languages = [language for language, _ in README]
-    assert languages.count("python") >= 2
-    assert languages.count("sh") >= 2
+    languages = shown("README.md")
+    assert languages.count("python") >= 1
+    assert languages.count("sh") >= 1
 
 
 def test_the_problem_in_the_formats_page_is_one_that_the_planner_reads_and_answers() -> None:
-    examples = [json.loads(text) for language, text in FORMATS if language == "json"]
+    examples = [json.loads(text) for _, language, text in blocks("docs/formats.md") if language == "json"]
     assert examples
     for example in examples:
         problem = PostureProblem.from_json(example)
@@ -55,12 +144,79 @@ def test_the_problem_in_the_formats_page_is_one_that_the_planner_reads_and_answe
         assert outcome.posture is None or check_posture(problem, outcome.posture).accepted
 
 
-def test_every_verb_in_the_readme_explains_itself(capsys: pytest.CaptureFixture[str]) -> None:
-    lines = [line for language, text in README if language == "sh" for line in text.splitlines()]
+def test_every_verb_on_a_page_is_one_that_there_is() -> None:
+    from stancekit.cli.main import VERBS
+
+    texts = [text for page in PAGES for _, language, text in blocks(page) if language == "sh"]
+    lines = [line for text in texts for line in text.splitlines()]
     verbs = {line.split()[1] for line in lines if line.startswith("stancekit ")}
-    assert len(verbs) >= 7
-    for verb in sorted(verbs):
-        with pytest.raises(SystemExit) as stop:
-            main([verb, "--help"])
-        assert stop.value.code == 0
-        assert "usage: stancekit" in capsys.readouterr().out
+    assert len(verbs) >= 12
+    assert verbs <= set(VERBS)
+
+
+@pytest.fixture
+def extension(monkeypatch: pytest.MonkeyPatch) -> object:
+    """A module of docs/extensions by its name."""
+    monkeypatch.syspath_prepend(str(DOCS / "extensions"))
+
+    def found(name: str) -> ModuleType:
+        return importlib.import_module(name)
+
+    return found
+
+
+def test_every_key_of_every_file_has_a_meaning_and_every_model_is_in_the_reference(extension) -> None:
+    keys = extension("keys")
+    assert len(keys.forbidding()) > 40
+    assert list(keys.missing()) == []
+    page = keys.page()
+    assert "| **`frames`** | integer ≥ 1, ≤ 200 |  | number of key frames M |" in page
+    assert "| `friction` | number ≥ 0, ≤ 10 | `1.0` | Coulomb's μ, 0 is ice |" in page
+
+
+def test_what_a_docstring_says_of_keys_is_read_off_it(extension) -> None:
+    said = "A thing, of use: never. near, far: how far [m]; tall: how tall, that is: up. other: of no key."
+    assert extension("keys").own_meanings(said, {"near", "far", "tall"}) == {
+        "near": "how far [m]", "far": "how far [m]", "tall": "how tall, that is: up. other: of no key",
+    }  # fmt: skip
+
+
+def test_an_environments_page_has_its_spaces_reward_and_weights(extension) -> None:
+    page = extension("environments").page("stancekit/EnvelopeSelection-v0")
+    assert "| Action space | `Box(-1.0, 1.0, (36,), float32)` |" in page
+    assert r"w_\text{agreement}" in page
+    assert "| agreement | 1 |" in page
+    assert re.findall(r"^## (.*)$", page, re.M)[0] == "Description"
+
+
+def test_every_script_that_measures_is_on_the_page_of_benchmarks(extension) -> None:
+    briefs = extension("scripts").briefs()
+    assert len(briefs) > 30
+    assert [name for name, (brief, _) in briefs.items() if not brief] == []
+
+
+def test_the_citation_has_both_papers_and_the_version_of_the_package() -> None:
+    found = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    assert found["cff-version"] == "1.2.0"
+    assert (found["version"], found["license"]) == (project["version"], project["license"])
+    assert [(paper["year"], len(paper["authors"])) for paper in found["references"]] == [(2021, 3), (2022, 6)]
+
+
+def test_what_hosted_checks_run_is_a_target_here() -> None:
+    targets = re.findall(r"^([a-z]+):.*## ", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
+    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yaml").read_text(encoding="utf-8"))["jobs"]
+    runs = [step["run"].split() for job in jobs.values() for step in job["steps"] if "make" in step.get("run", "")]
+    assert {words[1] for words in runs} == {"test", "docs", "smoke"} <= set(targets)
+    assert jobs["test"]["strategy"]["matrix"]["python"] == ["3.11", "3.12", "3.13"]
+
+
+def test_every_equation_and_algorithm_is_on_a_page_of_concepts(extension) -> None:
+    sys.path.insert(0, str(DOCS))
+    try:
+        equations = importlib.import_module("equations")
+    finally:
+        sys.path.remove(str(DOCS))
+    text = "\n".join(path.read_text(encoding="utf-8") for path in (DOCS / "concepts").glob("*.md"))
+    tied = {name.strip() for names in re.findall(r"```\{tied\} (.*)", text) for name in names.split(",")}
+    assert tied == set(equations.EQUATIONS)

@@ -40,7 +40,7 @@ class SampledTasks:
     robot: GaitRobot = field(default_factory=anymal)
 
     def __post_init__(self) -> None:
-        known = ("mixed", *FAMILIES, *TERRAINS.names())
+        known = ("mixed", *FAMILIES.names(), *TERRAINS.names())
         if self.terrain not in known and ".py:" not in self.terrain:
             raise InvalidInput(f"terrain: expected one of {', '.join(known)}, or FILE.py:NAME, got {self.terrain!r}")
         if not self._drawn_anew:
@@ -53,7 +53,7 @@ class SampledTasks:
     @property
     def _drawn_anew(self) -> bool:
         """Whether every walk has a terrain of its own."""
-        return self.terrain == "mixed" or self.terrain in FAMILIES
+        return self.terrain == "mixed" or self.terrain in FAMILIES.names()
 
     def __call__(self, rng: np.random.Generator) -> GaitTask:
         """Draw a walk; a goal where the robot cannot stand is drawn again. Raises PlanningFailed if none is found."""
@@ -67,7 +67,7 @@ class SampledTasks:
 
     def _drawn(self, rng: np.random.Generator) -> GaitTask:
         if self._drawn_anew:
-            family = str(rng.choice(list(FAMILIES))) if self.terrain == "mixed" else self.terrain
+            family = str(rng.choice(FAMILIES.names())) if self.terrain == "mixed" else self.terrain
             field_ = random_terrain(family, float(rng.uniform(*self.difficulty)), rng)
         else:
             field_ = reference_terrain(self.terrain)

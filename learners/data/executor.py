@@ -15,6 +15,7 @@ from typing import Any, Literal, Protocol, TypeVar
 import joblib
 
 from stancekit.planners.errors import InvalidInput, StancekitError
+from stancekit.planners.files.arrays import checked_int
 
 Answer = TypeVar("Answer")
 Task = Callable[[], Answer]
@@ -76,8 +77,7 @@ def processes(workers: int) -> Executor:
 
     Raises InvalidInput.
     """
-    if workers < 1:
-        raise InvalidInput(f"workers: expected 1 or more, got {workers}")
+    checked_int(workers, "workers", least=1)
 
     def run(tasks: Sequence[Task[Answer]]) -> Iterator[Answer]:
         if workers == 1 or len(tasks) < 2:

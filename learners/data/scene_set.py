@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.files.writing import check_new_folder, replaced
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.answer import CoursePlanner
-from stancekit.planners.terrain.families import TERRAIN_FAMILIES, FamilyTerrain, family_terrain
+from stancekit.planners.terrain.families import FamilyTerrain, family_terrain, terrain_family
 
 FORMAT = "stancekit/scenes/1"
 INDEX = "scenes.json"
@@ -51,8 +51,7 @@ def export_scenes(
     Raises InvalidInput for a folder with something in it, and for another family, level, seed or spacing.
     """
     check_new_folder(out)
-    if count < 1:
-        raise InvalidInput(f"count: expected 1 or more, got {count}")
+    checked_int(count, "count", least=1)
     family_terrain(family, level, seed)  # what is wrong is said before a folder is made
     scenes = []
     with replaced(out, folder=True) as folder:
@@ -67,7 +66,7 @@ def export_scenes(
             if progress is not None:
                 progress(k + 1, count)
         index = {
-            "format": FORMAT, "family": family, "level": level, "quantity": TERRAIN_FAMILIES[family].quantity,
+            "format": FORMAT, "family": family, "level": level, "quantity": terrain_family(family).quantity,
             "robot": "hexapod", "scenes": scenes,
         }  # fmt: skip
         (folder / INDEX).write_text(json.dumps(index), encoding="utf-8")

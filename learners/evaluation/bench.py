@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -146,18 +147,21 @@ class _Class:
 
     def _learned(self, method: str, train: Dataset, calibration: Dataset | None) -> tuple[_Row, Learned]:
         """The selector that is there, or a new one; and its row as far as it is known."""
-        digests = [train.header.digest, "" if calibration is None else calibration.header.digest]
+        digests = [train.header.digest, "" if calibration is None else calibration.header.digest, *_source(method)]
         key = _digest(["fit", method, self._experiment.fit.concerning(method), digests, software()])
         row = self._read(method)
         if row is not None and row.fit_key == key and (self._folder / row.file).is_file():
             path = self._folder / row.file
             if hashlib.sha256(path.read_bytes()).hexdigest() == row.file_sha256:
                 return row, load_selector(path)
-        begin, checkpoint = perf_counter(), self._folder / f"{method}.checkpoint-{key[:12]}"
+        begin, checkpoint = perf_counter(), self._folder / f"{_stem(method)}.checkpoint-{key[:12]}"
         bar = self._told(f"fit {method}")
         settings = self._experiment.fit
         learned = learn_selector(method, train, settings, bar, calibration=calibration, checkpoint=checkpoint)
-        path = self._folder / f"{method}{learned.suffix}"
+        if _source(method) and not isinstance(learned.selector, FixedSelector):
+            blank = _Row(fit_key=key, file="", file_sha256="", fit_seconds=perf_counter() - begin)
+            return blank, learned  # no format of ours: judged as it is, and learned again by the next run
+        path = self._folder / f"{_stem(method)}{learned.suffix}"
         learned.write(path)
         row = _Row(
             fit_key=key, file=path.name, file_sha256=hashlib.sha256(path.read_bytes()).hexdigest(),
@@ -167,7 +171,7 @@ class _Class:
         return row, load_selector(path)
 
     def _score(self, method: str, row: _Row, learned: Learned, scenes: list[Scene], test: Dataset) -> Score:
-        key = self._row_key(row.file_sha256, test)
+        key = self._row_key(row.file_sha256 or row.fit_key, test)
         notes = {"fit_seconds": row.fit_seconds, "file": row.file}
         if row.row_key == key:
             return _as_score(method, row, {**notes, "kept": True})
@@ -195,12 +199,23 @@ class _Class:
     def _read(self, name: str) -> _Row | None:
         """A row that an earlier run kept; None where there is none that can be used."""
         try:
-            return _Row.model_validate_json((self._folder / f"{name}.row.json").read_bytes())
+            return _Row.model_validate_json((self._folder / f"{_stem(name)}.row.json").read_bytes())
         except (OSError, ValidationError):
             return None
 
     def _write(self, name: str, row: _Row) -> None:
-        write_text(self._folder / f"{name}.row.json", row.model_dump_json(indent=1) + "\n")
+        write_text(self._folder / f"{_stem(name)}.row.json", row.model_dump_json(indent=1) + "\n")
+
+
+def _source(method: str) -> list[str]:
+    """Of a method from a file, FILE.py:NAME, the digest of that file; nothing of the others."""
+    path, colon, _ = method.rpartition(":")
+    return [hashlib.sha256(Path(path).read_bytes()).hexdigest()] if colon and Path(path).is_file() else []
+
+
+def _stem(method: str) -> str:
+    """The method's name as that of a file."""
+    return re.sub(r"[^\w-]+", "-", method.replace(".py:", "-"))
 
 
 def _with_score(row: _Row, key: str, score: Score) -> _Row:

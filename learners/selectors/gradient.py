@@ -14,7 +14,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.files.validation import check_fields
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.mccormick import McCormick
@@ -143,8 +143,7 @@ def fit_gradient(
     steps in all. Raises InvalidInput where the data set has too few rows of a label.
     """
     settings = Descent(steps=steps, batch=batch)
-    if boxes < 1:
-        raise InvalidInput(f"boxes: expected 1 or more, got {boxes!r}")
+    checked_int(boxes, "boxes", least=1)
     if len(dataset.feasible) < max(2, boxes) or not len(dataset.infeasible):
         raise InvalidInput(
             f"data set: expected {max(2, boxes)} or more feasible rows and an infeasible one, got "

@@ -12,7 +12,7 @@ from stancekit.envs.distributions.stance import LAW
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.modes import Modes, world_points
@@ -39,8 +39,7 @@ def learn_modes(
     and wall is that of ``Course.modes``.
     Raises InvalidInput for a count below 1.
     """
-    if count < 1:
-        raise InvalidInput(f"count: expected 1 or more, got {count}")
+    checked_int(count, "count", least=1)
     planner = ExactPlanner(programs=programs or Programs())
     samples = dict[str, tuple[Sequence[PostureProblem], Sequence[Envelope]]]()
     for name in distributions:

@@ -13,6 +13,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked_choice
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 
 from ..selectors.genetic import GeneticSettings, fit_genetic
@@ -41,8 +42,7 @@ def fit(
 
     ``progress`` is told steps done and steps in all where a method takes its time.
     """
-    if method not in ENVELOPES:
-        raise InvalidInput(f"method: expected one of {', '.join(ENVELOPES)}, got {method!r}")
+    checked_choice(method, "method", ENVELOPES)
     if len(dataset.feasible) < 2 or (method.startswith("gmm") and len(dataset.infeasible) < 2):
         raise InvalidInput(
             f"data set: expected two or more rows of each label, got {len(dataset.feasible)} feasible and "

@@ -21,7 +21,7 @@ import torch
 from torch import Tensor, nn
 
 from stancekit.envs.scenes import ListedScenes
-from stancekit.envs.selection_task import SelectionTask
+from stancekit.envs.selection_task import SelectionSettings, SelectionTask
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 
@@ -43,7 +43,7 @@ class PairedRun:
         if scenes.rows is None:
             raise InvalidInput("paired: expected rows of a data set to imitate, got scenes alone")
         self._config, self._folder, self._scenes, self._rows = config, folder, scenes, scenes.rows
-        self._task = SelectionTask(config.kind, scenes=ListedScenes(scenes.train))
+        self._task = SelectionTask(config.kind, SelectionSettings(scenes=ListedScenes(scenes.train)))
         self._tensors = SceneTensors.of_problems([scene.scaled for scene in scenes.train])
         self._evaluate = evaluator(config, scenes.held_out)
         self._start = typed(NeuralSettings, {"seed": config.seed, **config.paired.start}, "paired.start")

@@ -88,15 +88,16 @@ class Certificate:
 
     Arguments:
         tree: shape (K, 5), the nodes in preorder, a row each, (kind, i, j, first, second):
-            kind 0, a leaf: the other entries are 0;
-            kind 1, a choice: in the first child foothold ``i`` stands on its candidate ``j``, in the second it does
+
+            - kind 0, a leaf: the other entries are 0;
+            - kind 1, a choice: in the first child foothold ``i`` stands on its candidate ``j``, in the second it does
               not;
-            kind 2, a cut of candidate ``j`` of foothold ``i`` along the chord between two points of the border of the
+            - kind 2, a cut of candidate ``j`` of foothold ``i`` along the chord between two points of the border of the
               piece that is left of it, given as border coordinates ``first`` < ``second``: the coordinate e + s is the
               point v_e + s (v_{e+1} − v_e) of the piece's own vertices, 0 ≤ s < 1; the first child runs along the
               border from ``first`` to ``second``, the second child from ``second`` round to ``first``, each beginning
               with the point it runs from;
-            kind 3, a split of the force box of the ``i``-th limb that carries (the limbs of the stances, one stance
+            - kind 3, a split of the force box of the ``i``-th limb that carries (the limbs of the stances, one stance
               after the other): component ``j`` (0, 1, 2 for f_n, f_y, f_z) at the value ``first``, in units of the
               force scale; the first child keeps the values up to it, the second those from it on.
         multipliers: shape (leaves, count), the leaves in preorder, with S stances, M frames and N limbs: ν_F (S, 3) of

@@ -6,7 +6,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable
 from typing import Any, Literal, Protocol, TypeVar, cast, get_args, runtime_checkable
 
-from ..errors import InvalidInput
+from ..files.arrays import checked_choice
 from .rows import Reference, Rows
 
 T = TypeVar("T")
@@ -34,8 +34,7 @@ class Programs:
     """
 
     def __init__(self, most: int = MOST, *, engine: Engine = "rows") -> None:
-        if engine not in ENGINES:
-            raise InvalidInput(f"engine: expected one of {', '.join(ENGINES)}, got {engine!r}")
+        checked_choice(engine, "engine", ENGINES)
         self._most, self.engine = most, engine
         self._kept: OrderedDict[Hashable, object] = OrderedDict()
 

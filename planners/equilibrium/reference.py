@@ -19,7 +19,11 @@ from .scaled import Point, Scaled
 
 
 def without_moments(scaled: Scaled, *, inner: bool = False) -> Model:
-    """P̄: everything but m = p f (§III); with m free E9 says nothing. inner: see ``_on_toes``."""
+    """P̄: everything but m = p f (paper E §III); with m free, the moments' balance E9 says nothing.
+
+    scaled: the problem, with any number of candidates. inner: see ``_on_toes``. Returns a model without an objective:
+    where it has no answer, neither has the problem.
+    """
     plan = Plan(scaled)
     forces = Forces.of_candidates(plan)
     return Model(cp.Constant(0.0), {**_on_toes(plan, inner=inner), **_on_forces(forces)})
@@ -86,7 +90,11 @@ def p1_of_modes(scaled: Scaled, boxes: Sequence[Box], allowed: Array, *, axes: A
 
 
 def lift(scaled: Scaled, *, least_moment: bool) -> Model:
-    """The lift: f_u := λ_u f at every vertex, so that Σ p_w × f is Σ_u v_u × f_u, linear (``relaxation.lift``)."""
+    """The lift: f_u := λ_u f at every vertex, so that Σ p_w × f is Σ_u v_u × f_u, linear (``relaxation.lift``).
+
+    scaled: with any number of candidates. least_moment: minimise the largest component of the moments (E6, E9); else
+    they are zero and the objective is the course's. Its optimum is a lower bound on that of the problem.
+    """
     plan = Plan(scaled)
     forces = Forces.of_vertices(plan)
     moment = plan.net(cross(scaled.bearing_vertices, forces.world), forces.stance)
@@ -94,7 +102,11 @@ def lift(scaled: Scaled, *, least_moment: bool) -> Model:
 
 
 def least_gap(scaled: Scaled, about: Point) -> Model:
-    """The lift with the least gap Σ_u (v_u − p̂)(f_u − λ_u f̂)ᵀ of its products from p fᵀ, linearised at (p̂, f̂)."""
+    """The lift with the least gap Σ_u (v_u − p̂)(f_u − λ_u f̂)ᵀ of its products from p fᵀ, linearised at (p̂, f̂).
+
+    scaled: one candidate a foothold. about: the point that has p̂ and f̂. Returns the model of least Σ g² over all nine
+    components of every stance contact, moments being zero.
+    """
     plan = Plan(scaled)
     forces = Forces.of_vertices(plan)
     moment = plan.net(cross(scaled.bearing_vertices, forces.world), forces.stance)
@@ -103,7 +115,11 @@ def least_gap(scaled: Scaled, about: Point) -> Model:
 
 
 def fix_toes(scaled: Scaled, held: Point, *, hold_body: bool, least_moment: bool) -> Model:
-    """Toes held, with hold_body c and Θ, too (fix-p). Σ f is fixed, so that Σ p × f is linear in (c, f)."""
+    """Toes held, with hold_body c and Θ, too (fix-p, paper E §IV-A). Σ f is fixed, so that Σ p × f is linear in (c, f).
+
+    held: the point whose toes, and body, are kept; one candidate a foothold. least_moment: minimise the moments that
+    are left; else they are zero and the objective is the course's.
+    """
     plan = Plan(scaled, held.toes)
     forces = Forces.of_contacts(scaled)
     moment = plan.net(cross(scaled.bearing_points(held.toes), forces.world), forces.stance)
@@ -114,7 +130,11 @@ def fix_toes(scaled: Scaled, held: Point, *, hold_body: bool, least_moment: bool
 
 
 def fix_forces(scaled: Scaled, held: Point) -> Model:
-    """Contact-frame forces held (fix-f): least moment over toes, c and Θ."""
+    """Contact-frame forces held (fix-f, paper E §II): the least moment residual over toes, c and Θ.
+
+    held: the point whose forces, shape (B, 3), are kept; their frames are those of the chosen candidates, so that the
+    forces in the world are kept, too, and p × f is linear in p.
+    """
     plan = Plan(scaled)
     stance, _, foothold = scaled.layout.contacts
     offsets = scaled.bearing_points(np.zeros_like(held.toes))
@@ -124,7 +144,11 @@ def fix_forces(scaled: Scaled, held: Point) -> Model:
 
 
 def linearised(scaled: Scaled, about: Point, *, price: float | None) -> Model:
-    """A step of SCP: p × F by p̄ × F + (p − p̄) × F̄. price: of the moments left, beside the objective; None: alone."""
+    """A step of SCP: p × F is replaced by p̄ × F + (p − p̄) × F̄ about a point (p̄, F̄), in every stance.
+
+    about: that point; one candidate a foothold. price: of the largest moment that is left, beside the objective; None
+    minimises it alone.
+    """
     plan, foothold = Plan(scaled), scaled.layout.contacts[2]
     forces, before = Forces.of_contacts(scaled), scaled.in_world(about.forces)
     moved = cross(scaled.bearing_points(about.toes), forces.world)
@@ -142,7 +166,11 @@ def positions(scaled: Scaled) -> Model:
 
 
 def coupled(scaled: Scaled, axes: Axes) -> tuple[Plan, Products, Terms]:
-    """What P1 and the mixed-integer program share: everything but what stands for m = p f, and the cost."""
+    """What P1 and the mixed-integer program share: everything but what stands for m = p f, and the cost.
+
+    axes: of the forces that the products are taken of, those of contacts or of the world. Returns the variables of body
+    and toes, those of p, f and m, and the constraints by name. Raises InvalidInput for soles.
+    """
     scaled.layout.check_point_feet("envelopes")
     plan = Plan(scaled)
     forces = Forces.of_candidates(plan)

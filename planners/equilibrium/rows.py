@@ -116,7 +116,7 @@ class Rows(Generic[D]):
         self.shape = (0, 0)
 
     def variable(self, name: str, *shape: int) -> Index:
-        """Columns of a new variable, in its shape."""
+        """Columns in x of a new variable, in its shape; ``ConicSolution.value`` gives its value by its name."""
         size = int(np.prod(shape, dtype=int))
         self.columns[name] = self.shape[1] + np.arange(size).reshape(shape)
         self.shape = (self.shape[0], self.shape[1] + size)
@@ -131,14 +131,21 @@ class Rows(Generic[D]):
         return self._group(name, shape, clarabel.NonnegativeConeT)
 
     def cones(self, name: str, count: int, size: int) -> Index:
-        """New second-order cones, shape (count, size): b − A x = (t, v) with ‖v‖ ≤ t, a row of the group each."""
+        """New second-order cones: with b − A x = (t, v) a row of the group, ‖v‖ ≤ t.
+
+        count, size: how many, and of how many rows each. Returns the numbers of the rows, shape (count, size).
+        """
         rows = self.shape[0] + np.arange(count * size).reshape(count, size)
         self._cones += [clarabel.SecondOrderConeT(size)] * count
         self.groups[name], self.shape = rows, (self.shape[0] + rows.size, self.shape[1])
         return rows
 
     def put(self, rows: Index, columns: Index, values: Values[D]) -> None:
-        """Entries of A at ``rows`` × ``columns``, which are broadcast; no entry twice."""
+        """Entries of A at ``rows`` × ``columns``, which are broadcast against each other.
+
+        values: numbers, or what gives them for a problem, of the broadcast shape or one that broadcasts to it. An entry
+        may be put once only: entries are not added up.
+        """
         rows, columns = np.broadcast_arrays(rows, columns)
         self._blocks.append((rows, columns, values))
 
@@ -147,7 +154,10 @@ class Rows(Generic[D]):
         self._right.append((rows, values))
 
     def square(self, first: Index, second: Index | None, weight: Fill[D]) -> None:
-        """Add weight · Σ (x[first] − x[second])² to the objective, with None weight · Σ x[first]²."""
+        """Add weight · Σ (x[first] − x[second])² to the objective, or weight · Σ x[first]² where second is None.
+
+        first, second: columns of one shape. weight: of a problem, a number ≥ 0.
+        """
         pairs = [(first, first, 2.0)]
         if second is not None:
             pairs += [(second, second, 2.0), (np.minimum(first, second), np.maximum(first, second), -2.0)]
@@ -164,7 +174,11 @@ class Rows(Generic[D]):
         self._reference = reference
 
     def solve(self, data: D) -> ConicSolution:
-        """Solve for this problem."""
+        """Solve for this problem, by the kept solver with its numbers updated, or by a new one.
+
+        data: of the layout that the rows were written for. Returns an answer whose status is SOLVED, INFEASIBLE (with a
+        Farkas ray as dual) or FAILED; where the solver gave up it was asked again with smaller steps.
+        """
         if self._reference is not None:
             return self._reference(data).solve_as(self.columns, self.groups)
         hessian, q, matrix, b = self.load(data)

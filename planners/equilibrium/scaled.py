@@ -194,7 +194,11 @@ class Scaled:
         return self.only(opened)
 
     def with_piece(self, candidate: int, border: Array) -> Scaled:
-        """The problem with one candidate, 0 ≤ candidate < K, confined to a piece of its patch, shape (·, 3)."""
+        """The problem with one candidate confined to a piece of its patch, as a search in space cuts it.
+
+        candidate: its number, 0 ≤ candidate < K. border: the corners of the piece in order, shape (U, 3), non-
+        dimensional.
+        """
         pieces = (*self.pieces[:candidate], border, *self.pieces[candidate + 1 :])
         sizes = iter(len(piece) for piece in pieces)
         corners = tuple(tuple(next(sizes) for _ in counts) for counts in self.layout.corners)
@@ -202,7 +206,10 @@ class Scaled:
         return replace(self, layout=layout, vertices=np.concatenate(pieces))
 
     def with_force_box(self, low: Array, high: Array) -> Scaled:
-        """The problem with these bounds on the forces of its stance contacts, shape (B, 3) each."""
+        """The problem with these bounds on the forces of its stance contacts in place of f_min and f_max of E10.
+
+        low, high: in contact frames, shape (B, 3) each, non-dimensional.
+        """
         return replace(self, force_min=low, force_max=high)
 
     def in_world(self, forces: Array) -> Array:
@@ -264,7 +271,11 @@ def skew(vectors: Array) -> Array:
 
 
 def cones_met(low: Array, high: Array, friction: Sequence[float] | Array) -> tuple[Array, Array]:
-    """Force boxes met with the box around their friction cones, shape (B, 3) each; friction: shape (B,)."""
+    """Force boxes met with the box around their friction cones (E10): f_n ≥ 0, |f_y|, |f_z| ≤ μ f_n,max.
+
+    low, high: in contact frames, shape (B, 3) each. friction: μ, shape (B,). Returns both bounds anew, shape (B, 3)
+    each; no force of cone and box is lost.
+    """
     shear = (np.asarray(friction) * np.maximum(high[:, 0], 0.0))[:, None]
     low, high = low.copy(), high.copy()
     low[:, 0] = np.maximum(low[:, 0], 0.0)

@@ -190,7 +190,8 @@ class Forces:
 
     @classmethod
     def of_candidates(cls, rows: Rows[Given], layout: Layout, toes: FreeToes) -> Forces:
-        """One force for every candidate under a contact, as large as its share Σ_u λ_u of the foothold."""
+        """One force for every candidate under a contact, as large as its share Σ_u λ_u of the foothold (P1); where each
+        has one candidate, ``of_contacts``. toes: whose λ are these shares."""
         contact, candidate = layout.contact_candidates
         if all(len(counts) == 1 for counts in layout.corners):
             return cls.of_contacts(rows, layout)
@@ -202,7 +203,10 @@ class Forces:
 
     @classmethod
     def of_vertices(cls, rows: Rows[Given], layout: Layout, toes: FreeToes) -> Forces:
-        """f_u := λ_u f of every vertex under a contact: the lift's forces."""
+        """f_u := λ_u f of every vertex under a contact: the lift's forces, in the frame of the vertex's candidate.
+
+        toes: whose λ_u scale cone and box of each, so that a vertex without weight carries nothing.
+        """
         contact, vertex = layout.contact_vertices
         share = (np.arange(len(vertex)), toes.weights[vertex])
         return cls(rows, layout, contact, layout.vertex_candidates[vertex], share)
@@ -250,7 +254,11 @@ class Moments:
         self._offsets: list[Fill[Given]] = []
 
     def add(self, stance: Index, columns: Index, values: Of | Fill[Given]) -> None:
-        """Add values · x[columns]; stance: shape (n,); columns: shape (n, k); values: shape (n, 3, k)."""
+        """Add a linear part, values · x[columns], to the net moment of stances.
+
+        stance: which, shape (n,). columns: shape (n, k). values: arms in the world, shape (n, 3, k), numbers or what
+        gives them for a problem.
+        """
         self._parts.append((stance, columns, values))
 
     def of_weight(self, body: Body) -> None:

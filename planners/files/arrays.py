@@ -1,8 +1,8 @@
-"""Read-only arrays for value classes, with the shape and the range checked once where a value enters the house."""
+"""Read-only arrays and numbers for value classes, shape and range checked once where a value enters the house."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 import numpy as np
@@ -57,8 +57,26 @@ def checked(
     if above is not None and not number > above:
         raise InvalidInput(f"{where}: expected a number above {above:g}, got {number:g}")
     if not least <= number <= most:
-        raise InvalidInput(f"{where}: expected a number in [{least:g}, {most:g}], got {number:g}")
+        low = f"[{least:g}" if above is None else f"({above:g}"
+        raise InvalidInput(f"{where}: expected a number in {low}, {most:g}], got {number:g}")
     return number
+
+
+def checked_int(value: Any, where: str, *, least: int = 0, most: int | None = None) -> int:
+    """Return ``value`` as an int in [least, most], without an end where most is None. Raises InvalidInput."""
+    whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not whole or value < least or (most is not None and value > most):
+        wanted = f"{least} or more" if most is None else f"{least} to {most}"
+        raise InvalidInput(f"{where}: expected {wanted}, got {shown(value)}")
+    return int(value)
+
+
+def checked_choice(value: Any, where: str, among: Iterable[str]) -> str:
+    """Return ``value`` where it is one of these. Raises InvalidInput that lists them."""
+    known = tuple(among)
+    if value not in known:
+        raise InvalidInput(f"{where}: expected one of {', '.join(known)}, got {shown(value)}")
+    return str(value)
 
 
 def checked_name(value: Any, where: str) -> str:

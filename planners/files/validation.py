@@ -97,7 +97,7 @@ def validation_errors(error: ValidationError) -> Iterator[str]:
         key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).lstrip(".")
         cause = item.get("ctx", {}).get("error")
         if isinstance(cause, InvalidInput):
-            yield f"{key}.{cause}" if key else str(cause)
+            yield f"{key}{': ' if str(cause).startswith('expected') else '.'}{cause}" if key else str(cause)
         elif item["type"] in ("missing", "missing_argument"):
             yield f"{key}: expected this key, got nothing"
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, collect_errors, read_only
+from ..files.arrays import Array, checked, checked_choice, checked_int, collect_errors, read_only
 from ..robot.single_body import GaitRobot
 from ..terrain.heightfield import HeightField
 from .charts import CHARTS
@@ -58,8 +58,7 @@ class GaitTask:
         object.__setattr__(self, "adhesive", tuple(bool(sticks) for sticks in self.adhesive) or (False,) * feet)
         if len(self.adhesive) != feet:
             raise InvalidInput(f"adhesive: expected {feet} truth values, got {len(self.adhesive)}")
-        if self.timings not in get_args(Timings):
-            raise InvalidInput(f"timings: expected one of {', '.join(get_args(Timings))}, got {self.timings!r}")
+        checked_choice(self.timings, "timings", get_args(Timings))
         gait_named(self.gait)
         sucks = SUCTION * self.robot.weight_n if self.suction_n is None else self.suction_n
         collect_errors(
@@ -178,8 +177,7 @@ class GaitSettings:
 
     def __post_init__(self) -> None:
         CHARTS.get(self.chart)
-        if self.dynamics not in get_args(Dynamics):
-            raise InvalidInput(f"dynamics: expected one of {', '.join(get_args(Dynamics))}, got {self.dynamics!r}")
+        checked_choice(self.dynamics, "dynamics", get_args(Dynamics))
         if self.hessian not in ("exact", "lbfgs"):
             raise InvalidInput(f"hessian: expected exact or lbfgs, got {self.hessian!r}")
         for name in ("tolerance", "step_s", "torso_knot_s", "force_knot_s", "smoothing_m"):
@@ -189,5 +187,4 @@ class GaitSettings:
         if self.mean_forces and self.dynamics != "centred":
             raise InvalidInput(f"mean_forces: expected centred dynamics with it, got {self.dynamics}")
         for name in ("max_iterations", "swing_nodes"):
-            if getattr(self, name) < 1:
-                raise InvalidInput(f"{name}: expected 1 or more, got {getattr(self, name)}")
+            checked_int(getattr(self, name), f"{name}", least=1)

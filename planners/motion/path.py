@@ -122,6 +122,13 @@ class PlanPath:
         """Of every key frame but the first: lift, across and down; across alone where no limb moves."""
         return tuple(self._step(k) for k in range(1, self.plan.course.frames))
 
+    def support(self, frame: int) -> tuple[int, ...]:
+        """The limbs that carry while those of ``frame`` lift; after the last frame, while the next would."""
+        course = self.plan.course
+        lifted = course.lifts[frame] if frame < course.frames else course.next_lift
+        support = tuple(i for i, name in enumerate(self._names) if name not in lifted)
+        return support or tuple(range(len(self._names)))
+
     def _step(self, k: int) -> tuple[Segment, ...]:
         old, new = self._holds[k - 1], self._holds[k]
         moving = [self._names.index(name) for name in self.plan.course.lifts[k]]

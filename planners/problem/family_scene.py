@@ -9,6 +9,7 @@ from pydantic import Field, field_validator
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..plugins import split_name
 from ..terrain.families import TERRAIN_FAMILIES, FamilyTerrain, family_terrain
 from .terrain_spec import Terrain, TerrainSpec
 
@@ -27,8 +28,8 @@ class FamilyScene(TerrainSpec):
     @field_validator("family")
     @classmethod
     def _is_family(cls, family: str) -> str:
-        if family not in TERRAIN_FAMILIES:
-            raise InvalidInput(f"expected one of {', '.join(TERRAIN_FAMILIES)}, got {family!r}")
+        if family not in TERRAIN_FAMILIES.names():  # none of a FILE.py: reading a course runs nothing
+            raise InvalidInput(f"expected one of {', '.join(TERRAIN_FAMILIES.names())}, got {family!r}")
         return family
 
     def drawn(self) -> FamilyTerrain:
@@ -43,9 +44,9 @@ class FamilyScene(TerrainSpec):
 
 
 def family_name(name: str) -> bool:
-    """Whether a course's name is that of a family, as ``stairs:0.6`` or ``stairs:0.6:7``."""
-    family, *numbers = name.split(":")
-    return bool(numbers) and family in TERRAIN_FAMILIES
+    """Whether a course's name is that of a family, as ``stairs:0.6``, ``stairs:0.6:7`` or ``mine.py:steps:0.6:7``."""
+    family, numbers = split_name(name)
+    return bool(numbers) and (".py:" in family or family in TERRAIN_FAMILIES.names())
 
 
 def family_keys(name: str) -> dict[str, Any]:
@@ -54,23 +55,37 @@ def family_keys(name: str) -> dict[str, Any]:
     The default hexapod walks FRAMES key frames of a tripod gait, STRIDE_M each, in the mean HEIGHT_M above the ground
     and along it; between walls it climbs. A toe is offered all that it could reach.
     """
-    family, *numbers = name.split(":")
+    family, numbers = split_name(name)
     try:
         level, seed = float(numbers[0]), int(numbers[1]) if len(numbers) == 2 else 0
         if len(numbers) > 2:
             raise ValueError
     except (ValueError, IndexError):
         raise InvalidInput(f"course: expected {family}:LEVEL:SEED as in {family}:0.5:7, got {name!r}") from None
-    rise = family_terrain(family, level, seed).rise
+    scene = family_terrain(family, level, seed)
+    rise = scene.rise
     far = STRIDE_M * (FRAMES - 1)
     along = 1.0 if rise is None else float((1.0 + rise**2) ** 0.5)
     goal = (0.0, 0.0, HEIGHT_M + far) if rise is None else (far / along, 0.0, HEIGHT_M + far * rise / along)
     stance = {"outward_m": 0.13, "down_m": 0.0 if rise is None else HEIGHT_M}
     return {
-        "name": name.replace(":", "-"), "frames": FRAMES, "gait": "tripod", "start_m": [0.0, 0.0, HEIGHT_M],
+        "name": Path(name).name.replace(":", "-"), "frames": FRAMES, "gait": "tripod", "start_m": [0.0, 0.0, HEIGHT_M],
         "goal_m": list(goal), "stride_m": STRIDE_M, "stance": stance,
         "body": {"com_radius_m": 0.06, "first_radius_m": 0.02},
         "steps": {"com_m": 0.15, "toe_m": 0.40, "rotation_rad": 0.15, "progress_m": 0.02},
         "candidates": {"everywhere": True, "margin_m": 0.01},
-        "terrain": {"kind": "family", "family": family, "level": level, "seed": seed},
+        "terrain": _polygons(scene) if ".py:" in family
+        else {"kind": "family", "family": family, "level": level, "seed": seed},
     }  # fmt: skip
+
+
+def _polygons(scene: FamilyTerrain) -> dict[str, Any]:
+    """A drawn scene in keys, surface by surface."""
+    polygons = [
+        {
+            "vertices_m": patch.vertices_m.tolist(), "normal": patch.normal.tolist(), "friction": patch.friction,
+            "shear_reference": patch.shear_reference.tolist(), "footing": footing,
+        }
+        for patch, footing in zip(scene.patches, scene.footing, strict=True)
+    ]  # fmt: skip
+    return {"kind": "polygons", "polygons": polygons}

@@ -30,7 +30,11 @@ class Counter(Protocol):
 def improved(
     programs: Programs, scaled: Scaled, point: Point, clock: Counter, *, steps: int = 8, least: float = 1e-9
 ) -> Point:
-    """A plan at least as good. point: on the surface, one candidate a foothold; least: an improvement worth a step."""
+    """A plan at least as good, by linearised steps on the bilinear surface, each with the toes held afterwards.
+
+    point: on the surface, one candidate a foothold. clock: counts solves and their seconds. steps: the most. least: an
+    improvement of the objective, in units of the length scale squared, worth another step.
+    """
     step, held = programs.get(Linearised, scaled.layout, False), programs.get(FixToes, scaled.layout, False, False)
     best, value = point, cost(scaled, point)
     for _ in range(steps):
@@ -51,7 +55,11 @@ def improved(
 
 
 def cost(scaled: Scaled, point: Point) -> float:
-    """The objective of ``objective`` at a point, in units of the length scale squared."""
+    """The objective of paper E §IV-B at a point, in units of the length scale squared.
+
+    Goal, tilt, steps of the COM and of the toes, with the weights of the course (``Weights``); of one candidate a
+    foothold.
+    """
     weights, moves = scaled.aim, scaled.layout.moves
     value = weights.goal * float(np.sum((point.com[-1] - scaled.goal) ** 2))
     value += weights.tilt / scaled.length_m**2 * float(np.sum(point.rotation**2))

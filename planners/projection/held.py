@@ -52,7 +52,11 @@ class FixToes:
         return fix_toes(given.scaled, given.held, hold_body=self._hold_body, least_moment=self._least)
 
     def solve(self, scaled: Scaled, start: Point) -> Point:
-        """Hold the toes of ``start``, with hold_body its c and Θ, too."""
+        """Hold the toes of ``start``, with hold_body its c and Θ, too, and solve for the rest.
+
+        Returns a point whose residual is the largest component of the moments, 0.0 where they are hard, and inf where
+        there is no answer.
+        """
         solution = self.rows.solve(Given(scaled, start))
         body = start if self._hold_body else None
         return _point(solution, toes=start.toes, forces=solution.value("forces"), body=body)
@@ -80,7 +84,11 @@ class FixForces:
         return fix_forces(given.scaled, given.held)
 
     def solve(self, scaled: Scaled, start: Point) -> Point:
-        """Hold the forces of ``start``."""
+        """Hold the forces of ``start`` and solve for toes, c and Θ.
+
+        Returns a point on its patches; its residual is the largest component of the moments, inf where there is no
+        answer.
+        """
         solution = self.rows.solve(Given(scaled, start))
         return _point(solution, toes=toes_of(solution, scaled), forces=start.forces)
 
@@ -117,7 +125,10 @@ class Linearised:
         return linearised(given.scaled, given.held, price=self._price)
 
     def solve(self, scaled: Scaled, about: Point) -> Point:
-        """Step from ``about``; the residual is that of the linearised moments."""
+        """Step from ``about``, which gives p̄ and F̄; one candidate a foothold.
+
+        Returns a point whose residual is that of the linearised moments, not of the true ones; inf without an answer.
+        """
         solution = self.rows.solve(Given(scaled, about))
         return _point(solution, toes=toes_of(solution, scaled), forces=solution.value("forces"))
 

@@ -49,7 +49,12 @@ class NlpProgram:
         self._solver = cs.nlpsol("equilibrium", "ipopt", program, options)
 
     def solve(self, programs: Programs, scaled: Scaled, start: Point) -> Point:
-        """Project ``start`` on the bilinear surface; the residual is inf where IPOPT did not converge."""
+        """Project ``start`` on the bilinear surface by IPOPT, then hold its toes and solve for the rest as a conic
+        program.
+
+        programs: where that one comes from. start: of the layout's candidates. The residual is inf where IPOPT did not
+        converge.
+        """
         return self.attempt(programs, scaled, start)[0]
 
     def attempt(self, programs: Programs, scaled: Scaled, start: Point) -> tuple[Point, str]:
@@ -167,7 +172,11 @@ def vector(scaled: Scaled, point: Point) -> Array:
 
 
 def point_of(scaled: Scaled, x: Array, *, converged: bool) -> Point:
-    """The point of x and the largest component of its true net moments, inf where x is no answer."""
+    """The point of x, with its true net moments.
+
+    x: c, Θ, λ and f, one after the other (``vector``). converged: whether IPOPT said so. Returns a point whose residual
+    is the largest component of Σ p × f over all stances, inf where x is no answer.
+    """
     layout = scaled.layout
     stance = layout.contacts[0]
     com, rotation, weights, forces = np.split(x, np.cumsum([scaled.com.size, scaled.com.size, len(scaled.vertices)]))

@@ -19,7 +19,10 @@ PRESSES = (0.1, 0.05)
 
 
 def pressing(course: Course, share: float) -> Course:
-    """The course in which every foot that carries presses with this share of the weight or more."""
+    """The course in which every foot that carries presses with this share of the weight or more.
+
+    share: of m g, along the contact's normal; f_n,min of E10 is raised to it.
+    """
     least = max(float(course.force_min[0]), share)
     return replace(course, force_min=np.array([least, *course.force_min[1:]]))
 

@@ -25,6 +25,7 @@ from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..motion.joints import STRAY_M
+from ..motion.torques import path_torques
 from ..robot.bodies import TOUCH_M
 from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.plan_joints import plan_angles
@@ -47,6 +48,8 @@ ENOUGH = 0.5
 """Of the distance that bodies should keep: steps end where all have as much."""
 PATIENCE, HEADWAY = 6, 0.02
 """So many steps together cover this part of what is left to what is wanted, or no more are tried."""
+TIGHTER, ROOM = 3, 0.95
+"""So often less torque is allowed at key frames, where between them there is more than this share of the limit."""
 ATTEMPTS_M = (np.inf, APART_M, APART_M / 3.0)
 """How far apart moments are that steps keep clear: none while nothing collides, and more where that does not do."""
 
@@ -110,6 +113,31 @@ def whole_body(
     Raises InvalidInput without pinocchio, and for a robot whose legs are not known.
     """
     solver = kinematics or Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
+    first = found = _at_key_frames(plan, limits, solver)
+    if limits.torque_nm is None or not limits.steps or first.after.share > 1.0:
+        return found
+    share = most = _on_the_way(found, limits, solver)
+    aim = limits
+    for _ in range(TIGHTER):
+        if most <= ROOM:
+            break
+        aim = replace(aim, torque_nm=ROOM * aim.of(solver).max() / share)
+        other = _at_key_frames(plan, aim, solver)
+        share = _on_the_way(other, limits, solver)
+        its = replace(other.after, share=largest(other.plan, solver, limits.of(solver))[0])
+        if share < most and its.excess[1] <= found.after.excess[1] and its.better(first.before):
+            found, most = replace(other, before=first.before, after=its), share
+    said = {**found.plan.provenance, "torque_nm": limits.torque_nm}
+    return replace(found, plan=replace(found.plan, provenance=said))
+
+
+def _on_the_way(found: WholeBodyPlan, limits: WholeBodyLimits, solver: Kinematics) -> float:
+    """The largest torque along a plan's path, in units of its limit."""
+    return float((np.abs(path_torques(found.plan, solver)) / limits.of(solver)).max(initial=0.0))
+
+
+def _at_key_frames(plan: Plan, limits: WholeBodyLimits, solver: Kinematics) -> WholeBodyPlan:
+    """As ``whole_body``, with torques looked at at key frames only."""
     angles = np.array([answer.angles for answer in plan_angles(plan, solver)])
     said = {} if limits.torque_nm is None else {"torque_nm": limits.torque_nm}  # what the verifier holds it to
     plan = replace(plan, joints_rad=angles, provenance={**plan.provenance, **said})
@@ -143,7 +171,10 @@ def _clearance(plan: Plan, solver: Kinematics) -> PathClearance | None:
 
 
 def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, float]:
-    """Of all torques of a plan with joints the one with the largest share of its limit: (share, Nm)."""
+    """Of all torques of a plan with joints the one with the largest share of its limit: (share, torque [Nm]).
+
+    limit_nm: of every joint, shape (J,) [Nm]. The plan has ``joints_rad``.
+    """
     assert plan.joints_rad is not None
     rows = zip(plan.course.stances, plan.forces_n, strict=True)
     torques = np.abs([

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InvalidInput
-from ..files.arrays import Array, checked
+from ..files.arrays import Array, checked, checked_int
 from ..robot.model import Robot
 
 if TYPE_CHECKING:
@@ -39,8 +38,7 @@ class WholeBodyLimits:
             checked(self.torque_nm, "torque_nm", above=0.0)
         checked(self.share, "torque_share", above=0.0, most=1.0)
         checked(self.clearance_m, "clearance_m", least=0.0)
-        if self.steps < 0:
-            raise InvalidInput(f"steps: expected 0 or more, got {self.steps}")
+        checked_int(self.steps, "steps", least=0)
 
     def concern(self, robot: Robot) -> bool:
         """Whether a plan for the robot has to have joints: its file has legs, or torques are asked for."""

@@ -32,7 +32,10 @@ MIRRORED_BOX = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 
 
 def mirrored(envelopes: EnvelopeSet, robot: Robot) -> EnvelopeSet:
-    """The set for the legs on the other side. Raises InvalidInput for a robot that is not symmetric."""
+    """The same envelopes for the legs on the other side: p_y and f_y change their sign, as normals do.
+
+    robot: whose legs are paired by their shoulders. Raises InvalidInput for a robot that is not symmetric.
+    """
     ends = [(MIRRORED_BOX * box.low, MIRRORED_BOX * box.high) for box in envelopes.envelopes]
     return replace(
         envelopes,

@@ -46,7 +46,11 @@ class Breaks(NamedTuple):
 
     @classmethod
     def of(cls, domain: Envelope, counts: tuple[int, int]) -> Breaks:
-        """Those that cut the sides of a domain evenly."""
+        """The breakpoints that cut the sides of a domain evenly.
+
+        domain: of [p, f], B contacts. counts: pieces of a p_j and of an f_k, so that there are one more breakpoint
+        each.
+        """
         p, f = (
             np.linspace(low, high, count + 1, axis=-1)
             for (low, high), count in zip((domain.position, domain.force), counts, strict=True)
@@ -76,7 +80,11 @@ class Cells:
         return sum(cp.sum(weights @ (np.arange(count + 1) - 0.5 * count) ** 2) for weights, count in pieces)
 
     def terms(self, position: cp.Variable, forces: cp.Variable, moments: cp.Variable) -> list[cp.Constraint]:
-        """(p, f, m) lies in the envelope of one cell; p, f: shape (B, 3); m: shape (B, 9)."""
+        """(p, f, m) lies in the McCormick envelope of one cell of the grid, chosen by binaries.
+
+        position, forces: shape (B, 3). moments: the products p_j f_k, shape (B, 9). Returns constraints; the weights of
+        every breakpoint and corner are variables of the grid.
+        """
         alpha, beta, corners = self._alpha, self._beta, self._corners
         rows, ends = np.arange(alpha.shape[0]), (alpha.shape[1], beta.shape[1])
         of_p, of_f = rows.repeat(3), rows.reshape(-1, 3).repeat(3, axis=0).ravel()
@@ -95,13 +103,19 @@ class Cells:
 
 
 def cell_error(domain: Envelope, counts: tuple[int, int]) -> float:
-    """The most that m may be off p f in a cell: a quarter of the largest product of its sides."""
+    """The most that m may be off p f in a cell: a quarter of the largest product of its sides (McCormick 1976).
+
+    domain: of [p, f]. counts: pieces of a p_j and of an f_k. Non-dimensional, as m is.
+    """
     sides = domain.high - domain.low
     return float(np.max(sides[:, :3, None] * sides[:, None, 3:])) / (4.0 * counts[0] * counts[1])
 
 
 def neighbouring(weights: cp.Variable, encoding: Encoding) -> list[cp.Constraint]:
-    """Every row of ``weights``, shape (R, K + 1), is zero but for two neighbours (SOS2); one interval needs no row."""
+    """Every row of ``weights``, shape (R, K + 1), is zero but for two neighbours (SOS2); one interval needs no row.
+
+    encoding: "unary" has a binary an interval, "log" log2 of them (Vielma and Nemhauser). Returns constraints.
+    """
     rows, count = weights.shape[0], weights.shape[1] - 1
     if count == 1:
         return []

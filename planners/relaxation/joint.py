@@ -26,8 +26,9 @@ from ..files.arrays import Array
 from .boxed import Boxed
 from .envelope import Envelope
 from .least_gap import least_gap
-from .mccormick import McCormick, envelope_rows, margin_gradient
-from .relaxed import RelaxationAnswer, Relaxed, unit_shares
+from .margin_gradient import margin_gradient
+from .mccormick import McCormick, envelope_rows
+from .relaxed import RelaxationAnswer, Relaxed
 
 MARGIN_PRICE = 10.0
 """Of the margin, in units of the squared gap: the answer leaves the envelope only where it has to."""
@@ -40,14 +41,22 @@ RelaxationName = Literal["p1", "joint"]
 def signed_margin(
     programs: Programs, scaled: Scaled, box: Envelope, relaxation: RelaxationName, *, gradient: bool = False
 ) -> RelaxationAnswer:
-    """Either P1's signed margin over a box; gradient: see ``McCormick``."""
+    """Either P1's signed margin over a box: the least t by which the rows of its envelope have to give way.
+
+    P1 has an answer where t ≤ 0. programs: to share. relaxation: "p1" McCormick's rows alone, "joint" linked with the
+    lift. gradient: also ∂t/∂low and ∂t/∂high. The margin of the answer is inf where not even the rest has an answer,
+    NaN where the solver failed.
+    """
     if relaxation == "p1":
         return programs.get(McCormick, scaled.layout).solve(scaled, box, gradient=gradient)
     return programs.get(Joint, scaled.layout, True).solve(scaled, box, gradient=gradient)
 
 
 def near_nominal(scaled: Scaled, at: Array) -> Point:
-    """A point with these [p, f], shape (B, 6), the bodies where they are nominally; it need not be on the patches."""
+    """A point with these [p, f], the bodies where they are nominally; it need not be on the patches.
+
+    at: shape (B, 6), non-dimensional. Its residual is inf: it is a place to linearise about, no answer.
+    """
     stance, _, foothold = scaled.layout.contacts
     toes = np.zeros((scaled.layout.footholds, 3))
     toes[foothold] = at[:, :3] + scaled.com[scaled.layout.stance_frames[stance]]
@@ -109,15 +118,7 @@ class Joint:
         reached = np.concatenate([position, forces], axis=1)
         return RelaxationAnswer(
             margin=float(solution.value("margin")[0]),
-            relaxed=Relaxed(
-                scaled=scaled,
-                com=solution.value("com"),
-                rotation=solution.value("rotation"),
-                weights=unit_shares(scaled, solution.value("weights")),
-                forces=solution.value("forces"),
-                rows=self._forces,
-                seconds=solution.seconds,
-            ),
+            relaxed=Relaxed.of(scaled, solution, self._forces),
             at=reached,
             excess=solution.value("moments").reshape(-1, 3, 3) - position[:, :, None] * forces[:, None, :],
             objective=solution.objective,

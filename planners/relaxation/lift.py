@@ -114,5 +114,9 @@ class LiftProgram:
 
 
 def solve_lift(programs: Programs, scaled: Scaled, *, least_moment: bool) -> LiftAnswer:
-    """Solve the lift, in its small form where that says the same."""
+    """Solve the lift, in its small form where that says the same.
+
+    programs: to share. least_moment: minimise the moment residual; else the course's objective, moments being zero.
+    Returns an answer whose ``bound`` is proved: of the residual, or of the objective; inf where there is none.
+    """
     return programs.get(LiftProgram, scaled.layout, scaled.box_implied, least_moment).solve(scaled)

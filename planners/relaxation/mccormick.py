@@ -27,7 +27,8 @@ from ..equilibrium.terms import Body, Forces, FreeToes, Given
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .boxed import Boxed as Boxed
-from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Corners, Envelope
+from .envelope import Corners, Envelope
+from .margin_gradient import margin_gradient
 from .relaxed import DualBound, RelaxationAnswer, Relaxed
 
 Axes = Literal["contact", "world"]
@@ -103,7 +104,11 @@ class McCormick:
         return p1(given.scaled, given.boxes[0], soft=self._soft, axes=self._axes)
 
     def solve(self, scaled: Scaled, box: Envelope, *, gradient: bool = False) -> RelaxationAnswer:
-        """P1 over this box; gradient: of the signed margin."""
+        """P1 over one box (paper E §III): m = p f replaced by McCormick's envelope over it.
+
+        box: over the B stance contacts, [p, f] non-dimensional. gradient: also that of the signed margin in the box's
+        bounds, from the multipliers. Where the rows are hard the margin of the answer is 0 or inf.
+        """
         solution = self.rows.solve(Boxed(scaled, boxes=(box,)))
         answer = self._answer(solution, scaled)
         if gradient and answer.at is not None:
@@ -111,12 +116,20 @@ class McCormick:
         return answer
 
     def solve_hull(self, scaled: Scaled, boxes: Sequence[Envelope], allowed: Array) -> RelaxationAnswer:
-        """P1 over the hull. allowed: 1 where a stance may use a box, 0 where not, shape (S, E)."""
+        """P1 over the convex hull of a choice among boxes in every stance (paper E §IV-A, mode switching).
+
+        boxes: E of them, each over all stance contacts. allowed: 1 where a stance may use a box, 0 where not, shape (S,
+        E). Returns an answer with ``modes``, the shares of the boxes, shape (S, E); a stance is decided where one of
+        them is 1.
+        """
         solution = self.rows.solve(Boxed(scaled, boxes=boxes, allowed=allowed))
         return replace(self._answer(solution, scaled), modes=np.clip(solution.value("modes"), 0.0, 1.0))
 
     def solve_any(self, scaled: Scaled, envelopes: Sequence[Envelope]) -> RelaxationAnswer:
-        """P1 with one binary an envelope: the box of least margin. One posture has few boxes, so each is tried."""
+        """P1 with one binary an envelope: the box of least margin, ``chosen``; each is tried, a posture has few.
+
+        The margin is NaN where none is feasible and some solve failed. Raises InvalidInput for no envelopes.
+        """
         if not envelopes:
             raise InvalidInput("envelopes: expected one or more, got none")
         answers = [self.solve(scaled, envelope) for envelope in envelopes]
@@ -128,7 +141,10 @@ class McCormick:
         return best if best.feasible or all_known else RelaxationAnswer(margin=float("nan"), solves=len(answers))
 
     def dual_bound(self, scaled: Scaled, box: Envelope) -> DualBound:
-        """Signed margin over this box, and what its solution and multipliers say about other boxes; of a posture."""
+        """The signed margin over this box, and what its solution and multipliers prove about other boxes; of a posture.
+
+        Returns a lower bound that is linear in [p, f] (``DualBound``), the solver's dual residual taken at its worst.
+        """
         given = Boxed(scaled, boxes=(box,))
         solution = self.rows.solve(given)
         answer = self._answer(solution, scaled)
@@ -282,15 +298,3 @@ def _relaxed(solution: ConicSolution, scaled: Scaled, forces: Forces) -> Relaxed
         rows=(forces.contact, forces.candidate),
         seconds=solution.seconds,
     )
-
-
-def margin_gradient(solution: ConicSolution, at: Array, box: Envelope) -> tuple[Array, Array]:
-    """∂t/∂low and ∂t/∂high: the envelope theorem, row by row of the envelope; at: [p, f], shape (B, 6)."""
-    signed = solution.dual("envelope") * SIGNS
-    p_ends, f_ends = box.corners.p, box.corners.f
-    by_p = (signed * (at[:, None, 3:] - SIGNS * f_ends)).sum(axis=3)  # of p_end: Σ_k u_jk (f_k − f_end)
-    by_f = (signed * (at[:, :3, None] - SIGNS * p_ends)).sum(axis=2)
-    below, above = solution.dual("sides")
-    low = np.concatenate([by_p[LOW_LOW] + by_p[LOW_HIGH], by_f[LOW_LOW] + by_f[HIGH_LOW]], axis=1) + below
-    high = np.concatenate([by_p[HIGH_HIGH] + by_p[HIGH_LOW], by_f[HIGH_HIGH] + by_f[LOW_HIGH]], axis=1) - above
-    return low, high

@@ -19,7 +19,7 @@ from ..equilibrium.layout import Index, Layout
 from ..equilibrium.reference import coupled
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import Array, checked_choice
 from .envelope import Envelope
 from .grid import Breaks, Cells, Cones, Encoding, planes, without_squares
 from .mccormick import Axes
@@ -63,8 +63,7 @@ class Grid:
         given = (self.encoding, self.cut, self.domain, self.envelope_use)
         known = {"encoding": Encoding, "cut": Cut, "domain": Domain, "envelope_use": EnvelopeUse}
         for (name, values), value in zip(known.items(), given, strict=True):
-            if value not in get_args(values):
-                raise InvalidInput(f"{name}: expected one of {', '.join(get_args(values))}, got {value!r}")
+            checked_choice(value, f"{name}", get_args(values))
         if self.intervals < 1 or (self.encoding == "log" and self.intervals & (self.intervals - 1)):
             raise InvalidInput(f"intervals: expected 1 or more, and a power of two for 'log', got {self.intervals}")
 
@@ -154,7 +153,12 @@ class MicpProgram:
         }
 
     def solve(self, scaled: Scaled, time_limit_s: float) -> MicpAnswer:
-        """Find a point of the grid. scaled: the problem, whose numbers the program has."""
+        """Find a point of the grid; of a course the best within the gap.
+
+        scaled: the problem, whose numbers the program has. time_limit_s: the solver's. Returns its claim in words, with
+        a point, a choice of candidates and the moments that it thinks there are where it found some: nothing is
+        verified here.
+        """
         _, limit, gaps, options = SOLVERS[self._solver]
         options = options | {"solver": self._solver.upper(), limit: time_limit_s}
         options |= dict(zip(gaps, (_ANY, _ANY) if self._gap is None else (self._gap, ABSOLUTE_GAP), strict=True))

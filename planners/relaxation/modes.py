@@ -71,7 +71,10 @@ class Modes:
 
 
 def world_points(problems: Sequence[PostureProblem], points: Array) -> Array:
-    """[p, f] of postures with f turned from contact frames to world axes, shape (K, N, 6)."""
+    """[p, f] of postures with f turned from contact frames to world axes, shape (K, N, 6).
+
+    problems: K of them, N contacts each. points: p in the world, f in contact frames, shape (K, N, 6).
+    """
     frames = np.stack([Scaled.of(problem).frames for problem in problems])
     forces = np.matmul(frames, points[..., 3:, None])[..., 0]
     return np.concatenate([points[..., :3], forces], axis=-1)
@@ -87,7 +90,10 @@ def allowed_boxes(scaled: Scaled, boxes: Sequence[Envelope], axes: Axes) -> Arra
 
 
 def composed(layout: Layout, boxes: Sequence[Envelope], chosen: Index) -> Envelope:
-    """One box over the stance contacts, that of the chosen mode in each stance. chosen: shape (S,)."""
+    """One box over the stance contacts, that of the chosen mode in each stance.
+
+    boxes: one a mode, over the B stance contacts. chosen: the mode of each stance, shape (S,).
+    """
     mode, rows = chosen[layout.contacts[0]], np.arange(len(layout.contacts[0]))
     return Envelope(
         low=np.stack([box.low for box in boxes])[mode, rows], high=np.stack([box.high for box in boxes])[mode, rows]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, checked_name, read_only
+from ..files.arrays import Array, checked, checked_choice, checked_name, read_only
 from ..terrain.sole import checked_sole
 from .reach import ReachRows, RelativeReach
 
@@ -132,8 +132,7 @@ class Robot:
         """Return the limbs of these names, in this order. Raises InvalidInput for a name the robot does not have."""
         by_name = {limb.name: limb for limb in self.limbs}
         for name in names:
-            if name not in by_name:
-                raise InvalidInput(f"leg: expected one of {', '.join(by_name)}, got {name!r}")
+            checked_choice(name, "leg", by_name)
         return tuple(by_name[name] for name in names)
 
 

@@ -94,7 +94,7 @@ class RobotModel:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of what a workspace depends on: the corrected URDF, the legs and their feet."""
+        """SHA-256 of the corrected URDF, the legs and their feet."""
         said = "\0".join([self.urdf, *(f"{leg.name}\0{leg.foot}\0{leg.stance_rad.tolist()}" for leg in self.legs)])
         return hashlib.sha256(said.encode()).hexdigest()
 
@@ -124,12 +124,6 @@ class RobotModel:
     def lines_of(self, doubts: Sequence[tuple[str, str]]) -> tuple[str, ...]:
         """Doubts on joints, a line for all joints of the same."""
         return tuple(_joined([(f"joint {name}", text) for name, text in doubts]))
-
-    def check_torques(self) -> None:
-        """Raise InvalidInput unless every joint of a leg has a torque limit: 0 is what files say that have none."""
-        for joint in (joint for leg in self.legs for joint in leg.joints):
-            if joint.torque_nm <= 0.0:
-                raise InvalidInput(f"joint {joint.name}: expected a torque limit above 0 Nm, got {joint.torque_nm:g}")
 
     def link_frames(self, angles: Sequence[Array]) -> dict[str, tuple[Array, Array]]:
         """R_BL and p_BL of every link for one posture of every leg, shapes (3, 3) and (3,) [m].

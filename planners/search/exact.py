@@ -22,7 +22,7 @@ from ..equilibrium.programs import Programs
 from ..equilibrium.rows import ConicStatus
 from ..equilibrium.scaled import Point, Scaled, cones_met, skew
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked
+from ..files.arrays import Array, checked, checked_int
 from ..problem import PostureProblem
 from ..problem.course import Course
 from ..projection.descent import cost, improved
@@ -57,8 +57,7 @@ class ExactPlanner:
     ) -> None:
         if not time_limit_s >= 0.0:
             raise InvalidInput(f"time_limit_s: expected a number of at least 0, got {time_limit_s!r}")
-        if max_nodes < 0:
-            raise InvalidInput(f"max_nodes: expected 0 or more, got {max_nodes!r}")
+        checked_int(max_nodes, "max_nodes", least=0)
         self.acceptance = acceptance
         self.max_nodes = max_nodes
         self.time_limit_s = time_limit_s
@@ -117,8 +116,7 @@ class ExactCoursePlanner:
     ) -> None:
         self.acceptance = acceptance
         self.gap = checked(gap, "gap", above=0.0)
-        if max_nodes < 1:
-            raise InvalidInput(f"max_nodes: expected 1 or more, got {max_nodes}")
+        checked_int(max_nodes, "max_nodes", least=1)
         self.max_nodes = max_nodes
         self.time_limit_s = checked(time_limit_s, "time_limit_s", least=0.0)
         self.programs = programs or Programs()

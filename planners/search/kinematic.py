@@ -29,7 +29,7 @@ from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
-from ..files.arrays import Array
+from ..files.arrays import Array, checked_choice
 from ..problem.course import Course, Foothold
 from ..projection.project import project
 from ..terrain.patch import Patch
@@ -68,8 +68,7 @@ class KinematicPlanner:
         self, choice: Choice, *, body: bool = True, solver: str = "highs",
         time_limit_s: float = 60.0, acceptance: Acceptance = Acceptance(), programs: Programs | None = None,
     ) -> None:  # fmt: skip
-        if choice not in get_args(Choice):
-            raise InvalidInput(f"choice: expected one of {', '.join(get_args(Choice))}, got {choice!r}")
+        checked_choice(choice, "choice", get_args(Choice))
         if solver not in SOLVERS or SOLVERS[solver] not in cp.installed_solvers():
             raise InvalidInput(f"solver: expected one of {', '.join(SOLVERS)} that is installed, got {solver!r}")
         self.name = choice if choice == "l1" else f"{choice}, {solver}"

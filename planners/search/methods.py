@@ -175,63 +175,33 @@ COURSE_PLANNERS: Registry[Callable[[PlannerOptions], CoursePlanner]] = Registry(
 """All planners of courses, likewise."""
 
 
-def make_planner(
-    method: str,
-    *,
-    envelopes: EnvelopeSet | None = None,
-    projection: Projection | None = None,
-    solver: str = "highs",
-    intervals: int = 4,
-    time_limit_s: float = 30.0,
-    acceptance: Acceptance = Acceptance(),
-    programs: Programs | None = None,
-) -> Planner:
+def make_planner(method: str, options: PlannerOptions = PlannerOptions()) -> Planner:
     """Make a planner of postures. ``two-stage`` uses the envelopes, or the lift without; ``p1`` needs envelopes.
 
     method: a name of ``PLANNERS``, or "FILE.py:NAME"; what is not the package's own answers through the verifier.
-    projection: P2 after ``two-stage`` (SCP where None), ``p1`` or ``lift`` (none where None).
-    solver, intervals: of ``micp``. time_limit_s: of one problem, for the methods that search. programs: to share; their
-    engine solves the convex programs.
+    options: its projection is P2 after ``two-stage`` (SCP where None), ``p1`` or ``lift`` (none where None).
     Raises InvalidInput for an unknown method, an envelope that is missing, or a solver that is not installed.
     """
-    options = PlannerOptions(
-        envelopes=envelopes, projection=projection, solver=solver, intervals=intervals, time_limit_s=time_limit_s,
-        acceptance=acceptance, programs=programs,
-    )  # fmt: skip
     make = PLANNERS.get(method)
     if _is_own(make):
         return make(options)
     from .verified import VerifiedPlanner
 
     with foreign(f"method {method}"):
-        planner = make(replace(options, acceptance=replace(acceptance)))
-    return VerifiedPlanner(planner, method, acceptance)
+        planner = make(replace(options, acceptance=replace(options.acceptance)))
+    return VerifiedPlanner(planner, method, options.acceptance)
 
 
-def make_course_planner(
-    name: str,
-    relaxation: Relaxation | None = None,
-    envelopes: EnvelopeSet | Modes | None = None,
-    projection: Projection = "scp",
-    *,
-    solver: str = "highs",
-    intervals: int = 4,
-    envelope_use: Literal["rows", "shrink"] = "rows",
-    gap: float | None = None,
-    time_limit_s: float = 60.0,
-    acceptance: Acceptance = Acceptance(),
-    programs: Programs | None = None,
-) -> CoursePlanner:
+def make_course_planner(name: str, options: PlannerOptions = PlannerOptions(time_limit_s=60.0)) -> CoursePlanner:
     """Make a planner of courses.
 
     name: of ``COURSE_PLANNERS``, or "FILE.py:NAME"; what is not the package's own answers through the verifier.
-    relaxation: P1 of ``two-stage``; where None, "envelope" with envelopes and "lift" without. envelopes: of "envelope"
-    and, one box, of ``micp``; ``Modes`` make ``two-stage`` switch between them. solver, intervals, envelope_use: of
-    ``micp``. gap: relative, of ``micp`` and ``exact``; None takes the first point, or the default. time_limit_s: of one
-    course. programs: to share. Raises InvalidInput for an unknown name, envelopes that are missing or have no use, or a
-    solver that is not installed.
+    options: its relaxation is P1 of ``two-stage``, where None "envelope" with envelopes and "lift" without. envelopes:
+    of "envelope" and, one box, of ``micp``; ``Modes`` make ``two-stage`` switch between them.
+    Raises InvalidInput for an unknown name, envelopes that are missing or have no use, or a solver that is not
+    installed.
     """
-    make = COURSE_PLANNERS.get(name)
+    make, relaxation, envelopes = COURSE_PLANNERS.get(name), options.relaxation, options.envelopes
     if relaxation is not None and relaxation not in RELAXATIONS:
         raise InvalidInput(f"relaxation: expected one of {', '.join(RELAXATIONS)}, got {relaxation!r}")
     if relaxation is not None and name in COURSE_METHODS and name != "two-stage":
@@ -240,17 +210,13 @@ def make_course_planner(
         raise InvalidInput("envelopes: expected none for the lift, which has no use for them")
     if relaxation == "envelope" and envelopes is None:
         raise InvalidInput("envelopes: expected an envelope or modes for the relaxation envelope, got none")
-    options = PlannerOptions(
-        envelopes=envelopes, relaxation=relaxation, projection=projection, solver=solver, intervals=intervals,
-        envelope_use=envelope_use, gap=gap, time_limit_s=time_limit_s, acceptance=acceptance, programs=programs,
-    )  # fmt: skip
     if _is_own(make):
         return make(options)
     from .verified import VerifiedCoursePlanner
 
     with foreign(f"planner {name}"):
-        planner = make(replace(options, acceptance=replace(acceptance)))
-    return VerifiedCoursePlanner(planner, name, acceptance)
+        planner = make(replace(options, acceptance=replace(options.acceptance)))
+    return VerifiedCoursePlanner(planner, name, options.acceptance)
 
 
 def _is_own(make: Callable[[PlannerOptions], object]) -> bool:

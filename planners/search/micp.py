@@ -19,7 +19,7 @@ from ..answer.plan import Plan, PlanOutcome
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Scaled
 from ..errors import InvalidInput
-from ..files.arrays import checked
+from ..files.arrays import checked, checked_choice
 from ..problem import PostureProblem
 from ..problem.course import Course
 from ..projection.project import PROJECTIONS, Projection, project
@@ -55,8 +55,7 @@ class MicpPlanner:
         acceptance: Acceptance = Acceptance(),
         programs: Programs | None = None,
     ) -> None:
-        if solver not in SOLVERS:
-            raise InvalidInput(f"solver: expected one of {', '.join(SOLVERS)}, got {solver!r}")
+        checked_choice(solver, "solver", SOLVERS)
         if util.find_spec(SOLVERS[solver][0]) is None:
             raise InvalidInput(f"solver: {solver} is not installed: pip install stancekit[exact]")
         cones_of(grid, solver)

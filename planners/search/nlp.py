@@ -10,8 +10,7 @@ from ..answer.outcome import Outcome
 from ..answer.plan import PlanOutcome
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
-from ..errors import InvalidInput
-from ..files.arrays import checked
+from ..files.arrays import checked, checked_choice, checked_int
 from ..problem import PostureProblem
 from ..problem.course import Course
 from ..projection.nlp import NlpProgram
@@ -46,10 +45,9 @@ class NlpPlanner:
         acceptance: Acceptance = Acceptance(),
         programs: Programs | None = None,
     ) -> None:
-        if start not in STARTS:
-            raise InvalidInput(f"start: expected one of {', '.join(STARTS)}, got {start!r}")
-        if starts is not None and starts < 1:
-            raise InvalidInput(f"starts: expected 1 or more, got {starts}")
+        checked_choice(start, "start", STARTS)
+        if starts is not None:
+            checked_int(starts, "starts", least=1)
         self.start: Start = start
         self.starts, self.seed, self.max_iterations = starts, seed, max_iterations
         self.time_limit_s = checked(time_limit_s, "time_limit_s", above=0.0)

@@ -129,17 +129,6 @@ def facets_of(mesh: TriangleMesh, wanted: NDArray[np.bool_] | None = None) -> li
     return found
 
 
-def facet_patches(mesh: TriangleMesh, friction: float, least_m: float) -> tuple[Patch, ...]:
-    """Every facet as convex patches, their normals outward by the order of the triangles.
-
-    Raises InvalidInput for a mesh of an unlikely size, and where nothing is as wide as ``least_m``.
-    """
-    patches = [facet.plane.patch(piece, friction) for facet in facets_of(mesh) for piece in facet.pieces(least_m)]
-    if not patches:
-        raise InvalidInput(f"{mesh.name}: expected facets to stand on, got none wider than {1e3 * least_m:g} mm")
-    return tuple(patches)
-
-
 def _united(triangles: Any) -> Any:
     """The union of triangles in one plane, cracks between them closed where they spoil it."""
     shapely = shapely_module()

@@ -10,13 +10,16 @@ A scene is what a robot about (0, 0, 0.2) that heads along x for 0.3 m could tou
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from inspect import getdoc
 
 import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked
+from ..files.validation import shown
+from ..plugins import Registry, takes
 from .patch import Patch
 from .polygon import STEEP, half_planes, surface_patch
 
@@ -64,12 +67,16 @@ class FamilyTerrain:
         return x, y, np.where(np.isfinite(heights), heights, VOID_M)
 
 
+Draw = Callable[[float, np.random.Generator], FamilyTerrain | Sequence[Patch]]
+"""Of a level and a generator: a scene, or where all of it is level on the whole and to stand on, its surfaces."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Family:
     """quantity: what the level says, by its formula. draw: the scene at a level."""
 
     quantity: str
-    draw: Callable[[float, np.random.Generator], FamilyTerrain]
+    draw: Draw
 
 
 def _stairs(level: float, rng: np.random.Generator) -> FamilyTerrain:
@@ -168,30 +175,52 @@ BEAM_M, BEAM_OFFSET_M = (1.2, 0.04), 0.3
 BLOCK_M, RUBBLE_M, RUBBLE_RAD = 0.4, 0.6, 0.8
 SLOPE_RAD = 0.8
 WALLS_M = (0.56, 1.06)
-TERRAIN_FAMILIES: dict[str, Family] = {
-    "stairs": Family(quantity="height of a riser: 0.5 · level m", draw=_stairs),
-    "stones": Family(quantity="clear distance of stones: 0.6 · level m; their side 0.25 − 0.2 · level m", draw=_stones),
-    "gaps": Family(quantity="width of a gap across the way: 1.0 · level m", draw=_gaps),
-    "beams": Family(quantity="width of a beam along the way: 1.2 − 1.16 · level m", draw=_beams),
-    "rubble": Family(quantity="deviation of blocks' heights: 0.6 · level m; leans to 0.8 · level", draw=_rubble),
-    "slopes": Family(quantity="angle of a plane that is climbed: 0.8 · level rad", draw=_slopes),
-    "walls": Family(quantity="distance of two walls: 0.56 + 0.5 · level m", draw=_walls),
-}  # fmt: skip
+TERRAIN_FAMILIES: Registry[Family | Draw] = Registry(
+    "family", "stancekit.families",
+    {
+        "stairs": Family(quantity="height of a riser: 0.5 · level m", draw=_stairs),
+        "stones": Family(
+            quantity="clear distance of stones: 0.6 · level m; their side 0.25 − 0.2 · level m", draw=_stones
+        ),
+        "gaps": Family(quantity="width of a gap across the way: 1.0 · level m", draw=_gaps),
+        "beams": Family(quantity="width of a beam along the way: 1.2 − 1.16 · level m", draw=_beams),
+        "rubble": Family(quantity="deviation of blocks' heights: 0.6 · level m; leans to 0.8 · level", draw=_rubble),
+        "slopes": Family(quantity="angle of a plane that is climbed: 0.8 · level rad", draw=_slopes),
+        "walls": Family(quantity="distance of two walls: 0.56 + 0.5 · level m", draw=_walls),
+    },
+    expected="a Family, or a function of a level and a generator",
+    accepts=lambda it: isinstance(it, Family) or takes(it, 2),
+)  # fmt: skip
 """By name. Friction: 0.4–0.8 on slopes, 0.4–0.7 on rubble, 0.6–1.0 on walls, 0.6–0.9 on others."""
 
 
 def family_terrain(family: str, level: float, seed: int) -> FamilyTerrain:
-    """The scene of a family's name, a level in [0, 1] and a seed. Raises InvalidInput.
+    """The scene of a family's name or FILE.py:NAME, a level in [0, 1] and a seed. Raises InvalidInput.
 
     >>> family_terrain("gaps", 0.5, seed=0).figures["gap_m"]
     0.5
     """
-    if family not in TERRAIN_FAMILIES:
-        raise InvalidInput(f"family: expected one of {', '.join(TERRAIN_FAMILIES)}, got {family!r}")
+    drawn_by = terrain_family(family)
     hard = checked(level, "level", least=0.0, most=1.0)
     if isinstance(seed, bool) or not isinstance(seed, int) or not 0 <= seed < 2**63:
         raise InvalidInput(f"seed: expected a whole number of 0 or more, got {seed!r}")
-    return TERRAIN_FAMILIES[family].draw(hard, np.random.Generator(np.random.PCG64(seed)))
+    scene = drawn_by.draw(hard, np.random.Generator(np.random.PCG64(seed)))
+    if isinstance(scene, list | tuple) and scene and all(isinstance(patch, Patch) for patch in scene):
+        return _standing(list(scene), {})
+    if not isinstance(scene, FamilyTerrain):
+        raise InvalidInput(f"family {family}: expected a FamilyTerrain or a list of patches, got {shown(scene)}")
+    return scene
+
+
+def terrain_family(name: str) -> Family:
+    """The family of a name, or of FILE.py:NAME; a plain function says what its level is in its docstring.
+
+    Raises InvalidInput for a name that nobody has.
+    """
+    found = TERRAIN_FAMILIES.get(name)
+    if isinstance(found, Family):
+        return found
+    return Family(quantity=(getdoc(found) or name).splitlines()[0], draw=found)
 
 
 def _standing(patches: list[Patch], figures: dict[str, float]) -> FamilyTerrain:

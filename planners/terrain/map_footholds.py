@@ -40,7 +40,6 @@ OFF, ALONE = 2.5, 4.5
 """Cells are on a plane up to this many rms, and those that it is all about up to so many."""
 POCKET = 1.0
 """An outline that leaves out so much of its convex hull in depth counts as convex, in cells."""
-MOMENTS = ("1", "x", "y", "xx", "xy", "yy", "z", "xz", "yz", "zz")
 
 Cells = NDArray[np.int_]
 
@@ -140,7 +139,7 @@ def _slack(count: Any) -> Any:
 
 
 def _windowed(heights: Array, known: NDArray[np.bool_], half: int) -> list[Array]:
-    """Means of the moments about each cell, as ``MOMENTS``, over its window, relative to the cell; beyond: nothing."""
+    """Means of the moments 1, x, y, xx, xy, yy, z, xz, yz, zz about each cell over its window; beyond: nothing."""
     z = np.where(known, heights, 0.0)
     i, j = np.indices(heights.shape, dtype=np.float64)
     weight = known.astype(np.float64)
@@ -195,7 +194,7 @@ def _renumbered(labels: Cells) -> Cells:
 
 
 def _moments_of(number: Cells, i: Array, j: Array, z: Array, count: int) -> Array:
-    """Sums of the moments of cells, as ``MOMENTS``, by number, shape (10, count)."""
+    """Sums of the same moments of cells by number, shape (10, count)."""
     values = (None, i, j, i * i, i * j, j * j, z, i * z, j * z, z * z)
     return np.array([np.bincount(number, weights=value, minlength=count) for value in values])
 

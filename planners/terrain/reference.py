@@ -15,7 +15,8 @@ from scipy.ndimage import gaussian_filter
 
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
-from ..plugins import Registry, takes
+from ..files.validation import shown
+from ..plugins import Registry, split_name, takes
 from .heightfield import HeightField
 from .import_options import ImportOptions
 from .terrain_file import read_heights
@@ -216,17 +217,23 @@ def _ramps(difficulty: float, rng: np.random.Generator) -> Shape:
     return shape
 
 
-FAMILIES: dict[str, Callable[[float, np.random.Generator], Shape]] = {
-    "rough": _rough, "stairs": _stairs, "stones": _stones, "waves": _waves, "ramps": _ramps,
-}  # fmt: skip
+FAMILIES: Registry[Callable[[float, np.random.Generator], Shape]] = Registry(
+    "family", "stancekit.height_families",
+    {"rough": _rough, "stairs": _stairs, "stones": _stones, "waves": _waves, "ramps": _ramps},
+    expected="a function of a difficulty and a generator", accepts=lambda it: takes(it, 2),
+)  # fmt: skip
+"""Random terrains by name: a function of a difficulty in [0, 1] and a generator gives h of x and y [m]."""
 
 
 def random_terrain(family: str, difficulty: float, rng: np.random.Generator) -> HeightField:
-    """A terrain drawn from a family; difficulty in [0, 1], 0 is level ground. Raises InvalidInput."""
-    if family not in FAMILIES:
-        raise InvalidInput(f"terrain: expected a family out of {', '.join(FAMILIES)}, got {family!r}")
+    """A terrain drawn from a family; difficulty in [0, 1], 0 is level ground. Raises InvalidInput.
+
+    family: a name in ``FAMILIES``, or FILE.py:NAME. Within LEVEL_M of the origin it is level, whatever the family says.
+    """
     hard = checked(difficulty, "terrain: difficulty", least=0.0, most=1.0)
-    shape = FAMILIES[family](hard, rng)
+    shape = FAMILIES.get(family)(hard, rng)
+    if not takes(shape, 2):
+        raise InvalidInput(f"family {family}: expected a function of x and y, got {shown(shape)}")
 
     def levelled(x: Array, y: Array) -> Array:
         share = np.clip((np.hypot(x, y) - LEVEL_M) / LEVEL_M, 0.0, 1.0)
@@ -246,14 +253,15 @@ def _noise(deviation_m: float, length_m: float, rng: np.random.Generator) -> Sha
 
 def named_terrain(name: str, options: ImportOptions = ImportOptions(), smooth_m: float = 0.0) -> HeightField:
     """The terrain of a name: one of ``TERRAINS``, ``FILE.py:NAME``, a draw ``family:difficulty:seed`` as in
-    ``rough:0.5:7``, or a file of heights.
+    ``rough:0.5:7`` or ``mine.py:rolling:0.5:7``, or a file of heights.
 
     options, smooth_m: of files, see ``terrain_file.read_heights``. Raises InvalidInput.
     """
-    if name in TERRAINS.names() or ".py:" in name or name.endswith(".py"):
+    family, numbers = split_name(name)
+    own = family.endswith(".py") or ".py:" in family
+    if name in TERRAINS.names() or (own and not numbers):
         return reference_terrain(name)
-    family, *numbers = name.split(":")
-    if family in FAMILIES and not Path(name).exists():
+    if own or (family in FAMILIES.names() and not Path(name).exists()):
         try:
             hard, drawn = numbers
             difficulty, seed = float(hard), int(drawn)
@@ -267,6 +275,6 @@ def named_terrain(name: str, options: ImportOptions = ImportOptions(), smooth_m:
     if not Path(name).exists():
         raise InvalidInput(
             f"terrain: expected a file, one of {', '.join(TERRAINS.names())}, FILE.py:NAME, "
-            f"or FAMILY:DIFFICULTY:SEED with {', '.join(FAMILIES)}, got {name!r}"
+            f"or FAMILY:DIFFICULTY:SEED with {', '.join(FAMILIES.names())}, got {name!r}"
         )
     return read_heights(name, options, smooth_m=smooth_m)

@@ -13,7 +13,10 @@ from .soles import counts_of, forces_defect
 
 
 def posture_defect(problem: PostureProblem, posture: Posture) -> str:
-    """What keeps the posture from being one at all; empty when nothing does."""
+    """What keeps the posture from being one at all; empty when nothing does.
+
+    Looks at what there is, shapes and finiteness, of soles also whether forces at points add up. Nothing is raised.
+    """
     rows, counts = len(problem.contacts), counts_of(problem.contacts)
     shapes: dict[str, tuple[int, ...]] = {
         "com_m": (3,), "rotation_rad": (3,), "toes_m": (rows, 3), "forces_n": (rows, 3)

@@ -129,7 +129,11 @@ def _bent(corners: Array) -> NDArray[np.bool_]:
 
 
 def cut(polygon: Array, first: float, second: float) -> tuple[Array, Array]:
-    """Cut a convex polygon, shape (U, 3), along the chord between two border coordinates (see ``Certificate``)."""
+    """Cut a convex polygon along the chord between two border coordinates (see ``Certificate``).
+
+    polygon: corners in order, shape (U, 3). first < second: k + s is the point s of the way from corner k to the next.
+    Returns both parts, the one between the two points first.
+    """
 
     def point(coordinate: float) -> Array:
         e = int(coordinate)

@@ -218,7 +218,10 @@ def refused(
     frame: int = -1,
     limb: str = "",
 ) -> Report:
-    """The report on what is no posture or plan of the subject at all."""
+    """The report on what is no posture or plan of the subject at all: every group is violated without bound.
+
+    defect: what is wrong, in words. frame, limb: where, −1 and empty where it is nowhere in particular.
+    """
     groups = PLAN_GROUPS if isinstance(answer, Plan) else GROUPS
     return Report(
         accepted=False, worst=math.inf, tolerance=tolerance, subject=subject, answer=answer, defect=defect,
@@ -227,7 +230,11 @@ def refused(
 
 
 def plan_digest(plan: Plan, tolerance: float, accepted: bool, checked: Sequence[str] = ("contacts",)) -> str:
-    """SHA-256 of a verdict on a plan and of all that it speaks of; checked: the list of what was judged."""
+    """SHA-256 of a verdict on a plan and of all that it speaks of, in hexadecimal.
+
+    tolerance, accepted: the verdict. checked: what was judged, contacts alone or joints and bodies, too. Course, arrays
+    and verdict go in as sorted JSON: a change of any of them gives another digest.
+    """
     numbers = {name: None if array is None else array.tolist() for name, array in plan_arrays(plan).items()}
     more = {} if tuple(checked) == ("contacts",) else {"checked": list(checked)}
     return _digest({"course": course_to_json(plan.course), "plan": numbers, **more}, tolerance, accepted)

@@ -33,7 +33,11 @@ def nothing(why: str) -> tuple[Rows, dict[str, str]]:
 
 
 def whole_body(measured: TrajectoryMeasurements, limits: Limits) -> tuple[Rows, dict[str, str]]:
-    """What the groups of ``WHOLE_BODY`` measure, and why some of them are not checked, by their names."""
+    """What the groups of ``WHOLE_BODY`` measure, and why some of them are not checked, by their names.
+
+    limits: what is allowed of each. Returns series with their limits, all empty for a robot of boxes or without
+    pinocchio, and reasons in words: a file without speed or torque limits, meshes that are not there, no coal.
+    """
     model = measured.robot.model
     if model is None:
         return nothing("the robot is but boxes")

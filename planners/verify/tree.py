@@ -125,7 +125,11 @@ class Forest:
         return Forest(numbers, [whole[end - size : end] for end, size in zip(ends, sizes, strict=True)])
 
     def replay(self, problem: int, certificate: Certificate) -> Replayed:
-        """The leaves of a tree over one of the problems. Raises InvalidInput for a tree that does not cover it."""
+        """The leaves of a tree over one of the problems: patches and force boxes are cut again as the nodes say.
+
+        problem: its number. Raises InvalidInput, with the node, for a tree of another shape, and for one that does not
+        cover the problem.
+        """
         tree, rows = certificate.tree, certificate.multipliers
         count = self._count
         if tree.ndim != 2 or tree.shape[1] != 5 or rows.ndim != 2 or rows.shape[1] != count:

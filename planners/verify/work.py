@@ -11,21 +11,16 @@ SLACK = 1e-6
 """A certificate must also refute postures that break constraints by this much: ``check_posture`` accepts those."""
 
 
-def least_work(a: Array, lower: Array, upper: Array, friction: Array, *, slack: float = 0.0) -> Array:
-    """Proved lower bound on min {a·f : lower ≤ f ≤ upper, ‖(f_y, f_z)‖ ≤ μ f_n} for each of V rows, shape (V,).
+def least_works(a: Array, lower: Array, upper: Array, friction: Array, slack: float = SLACK) -> tuple[Array, Array]:
+    """Proved lower bounds on min {a·f : lower ≤ f ≤ upper, ‖(f_y, f_z)‖ ≤ μ f_n} for each of V rows, shape (V,), and
+    the same with every inequality widened by ``slack``.
 
-    a, lower, upper: shape (V, 3), in the contact frame; friction: shape (V,); slack: widens every inequality.
+    a, lower, upper: shape (V, 3), in the contact frame; friction: shape (V,).
     By duality every κ in the plane gives the bound min {(a_n − μ‖κ‖) f_n + (a_t − κ)·f_t : f in the box}, a concave
     function of κ. Its maximum lies at 0, on a line κ_y = a_y or κ_z = a_z, or on the circle μ‖κ‖ = a_n: where two of
     these meet or where it is stationary on one. All such points are tried and none is trusted: rounding and degenerate
     boxes can only lower the result.
     """
-    tight, widened = least_works(a, lower, upper, friction, slack)
-    return widened if slack else tight
-
-
-def least_works(a: Array, lower: Array, upper: Array, friction: Array, slack: float = SLACK) -> tuple[Array, Array]:
-    """``least_work`` without a slack and with one, from the same points; shapes (V,) and (V,)."""
     an, ay, az = np.ascontiguousarray(a.T)  # a row a candidate, a column a force: the long axis last
     (low, *least), (high, *most) = np.ascontiguousarray(lower.T), np.ascontiguousarray(upper.T)
     mu = friction

@@ -28,6 +28,7 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 
 from ..acceptance import Accepted
+from ..motion.redundancy import Continued
 from ..motion.timeline import PlanMotion
 from ..prepared import Prepared
 from ..record import Record
@@ -36,7 +37,7 @@ from ..safety.ending import Ended
 from ..worlds.world import State
 from .estimation import deviation_m, estimate_friction, estimate_standing, measured_com_m
 from .slip_recovery import SlipDetector, SlipRecovery
-from .tracker import Continued, Target
+from .tracker import Target
 
 Answer = TypeVar("Answer")
 FELT_S = 0.1

@@ -24,12 +24,13 @@ from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.terrain.prism import Solid
 
 from ..motion.motion import MotionSample
+from ..motion.redundancy import Continued
 from ..prepared import Tracked
 from ..record import Record
 from ..run import Runner
 from ..worlds.world import State
 from .estimation import measured_com_m, nearest_on
-from .tracker import Continued, Target, Tracker
+from .tracker import Target, Tracker
 
 WINDOW_S = 0.05
 SLID_M = 0.0015

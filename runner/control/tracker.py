@@ -11,7 +11,6 @@ body where it is.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,11 +21,12 @@ from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
 from ..motion.motion import Motion, MotionSample
-from ..motion.redundancy import RedundancyResolution
+from ..motion.redundancy import RedundancyResolution, resolved
 from ..worlds.drives import Drives
 from ..worlds.world import State
 from .body_feedback import BodyController, BodyFeedback, BodyPose
 from .command import command
+from .swing_speed import SwingSpeed
 
 DRAWN_S = 0.1
 """Time constant with which joints come back to the posture chosen for them, where feet that feel led them off it."""
@@ -39,6 +39,8 @@ BORNE, BORNE_S = 0.1, 0.1
 time [s]: what bears nothing pulls no body to its place, it only slides."""
 STEP = 0.2
 """Feet step aside by no more than this share of the height at which the robot stands."""
+ASIDE_RAD = 0.2
+"""A joint in the air that stays so far from its posture on its foot's path goes straight there."""
 FADES = 0.9
 """What is left after a control period of what a foot that has lifted was lowered, rolled and pressed."""
 
@@ -116,7 +118,7 @@ class Tracker:
         self._touched, self._landed = np.array(motion.at(0.0).foothold) >= 0, motion.at(0.0).feet_m
         self._stepped, self._moved, self._drift = (np.zeros((limbs, 3)) for _ in range(3))
         self._wished = wished or resolved(motion, kinematics)
-        self._time_s = 0.0
+        self._time_s, self._swing = 0.0, SwingSpeed(kinematics, self._drives.velocity_rad_s, self._period_s)
         self._borne = np.ones(limbs)
         self._depth, self._pressed, self._rolled = np.zeros(limbs), np.zeros((limbs, 3)), np.zeros((limbs, 3))
         self._angles = self._wish = self._wished.at(0.0)
@@ -131,6 +133,11 @@ class Tracker:
         """Where the robot should be before the first period."""
         return self._target(self._motion.at(0.0))
 
+    @property
+    def coming(self) -> MotionSample:
+        """What should be at the end of the next period."""
+        return self._motion.at(self._time_s + self._swing.pace * self._period_s)
+
     def next(self, forces_n: Array, state: State | None = None) -> Target | None:
         """The target of the next period; None at the end.
 
@@ -139,7 +146,7 @@ class Tracker:
         self._found = state if self._feels_body else None
         if self._time_s >= self._motion.seconds:
             return None
-        now, then = self._motion.at(self._time_s), self._motion.at(self._time_s + self._period_s)
+        now, then = self._motion.at(self._time_s), self.coming
         felt, wanted = (np.einsum("ij,ij->i", forces, then.normals) for forces in (forces_n, then.forces_n))
         stands, lands = np.array(then.foothold) >= 0, np.array(now.foothold) < 0
         missing = stands & (lands | (wanted > 4.0 * self._feedback.touch_n))
@@ -149,9 +156,10 @@ class Tracker:
         self._depth = np.where(stands, self._depth, FADES * self._depth)
         self._anchor(now, then, felt)
         self._press(then, forces_n, stands)
-        if not landing.any():
-            self._time_s += self._period_s
-        return self._target(now if landing.any() else then)
+        if landing.any():
+            return self._target(now)
+        self._time_s += self._swing.pace * self._period_s
+        return self._target(then)
 
     def _anchor(self, now: MotionSample, then: MotionSample, felt: Array) -> None:
         """Where the body is measured, feet that have landed, early or late, stay where they are, and not where they
@@ -218,6 +226,8 @@ class Tracker:
 
     def _target(self, sample: MotionSample) -> Target:
         angles, error, origin = self._solved(sample)
+        if self._feedback.waits:
+            angles = self._swing.led(self._angles, self._rates, angles, np.array(sample.foothold) < 0)
         rotation = rotation_of(sample.rotation_rad)
         loads = self._kinematics.loads(angles, rotation)
         planned = self._kinematics.torques_of(loads, sample.forces_n)
@@ -260,6 +270,10 @@ class Tracker:
         self._rolled = np.where(stands, self._rolled + moved, FADES * self._rolled)
         self._turned = turned
 
+    def _of(self, legs: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """The same of their joints."""
+        return np.asarray(self._kinematics.of_joints(legs.astype(np.float64)) > 0.0)
+
     def _solved(self, sample: MotionSample) -> tuple[Array, Array, Array]:
         """Angles, errors of the feet and the body's origin."""
         rotation = rotation_of(sample.rotation_rad)
@@ -269,31 +283,15 @@ class Tracker:
         near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
         self._wish = wish
         angles, error = self._kinematics.reach(feet, near, near)
-        stuck = (error > STRAY_M) & (np.array(sample.foothold) < 0)
-        if stuck.any():  # at a limit on its path: begin again where it should end
+        air, aside = np.array(sample.foothold) < 0, self._kinematics.by_leg(np.abs(angles - wish)).max(axis=1)
+        stuck = air & ((error > STRAY_M) | (self._feedback.waits & (aside > ASIDE_RAD)))
+        if stuck.any():  # at a limit on its path, or in another posture: begin again where it should end
             other, missed = self._kinematics.reach(feet, wish, wish)
-            stuck &= missed < error
-            angles = np.where(self._kinematics.of_joints(stuck.astype(np.float64)) > 0.0, other, angles)
-            error = np.where(stuck, missed, error)
+            straight = (error <= STRAY_M) & (missed <= STRAY_M)
+            other = np.where(self._of(straight), self._angles + self._drawn * (other - self._angles), other)
+            stuck &= straight | (missed < error)
+            angles, error = np.where(self._of(stuck), other, angles), np.where(stuck, missed, error)
         return angles, error, origin
-
-
-class Continued(Kinematics):
-    """Kinematics of a robot that is already somewhere: motions begin at the posture ``near_rad``, shape (J,)."""
-
-    def __init__(self, *arguments: Any, near: Array, **options: Any) -> None:
-        super().__init__(*arguments, **options)
-        self.near_rad = np.array(near, dtype=float)
-
-
-def resolved(motion: Motion, kinematics: Kinematics) -> RedundancyResolution:
-    """What inverse kinematics is drawn to along a motion; half of the work before a run, so that trackers share it."""
-    return RedundancyResolution(motion, kinematics, near_of(kinematics))
-
-
-def near_of(kinematics: Kinematics) -> Array | None:
-    """The posture that the robot has already, if it is somewhere."""
-    return kinematics.near_rad if isinstance(kinematics, Continued) else None
 
 
 def _skew(v: Array) -> Array:

@@ -10,7 +10,9 @@ that swing alone is chosen anew, between the postures that the plan has at both 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from itertools import pairwise
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +46,8 @@ smoothed; while it stands, from the second on no pace is slow enough, and all po
 
 
 class RedundancyResolution:
-    """Comfortable joint angles over a motion: what inverse kinematics is drawn to. ``at`` a time: shape (J,) [rad]."""
+    """Comfortable joint angles over a motion: what inverse kinematics is drawn to. ``at`` a time: shape (J,) [rad].
+    path_rad: at the motion's knots, shape (T, J)."""
 
     def __init__(self, motion: Motion, kinematics: Kinematics, near_rad: Array | None = None) -> None:
         times = motion.knots_s
@@ -73,12 +76,37 @@ class RedundancyResolution:
         )
 
     def _set(self, times: Array, path: Array) -> None:
+        self.path_rad = path
         self._angles = make_interp_spline(times, path, k=3)
         self._end = float(times[-1])
+
+    def retimed(self, times_s: Array) -> Self:
+        """The same postures at other times, shape (T,) [s]."""
+        found = copy(self)
+        found._set(times_s, self.path_rad)
+        return found
 
     def at(self, time_s: float) -> Array:
         """The ends are held."""
         return np.asarray(self._angles(min(max(time_s, 0.0), self._end)))
+
+
+class Continued(Kinematics):
+    """Kinematics of a robot that is already somewhere: motions begin at the posture ``near_rad``, shape (J,)."""
+
+    def __init__(self, *arguments: Any, near: Array, **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.near_rad = np.array(near, dtype=float)
+
+
+def resolved(motion: Motion, kinematics: Kinematics) -> RedundancyResolution:
+    """What inverse kinematics is drawn to along a motion; half of the work before a run, so that trackers share it."""
+    return RedundancyResolution(motion, kinematics, near_of(kinematics))
+
+
+def near_of(kinematics: Kinematics) -> Array | None:
+    """The posture that the robot has already, if it is somewhere."""
+    return kinematics.near_rad if isinstance(kinematics, Continued) else None
 
 
 def _planned(motion: PlanMotion, times: Array, kinematics: Kinematics, near_rad: Array | None) -> Array:

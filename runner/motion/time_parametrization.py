@@ -17,12 +17,12 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
-from ..control.tracker import ContactFeedback, Target, Tracker, resolved
+from ..control.tracker import ContactFeedback, Target, Tracker
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.drives import Drives
 from .motion import Motion, MotionSample
-from .redundancy import RedundancyResolution
-from .timeline import PlanMotion, Timing
+from .redundancy import RedundancyResolution, resolved
+from .timeline import KNOTS, PlanMotion, Timing
 
 ACCELERATION_RAD_S2 = 60.0
 LIMIT_SHARE = 0.9
@@ -71,6 +71,25 @@ class TimedMotion:
     torque: float
 
 
+def unhurried(
+    motion: PlanMotion,
+    wished: RedundancyResolution,
+    velocity_rad_s: Array,
+    acceleration_rad_s2: float = ACCELERATION_RAD_S2,
+    share: float = LIMIT_SHARE,
+) -> Array:
+    """How much longer phases are to last, or joints would be sent faster than they turn, shape (P,), 1 or more.
+
+    A phase begins and ends at rest, so that each can have a time of its own. velocity_rad_s: limits, shape (J,).
+    """
+    path, seconds = wished.path_rad, np.array([phase.seconds for phase in motion.phases])
+    rates = (np.diff(path, axis=0) / np.repeat(seconds / KNOTS, KNOTS)[:, None]).reshape(len(seconds), KNOTS, -1)
+    rising = np.diff(rates, axis=1) / (seconds / KNOTS)[:, None, None]
+    fast = (np.abs(rates) / (share * velocity_rad_s)).max(axis=(1, 2))
+    hard = np.abs(rising).max(axis=(1, 2)) / acceleration_rad_s2
+    return np.asarray(np.maximum(1.0, np.maximum(fast, np.sqrt(hard))))
+
+
 def parametrize(
     plan: Plan,
     kinematics: Kinematics,
@@ -82,16 +101,17 @@ def parametrize(
     share: float = LIMIT_SHARE,
     hung: bool = False,
     drives: Drives | None = None,
+    longer: Array | None = None,
 ) -> TimedMotion:
     """The plan's motion, slowed down until all limits hold.
 
     share: of the limits of velocity and torque that may be used. hung: the robot hangs in a stand, its feet carry
-    nothing. drives: whose torques fall with speed, where they do. Raises InvalidInput, with time, limb and joint, where
-    a foot is out of reach, or a torque at rest too large: no pace helps there.
+    nothing. drives: whose torques fall with speed, where they do. longer: as of ``PlanMotion``. Raises InvalidInput,
+    with time, limb and joint, where a foot is out of reach, or a torque at rest too large: no pace helps there.
     """
     pace, bound_by = 1.0, ""
     for _ in range(ROUNDS):
-        motion = PlanMotion(plan, timing.at_pace(pace), forces_n)
+        motion = PlanMotion(plan, timing.at_pace(pace), forces_n, longer)
         profile = joint_profile(motion, kinematics, hung=hung, drives=drives)
         check_static(profile, kinematics, can, share)
         uses = limit_use(profile, can, acceleration_rad_s2=acceleration_rad_s2, share=share, drives=drives)
@@ -150,11 +170,10 @@ def undisturbed(
     motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ, wished: RedundancyResolution | None = None
 ) -> list[Target]:
     """What the tracker sends along a whole motion when all feet feel what they should."""
-    tracker, period_s = Tracker(motion, kinematics, rate_hz, BLIND, wished=wished), 1.0 / rate_hz
-    targets, k = [tracker.start()], 0
-    while (target := tracker.next(expected(motion.at((k + 1) * period_s)))) is not None:
+    tracker = Tracker(motion, kinematics, rate_hz, BLIND, wished=wished)
+    targets = [tracker.start()]
+    while (target := tracker.next(expected(tracker.coming))) is not None:
         targets.append(target)
-        k += 1
     return targets
 
 

@@ -7,7 +7,7 @@ one common progress, so that every point on the way is in balance as both ends a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array, checked, collect_errors
 from stancekit.planners.motion.path import CLEARANCE_M, Moments, PlanPath, Segment
+from stancekit.planners.motion.torques import support_forces
 
 from .motion import MotionSample
 
@@ -64,19 +65,20 @@ class _Phase:
 
 
 class PlanMotion:
-    """A plan over time. forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None.
+    """A plan over time. forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None. longer: so many times
+    as long as ``Timing`` says every phase lasts, shape (P,).
 
     Raises InvalidInput where all limbs lift at once: nobody carries, and no position control can do that.
     """
 
     counted = "key frames"
 
-    def __init__(self, plan: Plan, timing: Timing = Timing(), forces_n: Array | None = None) -> None:
+    def __init__(
+        self, plan: Plan, timing: Timing = Timing(), forces_n: Array | None = None, longer: Array | None = None
+    ) -> None:
         self.plan, self.timing, self.path = plan, timing, PlanPath(plan, timing.clearance_m)
-        self._forces = plan.forces_n if forces_n is None else forces_n
+        self._forces, self._longer = plan.forces_n if forces_n is None else forces_n, longer
         course = plan.course
-        self._names = course.robot.limb_names
-        self._stance = {(stance.frame, stance.limbs): index for index, stance in enumerate(course.stances)}
         self.solids, self.normals = self.path.solids, self.path.normals
         patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
         self._friction = np.array([patch.friction for patch in patches])
@@ -110,18 +112,22 @@ class PlanMotion:
     def phases(self) -> tuple[_Phase, ...]:
         """All phases in order."""
         course, timing = self.plan.course, self.timing
-        found, carried = [], self._support_forces(0, self._support(1))
+        found, carried = [], self._support_forces(0, self.path.support(1))
         found.append(self._still(0, timing.settle_s, carried, carried))
         for k in range(1, course.frames):
-            support = self._support(k)
+            support = self.path.support(k)
             before, after = self._support_forces(k - 1, support), self._support_forces(k, support)
             found.append(self._still(k - 1, timing.transfer_s, carried, before))
             found += self._step(k, before, after)
             carried = after
-        last = self._support_forces(course.frames - 1, self._support(course.frames))
+        last = self._support_forces(course.frames - 1, self.path.support(course.frames))
         found.append(self._still(course.frames - 1, timing.transfer_s, carried, last))
         found.append(self._still(course.frames - 1, 2.0 * timing.settle_s, last, last))
-        return tuple(phase for phase in found if phase.seconds > 0.0)
+        found = [phase for phase in found if phase.seconds > 0.0]
+        longer = np.ones(len(found)) if self._longer is None else self._longer
+        return tuple(
+            replace(phase, seconds=phase.seconds * float(times)) for phase, times in zip(found, longer, strict=True)
+        )
 
     @property
     def seconds(self) -> float:
@@ -192,20 +198,9 @@ class PlanMotion:
             found.append(_Phase(seconds=place_s, segment=down, forces=(after, after)))
         return found
 
-    def _support(self, frame: int) -> tuple[int, ...]:
-        """The limbs that carry while those of ``frame`` lift; after the last frame, while the next would."""
-        course = self.plan.course
-        lifted = course.lifts[frame] if frame < course.frames else course.next_lift
-        support = tuple(i for i, name in enumerate(self._names) if name not in lifted)
-        return support or tuple(range(len(self._names)))
-
     def _support_forces(self, frame: int, support: tuple[int, ...]) -> Array:
         """Forces at a frame with these limbs only; where all of them stand, the mean of what the plan has there."""
-        index = self._stance.get((frame, support))
-        if index is not None:
-            return np.asarray(self._forces[index])
-        rows = [i for i, stance in enumerate(self.plan.course.stances) if stance.frame == frame]
-        return np.asarray(self._forces[rows].mean(axis=0))
+        return support_forces(self.plan, self._forces, frame, support)
 
 
 def _smooth(s: float) -> float:

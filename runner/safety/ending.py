@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Any, Literal
 
 from stancekit.planners.errors import HardwareFault
 from stancekit.planners.files.arrays import Array
@@ -20,7 +20,6 @@ from .guard import SafeWorld
 from .latch import Stopped
 
 Ending = Literal["hold", "home", "torque-off"]
-ENDINGS: tuple[Ending, ...] = get_args(Ending)
 Left = Literal["held", "home", "torque off", "left to the device", "as it was"]
 
 

@@ -1,12 +1,14 @@
 """``stancekit bench``: one table and one picture a class, JSON lines, and one clear line for what is wrong."""
 
 import json
+import sys
 from pathlib import Path
 
 import pytest
 import yaml
 
 from stancekit.cli.main import main
+from stancekit.planners.plugins import FILE
 
 PLAN = {
     "problems": ["wall-3"],
@@ -45,11 +47,59 @@ def test_a_run_writes_table_and_picture_and_prints_rows(config: Path, capsys: py
         assert low <= row["p1_feasible"] <= high
         assert row["p1_feasible_of"] == row["p1_infeasible_of"] == row["project_scp_of"] == 6
     assert (out / "wall-3.png").read_bytes()[:4] == b"\x89PNG"
+    page = (out / "table.md").read_text()
+    assert "6 feasible and 6 infeasible scenes." in page
+    assert "| train | 10 | 10 | 0 |" in page
+    assert "|  | paper: GA | 77.8 | 97.7 | 67.1 | – | – |" in page
+    ranks = {cells[2].strip(): int(cells[1]) for cells in (line.split("|") for line in page.splitlines())
+             if len(cells) > 3 and cells[1].strip().isdigit()}  # fmt: skip
+    best = sorted(rows, key=lambda row: -row["balanced"])
+    assert [name for name, _ in sorted(ranks.items(), key=lambda item: item[1])] == [row["selector"] for row in best]
     assert run("--config", config, "--out", out, "--workers", 1, "--quick") == 0
     printed = capsys.readouterr().out
     assert "quantile" in printed
     assert "paper: GA" in printed
     assert max(len(line) for line in printed.splitlines() if "out" not in line) <= 80
+
+
+SUBMISSION = '''
+import numpy as np
+import stancekit
+
+def around(request):
+    rows = request.dataset
+    box = stancekit.Envelope.around(rows.points)
+    return stancekit.EnvelopeSet.for_problems(rows.problem_class, list(rows.problems()), [box], {"method": "around"})
+
+class Middle:
+    def predict(self, observation, state=None, episode_start=None, deterministic=True):
+        return np.repeat([-HALF, HALF], 6 * observation["friction"].shape[-1]).astype(np.float32), state
+
+def middle(request):
+    return Middle()
+'''
+
+
+def test_methods_of_a_file_stand_beside_ours_and_are_judged_anew_when_it_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    methods = ["quantile", "mine.py:around", "mine.py:middle"]
+    Path("plan.yaml").write_text(yaml.safe_dump(PLAN | {"methods": methods}))
+    found = []
+    for half in ("1.0", "0.05"):
+        Path("mine.py").write_text(SUBMISSION.replace("HALF", half))
+        for name in [name for name in sys.modules if name.startswith(FILE)]:
+            monkeypatch.delitem(sys.modules, name)  # as in another process
+        assert run("--config", "plan.yaml", "--out", "out", "--workers", 1, "--json") == 0
+        found.append([json.loads(line) for line in capsys.readouterr().out.splitlines()])
+    wide, narrow = ({row["selector"]: row for row in rows} for rows in found)
+    assert list(wide) == [*methods, "lift"]
+    assert wide["mine.py:around"]["file"] == "mine-around.json"
+    assert Path("out/wall-3/mine-around.json").is_file()
+    assert wide["mine.py:middle"]["p1_feasible"] == 1.0
+    assert narrow["mine.py:middle"]["p1_feasible"] == 0.0
+    assert "| mine.py:middle | wall-3 | none kept |" in Path("out/table.md").read_text()
 
 
 @pytest.mark.parametrize(

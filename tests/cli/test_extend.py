@@ -1,14 +1,19 @@
-"""One file extends it: distributions, selectors, methods and planners that somebody else brings."""
+"""One file extends it: what somebody else brings, by FILE.py:NAME and by entry point."""
 
 import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 import stancekit as library
+from stancekit.envs.curriculum import Curriculum
 from stancekit.envs.data.dataset import Dataset
 from stancekit.planners.answer.answer_file import read_envelopes
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.problem.family_scene import family_keys
+from stancekit.planners.terrain.reference import named_terrain
 
 MINE = '''
 """What somebody else brings."""
@@ -19,7 +24,9 @@ import numpy as np
 from scipy.optimize import linprog
 
 import stancekit
+from stancekit.planners.gait.charts.shear import Shear
 from stancekit.planners.projection.project import project
+from stancekit.planners.terrain.polygon import surface_patch
 
 
 class Slippery:
@@ -122,6 +129,29 @@ class Dreamer:
         footholds = [replace(p, candidates=tuple(map(gripping, p.candidates))) for p in course.footholds]
         easy = replace(course, terrain=tuple(map(gripping, course.terrain)), footholds=tuple(footholds))
         return stancekit.plan(easy, reserve=False).plan
+
+
+def halves(level, rng):
+    """height of the left half over the right: 0.1 · level m"""
+    friction = rng.uniform(0.6, 0.9)
+    sides = ((-0.8, 0.0, 0.0), (0.0, 0.8, 0.1 * level))
+    corners = ((-0.8, 0), (1.1, 0), (1.1, 1), (-0.8, 1))
+    return [surface_patch(np.array([(x, side[k], side[2]) for x, k in corners]), friction) for side in sides]
+
+
+def rolling(difficulty, rng):
+    """A random terrain: one wave."""
+    phase = rng.uniform(0.0, 6.28)
+    return lambda x, y: 0.1 * difficulty * np.sin(2.0 * x + phase) + 0.0 * y
+
+
+def bump(x, y):
+    """A terrain."""
+    return 0.08 * np.exp(-(x**2) - y**2)
+
+
+class Sheared(Shear):
+    """A chart."""
 '''
 
 
@@ -145,7 +175,8 @@ def test_a_distribution_is_drawn_labelled_learned_and_compared(mine, stancekit, 
     assert [p.to_json() for p in one.problems()] == [p.to_json() for p in two.problems()]
     assert stancekit("verify", "data1", "--json").records[0]["accepted"]
     assert stancekit("fit", "data1", "--method", "quantile", "--out", "e.json").code == 0
-    (row,) = stancekit("evaluate", "data1", "--envelope", "e.json", "--no-lift", "--project", "fix-p", "--json").records
+    assert stancekit("label", f"{mine}:Slippery", "fresh", *quota, "--seed", 1).code == 0
+    (row,) = stancekit("evaluate", "fresh", "--envelope", "e.json", "--no-lift", "--project", "fix-p", "--json").records
     assert (row["selector"], row["p1_feasible_of"], row["p1_infeasible_of"]) == ("e", 6, 6)
 
 
@@ -238,13 +269,45 @@ def test_a_plan_of_an_easier_course_is_refused(mine, stancekit):
     assert ran.records[0]["message"].startswith("plan refused: rejected: ")
 
 
+def test_scenes_of_a_family_are_planned_exported_and_rise_with_success(mine, stancekit, tmp_path):
+    scene = f"{mine}:halves:0.5:7"
+    (record,) = stancekit("plan", scene, "--out", "walk.json", "--json").records
+    assert (record["status"], record["verdict"]["accepted"]) == ("feasible", True)
+    heights = {vertex[2] for patch in read_course(scene).terrain for vertex in patch.vertices_m}
+    assert heights == {0.0, 0.05}
+    env = Curriculum([f"{mine}:halves"], level=0.5)
+    assert env.reset(seed=0)[1]["level"] == env.levels[f"{mine}:halves"] == 0.5
+    assert stancekit("sample", f"{mine}:halves:0.5", "--export", "scenes", "--count", 2).code == 0
+    index = json.loads((tmp_path / "scenes" / "scenes.json").read_text())
+    assert index["quantity"] == "height of the left half over the right: 0.1 · level m"
+    assert [len(scene["surfaces"]) for scene in index["scenes"]] == [2, 2]
+    (tmp_path / mine).unlink()
+    assert stancekit("verify", "walk.json").code == 0  # a plan's file holds its terrain
+
+
+def test_a_random_terrain_is_drawn_by_difficulty_and_seed(mine, stancekit):
+    drawn = named_terrain(f"{mine}:rolling:0.5:7")
+    phase = np.random.Generator(np.random.PCG64(7)).uniform(0.0, 6.28)
+    place = np.array([2.0, 1.3])  # beyond the level middle
+    assert float(drawn.height(place)) == pytest.approx(0.05 * np.sin(4.0 + phase), abs=1e-4)
+    walk = ("--goal", "0.2,0.1", "--duration-s", "2", "--raw", "--out", "walk.json", "--json")
+    assert stancekit("gait", f"{mine}:rolling:0.5:7", *walk).code == 0
+
+
+def test_a_course_names_no_file_that_would_be_run(mine, refusal, write):
+    course = write("c.yaml", yaml.safe_dump({**family_keys("gaps:0.1"), "terrain": {
+        "kind": "family", "family": f"{mine}:halves", "level": 0.5}}))  # fmt: skip
+    assert refusal("plan", course).startswith("c.yaml: terrain.family: expected one of stairs, stones, ")
+
+
 def test_an_installed_package_is_found_by_its_entry_points(mine, stancekit, labelled, tmp_path, monkeypatch):
     site = tmp_path / "site"
     (site / "wide-0.1.dist-info").mkdir(parents=True)
     (site / "wide.py").write_text(MINE)
     (site / "wide-0.1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: wide\nVersion: 0.1\n")
     groups = {"distributions": "Slippery", "selectors": "Widest", "methods": "around", "planners": "Centres",
-              "course_planners": "bare", "projections": "onward"}  # fmt: skip
+              "course_planners": "bare", "projections": "onward", "families": "halves", "height_families": "rolling",
+              "terrains": "bump", "charts": "Sheared"}  # fmt: skip
     lines = [f"[stancekit.{group}]\nour-{group} = wide:{name}\n" for group, name in groups.items()]
     (site / "wide-0.1.dist-info" / "entry_points.txt").write_text("\n".join(lines))
     monkeypatch.syspath_prepend(site)
@@ -256,6 +319,12 @@ def test_an_installed_package_is_found_by_its_entry_points(mine, stancekit, labe
     assert row["selector"] == "our-selectors"
     assert library.solve(library.sample("ground-3", rng=3)[0], "our-planners").method == "our-planners"
     assert "our-methods" in stancekit("fit", "--help").out
+    assert stancekit("plan", "our-families:0.2:1", "--frames", 2).code == 0
+    raw = ("--goal", "0.1,0.1", "--duration-s", "2", "--raw", "--chart", "our-charts", "--out", "walk.json", "--json")
+    for terrain in ("our-terrains", "our-height_families:0.3:1"):
+        (answer,) = stancekit("gait", terrain, *raw).records
+        assert answer["attempts"][0]["chart"] == "our-charts"
+        assert stancekit("verify", "walk.json").code == 0
 
 
 @pytest.mark.parametrize(
@@ -310,6 +379,10 @@ class Wants:
 
 def plans():
     return None
+
+
+def scattered(level, rng):
+    return 3
 """
 
 
@@ -323,6 +396,9 @@ def plans():
         (("solve", "p.json", "--method", "own.py:plans"), "method own.py:plans: expected something to call with Plann"),
         (("plan", "walls", "--planner", "own.py:plans"), "planner own.py:plans: expected something to call with Plann"),
         (("fit", "data", "--method", "own.py:plans", "--out", "e.json"), "method own.py:plans: expected something to "),
+        (("plan", "own.py:scattered:0.5"), "family own.py:scattered: expected a FamilyTerrain or a list of patches,"),
+        (("plan", "own.py:plans:0.5"), "family own.py:plans: expected a Family, or a function of a level and a gener"),
+        (("warp", "own.py:scattered:0.5:1"), "family own.py:scattered: expected a function of x and y, got 3"),
         (("warp", "own.py:plans"), "terrain own.py:plans: expected a height field, a Terrain, or a function of x and "),
     ],
 )

@@ -6,11 +6,13 @@ import re
 import subprocess
 import sys
 from dataclasses import fields, is_dataclass
+from importlib import import_module
 
 import pytest
 
 from stancekit.cli import sample
 from stancekit.cli.main import verbs
+from stancekit.cli.names import NAMES
 from stancekit.planners.errors import PlanningFailed
 
 COMMAND = [sys.executable, "-m", "stancekit.cli.main"]
@@ -54,6 +56,14 @@ def test_every_verb_explains_itself(verb, stancekit, tmp_path):
     for option in options:
         assert re.search(f"--(no-)?{option.replace('_', '-')}[ \n]", ran.out), option
     assert os.listdir(tmp_path) == []
+
+
+@pytest.mark.parametrize("registry", sorted(NAMES))
+def test_help_lists_the_names_that_there_are(registry):
+    module, attribute = registry.split(":")
+    known = getattr(import_module(module), attribute)
+    group, ours = NAMES[registry]
+    assert (known.group, known.names()[: len(ours)]) == (group, ours)
 
 
 def test_the_session_of_the_help_is_one_that_runs(stancekit, write, tmp_path):

@@ -101,6 +101,17 @@ def test_a_world_of_ones_own_is_run_by_its_file_and_name(folder, stancekit):
     assert len(log.of("command")) == report["sent"] > 40
 
 
+def test_a_world_of_an_installed_package_is_run_by_its_entry_point(folder, stancekit, monkeypatch):
+    site = folder / "site"
+    (site / "servos-0.1.dist-info").mkdir(parents=True)
+    (site / "servos.py").write_text(SERVOS.replace('name = "servos"', 'name, kind = "servos", "simulation"'))
+    (site / "servos-0.1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: servos\nVersion: 0.1\n")
+    (site / "servos-0.1.dist-info" / "entry_points.txt").write_text("[stancekit.worlds]\nbench = servos:Servos\n")
+    monkeypatch.syspath_prepend(site)
+    ran = stancekit("run", "plan.json", "--world", "bench", "--pace", "2", "--json")
+    assert (ran.code, ran.records[0]["world"], ran.records[0]["succeeded"]) == (0, "servos", True)
+
+
 def test_hardware_of_ones_own_moves_only_when_armed_and_has_the_verbs_for_it(folder, stancekit):
     path = folder / "mine.py"
     path.write_text(SERVOS)

@@ -170,8 +170,8 @@ def test_the_help_says_what_a_policy_does_where_nothing_is_asked_for(capsys: pyt
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"pace": 9.0}, "--pace: expected a number from 0.05 to 4, got 9"),
-        ({"rate_hz": 0.5}, "--rate-hz: expected a number from 1 to 1000, got 0.5"),
+        ({"pace": 9.0}, "--pace: expected a number in [0.05, 4], got 9"),
+        ({"rate_hz": 0.5}, "--rate-hz: expected a number in [1, 1000], got 0.5"),
         ({"speed_rad_s": -1.0}, "--speed-rad-s: expected a number above 0, got -1"),
         ({"world": "dynamixel"}, "--setup: expected a calibration file with world dynamixel, got none"),
         ({"world": "ros", "setup": Path("none.yaml")}, "none.yaml: expected a file, found nothing there"),
@@ -182,7 +182,7 @@ def test_the_help_says_what_a_policy_does_where_nothing_is_asked_for(capsys: pyt
         ({"policy": "lift", "replan_m": -1.0}, "--replan-m: expected a number above 0, or inf, got -1"),
         ({"horizon": 2}, "--horizon: expected --policy with it, got none"),
         ({"plan": Path("walls")}, "walls: expected a plan file; a course is walked with --policy, got none"),
-        ({"friction_share": 0.0}, "--friction-share: expected a number above 0, up to 1, got 0"),
+        ({"friction_share": 0.0}, "--friction-share: expected a number above 0, got 0"),
         ({"friction_share": 0.5, "world": "ros"}, "--friction-share: expected a simulated world with it, got ros"),
         ({"stop_topic": "e_stop"}, "--stop-topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got 'e_stop'"),
         ({"hung": True}, "hung: expected a robot that can hang in a stand, world mujoco has none"),

@@ -70,7 +70,7 @@ def test_a_plan_file_that_was_edited_is_refused(file, stancekit, tmp_path):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--pace", "0"), "--pace: expected a number from 0.1 to 4, got 0"),
+        (("--pace", "0"), "--pace: expected a number in [0.1, 4], got 0"),
         (("--out", "trace.csv"), "--out: expected a name that ends in .npz, got trace.csv"),
         (("--picture", "end.gif"), "end.gif: expected a name that ends in "),
     ],

@@ -78,7 +78,7 @@ def curriculum_of_all() -> gym.Env:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ({"families": ["lava"]}, "families: expected a list of some of stairs"),
+        ({"families": ["lava"]}, "family: expected one of stairs, stones, gaps, "),
         ({"families": "stairs"}, "families: expected a list of some of stairs"),
         ({"families": []}, "families: expected one or more, got none"),
         ({"families": ["gaps"], "target": 1.0}, "target: expected"),

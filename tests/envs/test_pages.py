@@ -1,5 +1,6 @@
 """The page of an environment, Gymnasium's form: its sections, and tables that say what the code has."""
 
+import dataclasses
 import inspect
 import re
 
@@ -7,12 +8,14 @@ import gymnasium
 import pytest
 
 import stancekit.envs
-from stancekit.envs import selection, traverse, warped_gait
+from stancekit.envs import selection, selection_task, traverse, warped_gait
 
 SECTIONS = ("Description", "Observation Space", "Action Space", "Reward", "Starting State", "Episode End", "Info",
             "Arguments", "Version History")  # fmt: skip
 SIZES = {"N": 3, "E": 4}
 OF_TRAVERSE = {"H": 2, "N": 6, "R": 1, "U": 4}
+SETTINGS = {selection.EnvelopeSelectionEnv: selection_task.SelectionSettings,
+            traverse.TraverseEnv: traverse.TraverseSettings}  # fmt: skip
 IDS = sorted(name for name in gymnasium.registry if name.startswith("stancekit/"))
 
 
@@ -36,9 +39,14 @@ def test_a_page_has_all_sections_in_their_order(name, kind):
 
 @pytest.mark.parametrize(("name", "kind"), pages())
 def test_the_arguments_are_the_real_ones_with_their_defaults(name, kind):
-    known = {**vars(selection), **vars(traverse), **vars(warped_gait)}
+    known = {**vars(selection_task), **vars(traverse), **vars(warped_gait)}
     message = {argument: eval(default, known) for argument, default in table(inspect.getdoc(kind), "Arguments")}
-    real = {p.name: p.default for p in inspect.signature(kind).parameters.values()}
+    taken = inspect.signature(kind).parameters.values()
+    real = {p.name: p.default for p in taken if p.kind is not p.VAR_KEYWORD}
+    if len(real) < len(taken):
+        settings = SETTINGS[kind]
+        last = real.pop("render_mode")
+        real |= {each.name: each.default for each in dataclasses.fields(settings)} | {"render_mode": last}
     assert message == real
     assert list(message) == list(real)
 

@@ -14,6 +14,7 @@ from stancekit.envs.distributions.courses import perturbed
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import JointPath
+from stancekit.planners.motion.torques import path_torques
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.projection.force_distribution import distribute_forces
 from stancekit.planners.projection.whole_body import whole_body
@@ -21,8 +22,7 @@ from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.plan_joints import plan_angles
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.runner.control.tracker import Continued
-from stancekit.runner.motion.redundancy import JUMP_RAD, LEFT, TURNED, RedundancyResolution, _cheapest
+from stancekit.runner.motion.redundancy import JUMP_RAD, LEFT, TURNED, Continued, RedundancyResolution, _cheapest
 from stancekit.runner.motion.time_parametrization import joint_profile
 from stancekit.runner.motion.timeline import PlanMotion, Timing
 
@@ -72,6 +72,7 @@ def test_limbs_that_stand_take_the_angles_of_a_plan_that_has_some_and_so_its_tor
         return float(np.abs(joint_profile(motion, kinematics, rate_hz=20.0).static_nm).max())
 
     assert largest(bent.plan) < 1.1 * bent.after.torque_nm
+    assert np.abs(path_torques(bent.plan, kinematics)).max() <= 10.0
     assert largest(replace(bent.plan, joints_rad=None)) > 1.2 * bent.after.torque_nm
 
 

@@ -47,6 +47,7 @@ def test_streamed_targets_are_followed_with_a_lag_of_the_lead_and_no_more(ros: L
         assert np.all(lag_s > 0.03)
         assert np.all(lag_s < world.setup.lead_s + 3.0 / world.rate_hz + 0.04)  # the lead, the joints, and old news
         np.testing.assert_allclose(state.rates_rad_s, speed, atol=0.1)
+        rested(bridge, world.setup.lead_s)
         assert commands(bridge) == ["stream"] * 41
         stamps = [m["msg"]["header"]["stamp"] for m in bridge.received if m["op"] == "publish"]
         assert len(stamps) == 41

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InvalidInput
-from ...files.arrays import Array, read_only
+from ...files.arrays import Array, checked_choice, read_only
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,8 +95,7 @@ class FootPhases:
 
 def gait_named(name: str) -> Gait:
     """The gait of this name. Raises InvalidInput."""
-    if name not in GAITS:
-        raise InvalidInput(f"gait: expected one of {', '.join(GAITS)}, got {name!r}")
+    checked_choice(name, "gait", GAITS)
     return GAITS[name]
 
 

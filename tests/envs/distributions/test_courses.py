@@ -13,7 +13,7 @@ from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import builtin_courses, read_course, read_spec, spec_from
 from stancekit.planners.problem.course_json import course_to_json
-from stancekit.planners.search.methods import make_planner
+from stancekit.planners.search.methods import PlannerOptions, make_planner
 
 
 def text(course):
@@ -38,7 +38,7 @@ def test_perturbed_courses_keep_path_gait_and_robot(name):
 
 @pytest.mark.parametrize("name", builtin_courses())
 def test_every_stance_of_perturbed_courses_holds(name):
-    planner, rng = make_planner("exact", time_limit_s=10.0), np.random.default_rng(7)
+    planner, rng = make_planner("exact", PlannerOptions(time_limit_s=10.0)), np.random.default_rng(7)
     for course in [perturbed(name, rng) for _ in range(2)]:
         choice = [next(i for i, patch in enumerate(p.candidates) if patch.friction > 0.0) for p in course.footholds]
         for stance in course.stances:

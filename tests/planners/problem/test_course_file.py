@@ -14,10 +14,13 @@ from hypothesis import strategies as st
 
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.candidates import CandidatePatches
 from stancekit.planners.problem.course_file import builtin_courses, builtin_scenes, read_course, read_spec, spec_from
 from stancekit.planners.problem.course_layout import build_course
+from stancekit.planners.problem.course_terrain import Terrain
 from stancekit.planners.robot import hexapod
-from stancekit.planners.search.methods import make_planner
+from stancekit.planners.search.methods import PlannerOptions, make_planner
+from stancekit.planners.terrain import Patch
 
 FIVE = ("ground-to-wall", "icy-walls", "stairs", "tube", "walls")
 TRIPODS = ({"RF", "RR", "LM"}, {"LF", "LR", "RM"})
@@ -56,7 +59,7 @@ def refusal(make, *values, **named):
 
 @pytest.fixture(scope="module")
 def exact():
-    return make_planner("exact", time_limit_s=10.0)
+    return make_planner("exact", PlannerOptions(time_limit_s=10.0))
 
 
 @pytest.fixture
@@ -249,6 +252,19 @@ def test_a_surface_that_other_terrain_hides_is_not_offered():
     hidden = polygons(*floors)
     hidden["polygons"][1]["footing"] = False
     assert refusal(laid_out, terrain=hidden).endswith("is 0.25 m away (terrain patch 0, which other terrain hides)")
+
+
+@pytest.mark.parametrize(("over_m", "upper"), [(0.008, [0.0, 0.008]), (0.012, [0.012])])
+def test_terrain_within_a_centimetre_of_a_place_does_not_hide_it(over_m, upper):
+    """Straight below its shoulder a toe is offered both of two floors, or the upper one alone."""
+    normal, reference = [0.0, 0.0, 1.0], [0.0, 1.0, 0.0]
+    floors = tuple(
+        Patch(vertices_m=square(0.0, 0.0, z, 3.0), normal=normal, shear_reference=reference, friction=0.5)
+        for z in (0.0, over_m)
+    )
+    limb, shoulder, toe = hexapod().limbs[0], np.array([0.0, 0.0, 0.25]), np.zeros(3)
+    offered = CandidatePatches(Terrain(floors, (True, True)), 0.01).candidates(limb, shoulder, toe, 4, 0.1)
+    assert sorted(float(piece.vertices_m[0, 2]) for _, piece in offered) == upper
 
 
 def test_a_surface_seen_from_behind_carries_no_toe():

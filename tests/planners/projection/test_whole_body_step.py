@@ -135,6 +135,30 @@ def test_a_step_keeps_its_trust_region_and_puts_feet_at_toes_to_first_order(plan
     np.testing.assert_array_equal(held[0].toes, start.point.toes)
 
 
+def test_joints_of_legs_that_stand_turn_no_farther_from_frame_to_frame_than_they_may(
+    walls: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stancekit.planners.projection.whole_body_step.TURN_RAD", 0.0)
+    plan = with_joints(walls)
+    restoration, solver = restoration_of(plan)
+    start = restoration.restore(restoration.point(), np.asarray(plan.joints_rad))
+    assert start is not None
+    legs = tuple(solver.legs.tolist())
+    at = WholeBody(
+        scaled_of(plan), start.point, solver=solver, angles=start.angles, limit_nm=solver.torque_nm,
+        wanted=0.5 * start.share, radius=1.0,
+    )  # fmt: skip
+    found = WholeBodyStep(at.scaled.layout, legs, False).solve(at)
+    assert found is not None
+    holds = np.array(plan.course.holds)
+    stays = np.repeat(holds[1:] == holds[:-1], 4, axis=1)
+    assert stays.any()
+    assert not stays.all()
+    before, after = (np.abs(np.diff(angles, axis=0)) for angles in (start.angles, found[1]))
+    assert (after - before)[stays].max() <= 1e-6
+    assert (after - before)[~stays].max() > 1e-3
+
+
 def test_what_is_restored_is_exact(plan: Plan) -> None:
     restoration, solver = restoration_of(plan)
     scaled, rng = scaled_of(plan), np.random.default_rng(3)

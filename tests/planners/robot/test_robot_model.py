@@ -154,13 +154,17 @@ def test_an_srdf_says_how_to_stand_and_which_links_may_touch() -> None:
     assert texts(model, "guess")[1] == "posture to stand in, from the SRDF: standing"
 
 
+@pytest.mark.parametrize(("far_m", "foot"), [(0.5, "LF_FOOT"), (1.1, "LF_PROBE")])
+def test_a_link_called_foot_is_one_unless_another_goes_three_times_as_far(far_m: float, foot: str) -> None:
+    probe = link("LF_PROBE") + fixed("LF_PROBED", "LF_SHANK", "LF_PROBE", f"0 0 {-far_m}")
+    model = model_of(robot([leg("LF") + probe, *(leg(name) for name in list(HIPS)[1:])]))
+    assert model.leg("LF").foot == foot
+
+
 def test_numbers_that_are_hard_to_believe_are_marked() -> None:
     assert texts(model_of(quadruped(effort=0.0)), "doubt") == [f"joints {', '.join(NAMES)}: no torque limit"]
     many = model_of(quadruped(effort=1000.0, mass=0.1))
     assert texts(many, "doubt") == [f"joints {', '.join(NAMES)}: a torque limit of 1000 Nm"]
-    with pytest.raises(InvalidInput, match=r"^joint LF_HAA: expected a torque limit above 0 Nm, got 0$"):
-        model_of(quadruped(effort=0.0)).check_torques()
-    model_of(quadruped()).check_torques()
     turning = model_of(quadruped().replace('lower="-2.4" upper="-0.3"', 'lower="-10" upper="10"'))
     knees = ", ".join(f"{name}_KFE" for name in HIPS)
     assert texts(turning, "doubt") == [f"joints {knees}: turns freely, its limits are a whole turn apart or more"]

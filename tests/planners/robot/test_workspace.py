@@ -8,7 +8,7 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.robot import hexapod
+from stancekit.planners.robot import hexapod, workspace_cache
 from stancekit.planners.robot.chain import Chain
 from stancekit.planners.robot.inverse_kinematics import REACHED_M, InverseKinematics, Seeds, descend
 from stancekit.planners.robot.leg import Joint, Leg
@@ -148,11 +148,12 @@ def test_flat_sets_and_legs_without_an_inside_are_refused() -> None:
         workspaces_of(model_of(robot(parts), feet={"a": "a1", "b": "b1"}), cached=False)
 
 
-def test_workspaces_are_kept_by_digest_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_workspaces_are_kept_leg_by_leg_and_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("STANCEKIT_CACHE", str(tmp_path))
     one = model_of(robot([leg(name) for name in list(HIPS)[:2]]))
     first = workspaces_of(one)
-    (file,) = (tmp_path / "workspaces").iterdir()
+    second = {*(tmp_path / "workspaces").iterdir()}
+    assert len(second) == 2
     again = workspaces_of(one)
     for before, after in zip(first, again, strict=True):
         np.testing.assert_array_equal(before.inner.normals, after.inner.normals)
@@ -163,13 +164,23 @@ def test_workspaces_are_kept_by_digest_and_read_again(tmp_path: Path, monkeypatc
             after.unreachable,
             after.outer.radius_m,
         )
-    content = file.read_bytes()
-    monkeypatch.setattr("stancekit.planners.robot.workspace_cache.workspace_of", lambda leg: first[0])
-    assert workspaces_of(one)[1].cover == first[1].cover  # read, not measured
-    file.write_bytes(content[: len(content) // 2])
-    assert workspaces_of(one)[1].cover == first[0].cover  # damaged: measured
-    assert len(file.read_bytes()) > len(content) // 2
-    assert one.digest != model_of(quadruped()).digest
+    made = list[str]()
+    monkeypatch.setattr(workspace_cache, "workspace_of", lambda leg: made.append(leg.name) or first[0])
+    weak = model_of(robot([leg(name, effort=8.0) for name in list(HIPS)[:2]]))
+    assert one.digest != weak.digest
+    assert [each.cover for each in workspaces_of(weak)] == [each.cover for each in first]  # the same legs: read
+    assert made == []
+    third = model_of(robot([leg(name) for name in list(HIPS)[1:3]]))
+    assert workspaces_of(third)[0].cover == first[1].cover
+    assert made == [third.leg_names[1]]  # the other is known
+    short = model_of(robot([leg(name) for name in list(HIPS)[:2]]).replace('lower="-0.7"', 'lower="-0.6"'))
+    workspaces_of(short)
+    assert made == [third.leg_names[1], *short.leg_names]  # other limits: measured
+    for file in second:
+        content = file.read_bytes()
+        file.write_bytes(content[: len(content) // 2])
+    assert [each.cover for each in workspaces_of(one)] == [first[0].cover] * 2  # damaged: measured
+    assert all(len(file.read_bytes()) > len(content) // 2 for file in second)
 
 
 def test_inverse_kinematics_finds_what_forward_kinematics_made_and_keeps_limits(measured: Measured) -> None:

@@ -146,12 +146,15 @@ def test_answers_of_other_problems_change_no_verdict(programs):
 def test_a_proof_that_is_too_weak_for_the_gap_settles_nothing(programs):
     batch = drawn("wall-3")
     before = decided(programs, batch)
-    planner = ExactPlanner(programs=programs, time_limit_s=np.inf, proposers=Knowing(batch, before))
+    planner = ExactPlanner(programs=programs, time_limit_s=np.inf, max_nodes=50, proposers=Knowing(batch, before))
     finite = [one.lower_bound for one in before if np.isfinite(one.lower_bound) and one.lower_bound > 0.0]
     planner.acceptance = replace(planner.acceptance, gap=1.01 * max(finite))
+    looked = 0
     for outcome, was in zip(solve_all(planner, batch), before, strict=True):
         if 0.0 < was.lower_bound < np.inf:
+            looked += 1
             assert outcome.status is not Status.INFEASIBLE or outcome.lower_bound > planner.acceptance.gap
+    assert looked == len(finite) > 5
 
 
 def test_proposers_of_other_problems_are_refused_before_anything_is_solved(programs):

@@ -434,7 +434,7 @@ def test_envelopes_are_for_point_feet(planner, soled, drawn):
     [
         (("&sole [[0.11, 0.05], [0.11, -0.05]", "&sole [[0.11, 0.05], [0.11, 0.05]"), ""),
         (("&sole [[0.11, 0.05], [0.11, -0.05], [-0.09, -0.05], [-0.09, 0.05]]", "&sole [[0.11, 0.05], [0.0, 0.0]]"),
-         "robot.limbs.LF.sole_m.expected 3 to 16 points of a sole, got 2"),
+         "robot.limbs.LF.sole_m: expected 3 to 16 points of a sole, got 2"),
         (("[[1, 0, 0], [-1, 0, 0]", "[[0, 0, 0], [-1, 0, 0]"),
          "robot.limbs.LF.reach_rows.normals[0]: expected a non-zero vector, got none"),
         (("-0.55, 0.88", "-0.55, 0.38"),

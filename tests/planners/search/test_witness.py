@@ -12,6 +12,7 @@ from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.search import canonical as search_canonical
+from stancekit.planners.search import witness
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.batch import solve_all
 from stancekit.planners.search.canonical import LONG, SHORT, canonical, without_moments
@@ -46,6 +47,14 @@ def test_every_claim_is_a_posture_and_most_feasible_problems_have_one(name):
     assert np.all(np.diff(index) > 0)
     for k, posture in zip(index, scaled.select(index).postures(points), strict=True):
         assert check_posture(batch.problems[k], posture).accepted
+
+
+def test_the_iteration_starts_with_the_weight_shared_along_the_normals():
+    scaled = ScaledBatch.of(batch_of("wall-3", 4))
+    sets = witness._Sets.of(scaled)
+    forces = sets.start()[:, sets.parts[3]].reshape(4, 3, 3)
+    np.testing.assert_allclose(forces[:, :, 0], scaled.like.weight / 3.0)
+    np.testing.assert_array_equal(forces[:, :, 1:], 0.0)
 
 
 @NAMES

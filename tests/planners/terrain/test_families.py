@@ -17,7 +17,7 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain.families import TERRAIN_FAMILIES, VOID_M, family_terrain
 from stancekit.planners.verify import check_certificate, check_plan
 
-FAMILIES = tuple(TERRAIN_FAMILIES)
+FAMILIES = TERRAIN_FAMILIES.names()
 
 
 @pytest.fixture(scope="module")

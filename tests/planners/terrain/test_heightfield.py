@@ -118,7 +118,7 @@ def test_tasks_are_those_of_the_paper():
         assert len({tuple(task.goal_xy_m) for task in tasks}) == 15
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@pytest.mark.parametrize("family", FAMILIES.names())
 def test_random_terrains_repeat_by_seed_rise_with_difficulty_and_are_level_at_the_origin(family):
     names = [f"{family}:{difficulty}:5" for difficulty in (0.0, 0.5, 1.0)]
     level, easy, hard = (named_terrain(name) for name in names)

@@ -8,7 +8,7 @@ import yaml
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.terrain.facets import facet_patches
+from stancekit.planners.terrain.facets import facets_of
 from stancekit.planners.terrain.import_options import ImportOptions
 from stancekit.planners.terrain.terrain_file import read_terrain
 
@@ -19,7 +19,7 @@ KINDS = ("stl", "obj", "ply")
 def read_mesh(path, *, friction, **named):
     mesh = read_terrain(path, ImportOptions(**named))
     mesh.check_size(named.get("unit_m", 1.0))
-    return facet_patches(mesh, friction, least_m=1e-3)
+    return tuple(facet.plane.patch(piece, friction) for facet in facets_of(mesh) for piece in facet.pieces(1e-3))
 
 
 @pytest.fixture

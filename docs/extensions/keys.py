@@ -1,0 +1,288 @@
+"""The reference of keys: what every file may say, from the models that read it.
+
+Types, bounds and defaults are those of the models; what a key means is taken from the model's docstring where that says
+``key: meaning``, else from docs/reference/meanings.yaml. ``python docs/extensions/keys.py`` prints what lacks one.
+"""
+
+from __future__ import annotations
+
+import ast
+import importlib
+import json
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import TypeAdapter
+
+ROOT = Path(__file__).resolve().parents[2]
+MEANINGS = ROOT / "docs" / "reference" / "meanings.yaml"
+FOLDERS = ("planners", "runner", "views", "envs", "learners")
+
+
+@dataclass(frozen=True)
+class Section:
+    """A kind of file: its title, what is said of it, and the models of its keys as module:class."""
+
+    title: str
+    text: str
+    models: tuple[str, ...]
+
+
+SECTIONS = (
+    Section("Courses", "YAML for `stancekit plan FILE`, `stancekit.plan`, `Traverse-v0`; see [terrain](../terrain.md).",
+            ("planners.problem.course_keys:CourseSpec",)),
+    Section("Published scenes", "YAML with `surfaces`; see [scenes](../scenes.md).",
+            ("planners.problem.scene_keys:SceneSpec",)),
+    Section("Robots", "YAML that names a URDF and corrects it; see [robots](../robots.md).",
+            ("planners.robot.robot_file:RobotKeys",)),
+    Section("Walkers", "YAML of a walking robot's numbers, without a URDF; see [gaits](../concepts/gaits.md).",
+            ("planners.robot.single_body:_Numbers",)),
+    Section("Actuators", "`stancekit/actuators/1`, YAML or JSON; see [on a robot](../running-on-a-robot.md).",
+            ("planners.robot.actuators:Actuators",)),
+    Section("Distributions of postures", "YAML for `sample`, `label` and the environments.",
+            ("envs.distributions.postures:_Yaml",)),
+    Section("Experiments", "YAML for `stancekit bench envelopes`, `stancekit demo` and `stancekit fit --config`.",
+            ("learners.evaluation.experiment:Experiment", "learners.selectors.genetic:GeneticSettings",
+             "learners.selectors.neural_training:NeuralSettings", "learners.selectors.chooser:ChooserSettings")),
+    Section("Training", "YAML for `stancekit train`.", ("learners.training.train_config:TrainConfig",)),
+    Section("Servo buses", "`stancekit/servos/1`, YAML for `stancekit run --world dynamixel --setup`.",
+            ("runner.worlds.dynamixel.calibration:Calibration",)),
+    Section("Robots behind a rosbridge", "`stancekit/ros/1`, YAML for `stancekit run --world ros --setup`.",
+            ("runner.worlds.ros.setup:RosSetup",)),
+    Section("Walks of other programs", "YAML for `stancekit bench gait --against`; see [formats](../formats.md).",
+            ("planners.gait.walk_table:WalkKeys",)),
+    Section("Posture problems", "`stancekit/posture/1`, JSON; see [formats](../formats.md).",
+            ("planners.problem.posture_json:PostureJson",)),
+    Section("Courses laid out", "`stancekit/course/1`, JSON, as plans and proofs contain it; written by the program.",
+            ("planners.problem.course_json:_CourseJson",)),
+    Section("Envelopes", "`stancekit/envelope/1`, JSON.", ("planners.relaxation.envelope:_EnvelopeSetJson",)),
+    Section("Data sets", "`header.json` and `timing-N.json` of `stancekit/dataset/1`; written by the program.",
+            ("envs.data.ledger:Header", "envs.data.label_plan:LabelPlan", "envs.data.ledger:Timing")),
+)  # fmt: skip
+
+INTERNAL = {
+    "planners.gait.trajectory_file:_Asked": "part of a gait's file, which the program alone writes",
+    "planners.gait.trajectory_file:_Header": "part of a gait's file, which the program alone writes",
+    "learners.evaluation.bench:_Row": "rows that a bench keeps between runs",
+    "learners.proposers.proposer:_Header": "metadata of weights",
+    "learners.selectors.tensors:ArchitectureJson": "metadata of weights",
+    "learners.selectors.neural:_Calibration": "metadata of weights",
+    "learners.selectors.neural:_Header": "metadata of weights",
+    "learners.selectors.chooser:_Header": "metadata of weights",
+    "learners.selectors.policy:PolicyShape": "metadata of weights",
+    "envs.data.label_plan:Counts": "written by the program into shards",
+    "envs.data.ledger:Tally": "written by the program into shards",
+    "runner.worlds.setup_file:SetupFile": "what servo and rosbridge files share",
+    "planners.problem.terrain_spec:TerrainSpec": "what all kinds of terrain share",
+}
+"""Models of files that nobody writes by hand, and parts of others, and why the reference leaves them out."""
+
+
+def forbidding() -> set[str]:
+    """Every class of the package that refuses unknown keys, as module:class, found by reading the sources."""
+    classes: dict[str, tuple[str, bool, list[str]]] = {}
+    for folder in FOLDERS:
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
+            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+                if isinstance(node, ast.ClassDef):
+                    fields = (line for line in node.body if isinstance(line, ast.Assign | ast.AnnAssign))
+                    says = any("forbid" in ast.unparse(line) or "STRICT" in ast.unparse(line) for line in fields)
+                    bases = [ast.unparse(base).split(".")[-1] for base in node.bases]
+                    classes[f"{module}:{node.name}"] = (node.name, says, bases)
+    found = {place for place, (_, says, _) in classes.items() if says}
+    while True:
+        names = {place.split(":")[1] for place in found if not place.endswith(":_Keys")}
+        local = {place.split(":")[0] for place in found if place.endswith(":_Keys")}
+        more = {
+            place for place, (_, _, bases) in classes.items()
+            if place not in found and (names & set(bases) or ("_Keys" in bases and place.split(":")[0] in local))
+        }  # fmt: skip
+        if not more:
+            return {place for place in found if not place.endswith(":_Keys")}
+        found |= more
+
+
+def loaded(place: str) -> Any:
+    """The class of module:class."""
+    module, name = place.split(":")
+    return getattr(importlib.import_module(f"stancekit.{module}"), name)
+
+
+def schemas(section: Section) -> dict[str, dict[str, Any]]:
+    """By name, the JSON schema of every model of a section: those that are named, and those that they hold."""
+    found: dict[str, dict[str, Any]] = {}
+    for place in section.models:
+        kind = loaded(place)
+        schema = TypeAdapter(kind).json_schema()
+        held = schema.pop("$defs", {})
+        found[kind.__name__] = schema
+        order = list(re.findall(r"#/\$defs/(\w+)", json.dumps(schema)))
+        for name in order:
+            if name not in found:
+                found[name] = held[name]
+                order += re.findall(r"#/\$defs/(\w+)", json.dumps(held[name]))
+    return found
+
+
+def kind_of(schema: dict[str, Any]) -> str:
+    """A key's type and bounds, in words."""
+    if "$ref" in schema:
+        name = schema["$ref"].rsplit("/", 1)[1]
+        return f"[{name.strip('_')}](#{anchor(name)})"
+    for several in ("anyOf", "oneOf"):
+        if several in schema:
+            return " or ".join(dict.fromkeys(kind_of(one) for one in schema[several]))
+    if "const" in schema:
+        return f"`{schema['const']}`"
+    if "enum" in schema:
+        return ", ".join(f"`{value}`" for value in schema["enum"])
+    kind = schema.get("type")
+    if kind in ("number", "integer"):
+        return kind + _bounds(schema)
+    if kind == "array":
+        return _array(schema)
+    if kind == "object":
+        held = schema.get("additionalProperties")
+        return f"mapping of names to {kind_of(held)}" if isinstance(held, dict) else "mapping"
+    return {"string": "text", "boolean": "true or false", "null": "null", None: "anything"}[kind]
+
+
+LARGEST = 1e6
+"""Bounds of so much are there so that arithmetic is safe, and are not worth a reader's time."""
+
+
+def _bounds(schema: dict[str, Any]) -> str:
+    low, high = schema.get("minimum"), schema.get("maximum")
+    above, below = schema.get("exclusiveMinimum"), schema.get("exclusiveMaximum")
+    parts = []
+    if low is not None and low > -LARGEST:
+        parts.append(f"≥ {low:g}")
+    if above is not None:
+        parts.append(f"> {above:g}")
+    if high is not None and high < LARGEST:
+        parts.append(f"≤ {high:g}")
+    if below is not None and below < LARGEST:
+        parts.append(f"< {below:g}")
+    return "".join(f" {part}" if index == 0 else f", {part}" for index, part in enumerate(parts))
+
+
+def _array(schema: dict[str, Any]) -> str:
+    if "prefixItems" in schema:
+        items = [kind_of(one) for one in schema["prefixItems"]]
+        same = len(set(items)) == 1 and len(items) > 1
+        return f"{len(items)} × {items[0]}" if same else f"[{', '.join(items)}]"
+    least, most = schema.get("minItems"), schema.get("maxItems")
+    count = {(None, None): "", (1, None): " (one or more)"}.get((least, most), f" ({least or 0} to {most or 'any'})")
+    return f"list{count} of {kind_of(schema['items'])}" if "items" in schema else f"list{count}"
+
+
+def anchor(name: str) -> str:
+    """Of a model's table."""
+    return f"keys-{name.strip('_').lower()}"
+
+
+def own_meanings(docstring: str, keys: set[str]) -> dict[str, str]:
+    """What a docstring says of keys: ``key: text`` or ``key, key: text`` where all of these are keys."""
+    flat = " ".join(docstring.split())
+    found: dict[str, str] = {}
+    starts = [
+        (at.start(), at.end(), [name.strip() for name in at[1].split(",")])
+        for at in re.finditer(r"(?:(?<=^)|(?<=\. )|(?<=; ))(\w+(?:, \w+)*): ", flat)
+    ]
+    starts = [one for one in starts if set(one[2]) <= keys]
+    for index, (_, begin, names) in enumerate(starts):
+        end = starts[index + 1][0] if index + 1 < len(starts) else len(flat)
+        found |= dict.fromkeys(names, flat[begin:end].strip().rstrip(".;"))
+    return found
+
+
+def meanings(name: str, schema: dict[str, Any], written: dict[str, dict[str, str]]) -> dict[str, str]:
+    """By key: what it means; keys without a meaning are left out."""
+    keys = set(schema.get("properties", {}))
+    usual = {key: text for key, text in written.get("any", {}).items() if key in keys}
+    return usual | own_meanings(schema.get("description", ""), keys) | written.get(name, {})
+
+
+def written_meanings() -> dict[str, dict[str, str]]:
+    """What docs/reference/meanings.yaml says."""
+    return yaml.safe_load(MEANINGS.read_text(encoding="utf-8")) or {}
+
+
+def page() -> str:
+    """The whole reference, Markdown."""
+    written = written_meanings()
+    lines = [
+        "# Keys of files", "",
+        "Every key that a file may have, from the models that read it. A reader refuses unknown and missing keys, and",
+        "names every one that is wrong. Bold keys have to be there; numbers are SI, in the units that names end in.",
+        "",
+    ]  # fmt: skip
+    seen: set[str] = set()
+    for section in SECTIONS:
+        lines += [f"## {section.title}", "", section.text, ""]
+        for name, schema in schemas(section).items():
+            if name not in seen:
+                seen.add(name)
+                lines += _table(name, schema, written)
+    return "\n".join(lines)
+
+
+def _table(name: str, schema: dict[str, Any], written: dict[str, dict[str, str]]) -> list[str]:
+    keys, required = schema.get("properties", {}), set(schema.get("required", ()))
+    says = meanings(name, schema, written)
+    brief = (schema.get("description") or "").split("\n\n")[0].replace("\n", " ")
+    brief = re.sub(r"``([^`]*)``", r"`\1`", brief.split(". ")[0].rstrip(".").split(" limbs:")[0])
+    lines = [f"({anchor(name)})=", f"### {name.strip('_')}", "", f"{brief}.", ""]
+    lines += ["| key | type | default | meaning |", "|---|---|---|---|"]
+    for key, value in keys.items():
+        default = "" if key in required else _default(value)
+        shown = f"**`{key}`**" if key in required else f"`{key}`"
+        text = re.sub(r"``([^`]*)``", r"`\1`", says.get(key, "")).replace("|", "\\|")
+        lines.append(f"| {shown} | {kind_of(value)} | {default} | {text} |")
+    return [*lines, ""]
+
+
+def _default(schema: dict[str, Any]) -> str:
+    if "default" not in schema:
+        return "its own defaults"
+    value = schema["default"]
+    if value is None:
+        return "none"
+    if isinstance(value, dict):
+        return "its own defaults" if value else "none"
+    if value in ("", []):
+        return "none"
+    return f"`{json.dumps(value, ensure_ascii=False)}`"
+
+
+def missing() -> Iterator[str]:
+    """Keys without a meaning, meanings without a key, and models that neither the reference nor INTERNAL knows."""
+    written, reached, known = written_meanings(), set(), set()
+    for section in SECTIONS:
+        for name, schema in schemas(section).items():
+            keys = set(schema.get("properties", {}))
+            reached.add(name)
+            known |= {f"{name}.{key}" for key in keys}
+            yield from (f"{name}.{key}: no meaning" for key in sorted(keys - set(meanings(name, schema, written))))
+    everywhere = {place.split(".")[1] for place in known}
+    yield from (f"any.{key}: a meaning of no key" for key in written["any"] if key not in everywhere)
+    for name, texts in written.items():
+        if name == "any":
+            continue
+        yield from (f"{name}.{key}: a meaning of no key" for key in texts if f"{name}.{key}" not in known)
+    for place in sorted(forbidding() - set(INTERNAL)):
+        if place.split(":")[1] not in reached:
+            yield f"{place}: not in the reference, and not in INTERNAL"
+    yield from (f"{place}: in INTERNAL, and not there" for place in sorted(set(INTERNAL) - forbidding()))
+
+
+if __name__ == "__main__":
+    found = list(missing())
+    sys.stdout.write("".join(f"{line}\n" for line in found))
+    sys.exit(bool(found))

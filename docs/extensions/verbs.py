@@ -1,0 +1,43 @@
+"""The reference of the command: what every verb's ``--help`` says, as it says it."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+from contextlib import redirect_stdout
+
+from stancekit.cli.main import VERBS, main
+
+BENCHES = ("envelopes", "planner", "scenes", "gait")
+WIDTH = 100
+
+
+def said(*arguments: str) -> str:
+    """What the command prints for these arguments, without colours."""
+    box = io.StringIO()
+    before = os.environ.get("COLUMNS")
+    os.environ["COLUMNS"] = str(WIDTH)
+    try:
+        with redirect_stdout(box):
+            main(arguments)
+    except SystemExit as end:
+        if end.code:
+            raise RuntimeError(f"stancekit {' '.join(arguments)} ended with {end.code}") from end
+    finally:
+        del os.environ["COLUMNS"]
+        if before is not None:
+            os.environ["COLUMNS"] = before
+    return re.sub(r"\x1b\[[0-9;]*m", "", box.getvalue()).strip()
+
+
+def page() -> str:
+    """The page, Markdown."""
+    lines = ["# The command", "", "What `stancekit --help` and `stancekit VERB --help` print.", ""]
+    lines += ["```text", said("--help"), "```", ""]
+    for verb in VERBS:
+        lines += [f"## stancekit {verb}", "", "```text", said(verb, "--help"), "```", ""]
+        if verb == "bench":
+            for what in BENCHES:
+                lines += [f"### stancekit bench {what}", "", "```text", said(verb, what, "--help"), "```", ""]
+    return "\n".join(lines)
