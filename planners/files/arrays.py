@@ -76,7 +76,8 @@ def checked_choice(value: Any, where: str, among: Iterable[str]) -> str:
     """Return ``value`` where it is one of these. Raises InvalidInput that lists them."""
     known = tuple(among)
     if value not in known:
-        raise InvalidInput(f"{where}: expected one of {', '.join(known)}, got {shown(value)}")
+        came = shown(value) if isinstance(value, str) else f"{value!r:.80}"
+        raise InvalidInput(f"{where}: expected one of {', '.join(known)}, got {came}")
     return str(value)
 
 
