@@ -188,6 +188,15 @@ def test_the_citation_has_both_papers_and_the_version_of_the_package() -> None:
     assert [(paper["year"], len(paper["authors"])) for paper in found["references"]] == [(2021, 3), (2022, 6)]
 
 
+def test_an_extra_that_a_message_or_a_page_names_is_one_that_can_be_installed() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    folders = ("api", "cli", "docs", "envs", "learners", "planners", "runner", "views")
+    files = [path for folder in folders for path in (ROOT / folder).rglob("*.[pm][yd]")]
+    named = [name for path in files for name in re.findall(r"stancekit\[([\w,]+)\]", path.read_text(encoding="utf-8"))]
+    assert len(named) > 20
+    assert {extra for names in named for extra in names.split(",")} <= set(project["optional-dependencies"])
+
+
 def test_what_hosted_checks_run_is_a_target_here() -> None:
     targets = re.findall(r"^([a-z]+):.*## ", (ROOT / "Makefile").read_text(encoding="utf-8"), re.M)
     jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "ci.yaml").read_text(encoding="utf-8"))["jobs"]
