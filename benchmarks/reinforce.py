@@ -78,7 +78,7 @@ def main(arguments: Arguments) -> None:
     runs = {"PPO": replace(config, steps=arguments.steps or config.steps)}
     if arguments.name == "selection":
         paired = TrainConfig.from_yaml(CONFIGS / "train-paired.yaml")
-        runs = {"PPO": replace(runs["PPO"], train=paired.train, held_out=paired.held_out), "paired": paired}
+        runs = {"paired": paired, "PPO": replace(runs["PPO"], train=paired.train, held_out=paired.held_out)}
     config, folder = runs["PPO"], arguments.out / arguments.name
     scenes = TrainingScenes.label(config, folder / "data")
     rows = []

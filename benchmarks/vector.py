@@ -1,18 +1,25 @@
 """The batched environment against a bare planner loop, Gymnasium's own vector environments, and itself on two cores.
 
-    python benchmarks/vector.py [--problem wall-3] [--envs 8] [--steps 40] [--rounds 5] [--seed 0] [--json]
+    python benchmarks/vector.py [--problem wall-3] [--envs 8] [--steps 40] [--rounds 5] [--pool FOLDER]
 
 The bare loop labels the very problems that the environment drew (those that balancing threw away, too) and puts the
 same scenes and actions through P1, fix-p and the verifier; both decide one problem after the other
 (`benchmarks/environment.py` has what drawing in blocks saves). Sampling these problems, which a loop over given scenes
 would not have to do, is timed apart. All take turns in one process; processor times are compared. The rest is wall
-clock, in turns, with the same seeds and actions.
+clock, in turns, with the same seeds and actions, but for what two processes save by processor time, which says what two
+idle cores would: time of one process ÷ (of the one that steps the two + half of what the two take).
+--pool: a folder of `stancekit label` that all of these draw from; the bare loop is left out.
 """
 
 from __future__ import annotations
 
+import multiprocessing
+import os
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -45,11 +52,13 @@ class Arguments(Options):
     envs: int = 8
     steps: int = 40
     rounds: int = 5
+    pool: Path | None = None
 
 
 def main(arguments: Arguments) -> None:
     """Measure and print."""
-    arguments.list(overhead(arguments) | rates(arguments), problem=arguments.problem, envs=arguments.envs)
+    found = {} if arguments.pool is not None else overhead(arguments)
+    arguments.list(found | rates(arguments), problem=arguments.problem, envs=arguments.envs)
 
 
 @dataclass(frozen=True)
@@ -142,7 +151,8 @@ class BareLoop:
 
 def rates(arguments: Arguments) -> dict[str, float]:
     """Wall-clock steps per second, a step being one of one sub-environment; median of the rounds."""
-    given = {"problem": arguments.problem, "num_envs": arguments.envs}
+    given: dict[str, Any] = {"problem": arguments.problem, "num_envs": arguments.envs}
+    given |= {} if arguments.pool is None else {"scenes": str(arguments.pool)}
     same = {"autoreset_mode": AutoresetMode.SAME_STEP}
     envs: dict[str, VectorEnv] = {
         "Gymnasium Sync": gymnasium.make_vec(NAME, **given, vectorization_mode="sync", vector_kwargs=same),
@@ -158,18 +168,35 @@ def rates(arguments: Arguments) -> dict[str, float]:
         env.step(actions)
         first[f"{name}: first step with compiling [s]"] = time.perf_counter() - begin
     seconds: dict[str, list[float]] = {name: [] for name in envs}
+    own = dict.fromkeys(envs, 0.0)
+    children = [process.pid for process in multiprocessing.active_children() if process.name.startswith("Spawn")]
+    before = cpu_of(children)
     for _ in range(arguments.rounds):
         for name, env in envs.items():
-            begin = time.perf_counter()
+            begin, cpu = time.perf_counter(), time.process_time()
             for _ in range(arguments.steps):
                 env.step(actions)
             seconds[name].append(time.perf_counter() - begin)
+            own[name] += time.process_time() - cpu
+    apart = cpu_of(children) - before
     for env in envs.values():
         env.close()
     steps = arguments.steps * arguments.envs
     rate = {f"{name} [steps/s]": steps / float(np.median(taken)) for name, taken in seconds.items()}
     one, two = (float(np.median(seconds[f"ours, {count}"])) for count in ("1 process", "2 processes"))
-    return first | rate | {"1 to 2 processes": one / two}
+    alone, led = own["ours, 1 process"], own["ours, 2 processes"]
+    cpu = {
+        "ours, 1 process [steps a CPU-second]": arguments.rounds * steps / alone,
+        "ours, 2 processes [steps a CPU-second]": arguments.rounds * steps / (led + apart),
+        "1 to 2 processes, by processor time": alone / (led + apart / 2.0),
+    }
+    return first | rate | {"1 to 2 processes": one / two} | cpu
+
+
+def cpu_of(processes: Sequence[int | None]) -> float:
+    """Processor time that these have taken [s] (Linux)."""
+    fields = [Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split() for pid in processes]
+    return sum(int(its[11]) + int(its[12]) for its in fields) / os.sysconf("SC_CLK_TCK")
 
 
 def actions_for(problem: str, envs: int) -> np.ndarray:

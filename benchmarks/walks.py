@@ -1,11 +1,14 @@
 """Walks of robots from files, planned, verified and then run in simulation: do they stand, how well, how do feet hold?
 
-    python benchmarks/walks.py --robots FOLDER [--only go1,solo12] [--terrains ripple,rough:0.5:7] [--world bullet]
-        [--offset-deg .5 --delay-ms 15 --mass 1.15 --stiffness .7 --friction .8] [--keep FOLDER] [--json]
+    python benchmarks/walks.py --robots FOLDER [--only go1 solo12] [--terrains ripple rough:0.5:7] [--count 20]
+        [--world bullet] [--offset-deg .5 --delay-ms 15 --mass 1.15 --stiffness .7 --friction .8] [--keep FOLDER]
+        [--folder FOLDER] [--json]
 
 FOLDER: example-robot-data's ``robots``; robots that are not there are left out, and said. A walk of ten seconds over
-3.6 times the robot's height, at μ = .6, is planned once and kept in --keep. It is run as it is, whatever the joints'
-limits; why the runner would have refused it else is said at the end of its row.
+3.6 times the robot's height, at μ = .6, is planned once and kept in --keep; with --count others follow, each with a
+heading and a length of its own, up to that, drawn from --seed. It is run as it is, whatever the joints' limits; why the
+runner would have refused it else is said at the end of its row. Rows that are in --folder are not measured again.
+Terrains: any name or file that ``stancekit gait`` takes, so also a map of one's own.
 
 body: distance of the body's origin from where it should be, root mean square, worst, and at the end [mm]. slip: of the
 worst stance since its foot touched, and stances with more than 10 mm. late: how long after it should have the last foot
@@ -15,13 +18,14 @@ other than planned.
 
 from __future__ import annotations
 
-import argparse
 import json
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from _bench import Options, kept, launch
 from _wrong import Wrong
 
 import stancekit
@@ -36,7 +40,9 @@ from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 
 HEADING_RAD, HEIGHTS, FRICTION, SLIP_M = 0.64, 3.6, 0.6, 0.01
-TERRAINS = "ripple,rough:0.3:7,rough:0.5:7,rough:0.8:3"
+SHORTEST = 0.6
+"""Of that way, where others are drawn."""
+TERRAINS = ("ripple", "rough:0.3:7", "rough:0.5:7", "rough:0.8:3")
 
 
 @dataclass(frozen=True)
@@ -63,27 +69,62 @@ ROBOTS = {
 }  # fmt: skip
 
 
-def main() -> None:
+@dataclass(frozen=True, kw_only=True)
+class Arguments(Options):
+    """Which robots, over what, in which world, and what is wrong with them."""
+
+    robots: Path
+    only: tuple[str, ...] = tuple(ROBOTS)
+    terrains: tuple[str, ...] = TERRAINS
+    count: int = 1
+    world: str = "mujoco"
+    keep: Path = Path(tempfile.gettempdir()) / "stancekit-walks"
+    folder: Path | None = None
+    offset_deg: float = 0.0
+    delay_ms: float = 0.0
+    mass: float = 1.0
+    stiffness: float = 1.0
+    friction: float = 1.0
+
+
+def main(arguments: Arguments) -> None:
     """Plan, run and print."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--robots", type=Path, required=True)
-    parser.add_argument("--only", default=",".join(ROBOTS))
-    parser.add_argument("--terrains", default=TERRAINS)
-    parser.add_argument("--world", default="mujoco")
-    parser.add_argument("--keep", type=Path, default=Path(tempfile.gettempdir()) / "stancekit-walks")
-    parser.add_argument("--json", action="store_true")
-    for name, usual in (("offset-deg", 0.0), ("delay-ms", 0.0), ("mass", 1.0), ("stiffness", 1.0), ("friction", 1.0)):
-        parser.add_argument(f"--{name}", type=float, default=usual)
-    arguments = parser.parse_args()
     wrong = Wrong.of(arguments)
     arguments.keep.mkdir(parents=True, exist_ok=True)
-    for name in arguments.only.split(","):
+    for name in arguments.only:
         if not (arguments.robots / ROBOTS[name].urdf).exists():
             print(f"{name}: no file {ROBOTS[name].urdf}, left out")
             continue
-        for terrain in arguments.terrains.split(","):
-            found = row(name, arguments.robots, terrain, arguments.keep, arguments.world, wrong)
-            print(json.dumps(found) if arguments.json else line(found), flush=True)
+        rows = [
+            measured(name, terrain, index, arguments, wrong)
+            for terrain in arguments.terrains for index in range(arguments.count)
+        ]  # fmt: skip
+        ran = [row for row in rows if "rms_mm" in row]
+        if not arguments.json and ran:
+            stood = sum(row["outcome"] == "stood" for row in ran)
+            rms, slip = ([row[key] for row in ran] for key in ("rms_mm", "slip_mm"))
+            print(
+                f"{name:<9} {arguments.world}: {stood} of {len(ran)} stood, {len(ran)} of {len(rows)} planned, body "
+                f"{np.median(rms):.1f} ≤ {max(rms):.1f} mm, slip {np.median(slip):.1f} ≤ {max(slip):.1f} mm",
+                flush=True,
+            )
+
+
+def measured(name: str, terrain: str, index: int, arguments: Arguments, wrong: Wrong) -> dict[str, Any]:
+    """One walk's row, printed; measured where it is not kept."""
+    rng = np.random.default_rng([arguments.seed, index])
+    heading, share = (HEADING_RAD, 1.0) if index == 0 else (rng.uniform(-np.pi, np.pi), rng.uniform(SHORTEST, 1.0))
+
+    def measure() -> dict[str, Any]:
+        path = planned(name, arguments.robots, terrain, arguments.keep, (float(heading), float(share)))
+        return {"robot": name, "terrain": terrain, "walk": index} | row(path, arguments.world, wrong)
+
+    said = (arguments.offset_deg, arguments.delay_ms, arguments.mass, arguments.stiffness, arguments.friction)
+    stem = "-".join([name, Path(terrain).stem, str(arguments.seed), str(index), arguments.world, *map(str, said)])
+    file = None if arguments.folder is None else arguments.folder / f"{stem.replace(':', '-')}.json"
+    found = measure() if file is None else kept(file, measure)
+    arguments.say(found, line)
+    return found
 
 
 def robot_file(example: Example, folder: Path, path: Path) -> Path:
@@ -104,15 +145,20 @@ def robot_file(example: Example, folder: Path, path: Path) -> Path:
     return path
 
 
-def planned(name: str, folder: Path, terrain: str, keep: Path) -> Path | str:
-    """The file of a walk, planned where it is not there; or why there is none."""
-    path = keep / f"{name}-{terrain.replace(':', '-')}.json"
+def planned(
+    name: str, folder: Path, terrain: str, keep: Path, way: tuple[float, float] = (HEADING_RAD, 1.0)
+) -> Path | str:
+    """The file of a walk, planned where it is not there; or why there is none. way: its heading [rad], and its length
+    as a share of the longest."""
+    usual = way == (HEADING_RAD, 1.0)
+    end = "" if usual else f"-{way[0]:.3f}-{way[1]:.3f}"
+    path = keep / f"{name}-{Path(terrain).stem.replace(':', '-')}{end}.json"
     if path.exists():
         return path
     robot = walker_of(named_robot(robot_file(ROBOTS[name], folder, keep / f"{name}.yaml")))
-    far = HEIGHTS * robot.stand_height_m
+    far = way[1] * HEIGHTS * robot.stand_height_m
     found = stancekit.walk(
-        terrain, (far * np.cos(HEADING_RAD), far * np.sin(HEADING_RAD)), robot=robot, friction=FRICTION, total_s=120.0
+        terrain, (far * np.cos(way[0]), far * np.sin(way[0])), robot=robot, friction=FRICTION, total_s=120.0
     )
     if found.trajectory is None:
         return str(found.message)
@@ -120,12 +166,10 @@ def planned(name: str, folder: Path, terrain: str, keep: Path) -> Path | str:
     return path
 
 
-def row(name: str, folder: Path, terrain: str, keep: Path, world: str, wrong: Wrong) -> dict[str, object]:
+def row(path: Path | str, world: str, wrong: Wrong) -> dict[str, object]:
     """One walk, run."""
-    message: dict[str, object] = {"robot": name, "terrain": terrain}
-    path = planned(name, folder, terrain, keep)
     if isinstance(path, str):
-        return message | {"outcome": f"not planned: {path}"}
+        return {"outcome": f"not planned: {path}"}
     accepted = AcceptedGait.from_file(path)
     settings = RunSettings(check_limits=False, tolerance=Tolerance(body_m=0.3, body_rad=0.8, slip_m=SLIP_M))
     with make_world(world, accepted.robot, imperfections=wrong.imperfections) as made:
@@ -137,10 +181,8 @@ def row(name: str, folder: Path, terrain: str, keep: Path, world: str, wrong: Wr
         report = Runner(made, settings=settings).run(accepted, wrong.ground(accepted))
     run = report.execution
     if run is None:
-        return message | {"outcome": report.message}
-    return (
-        message | {"outcome": "stood" if run.fallen_s is None else f"fell at {run.fallen_s:.1f} s"} | figures(run, fits)
-    )
+        return {"outcome": report.message}
+    return {"outcome": "stood" if run.fallen_s is None else f"fell at {run.fallen_s:.1f} s"} | figures(run, fits)
 
 
 def figures(run: Execution, fits: str) -> dict[str, object]:
@@ -153,9 +195,9 @@ def figures(run: Execution, fits: str) -> dict[str, object]:
     }  # fmt: skip
 
 
-def line(found: dict[str, object]) -> str:
+def line(found: dict[str, Any]) -> str:
     """For people."""
-    start = f"{found['robot']:<9} {found['terrain']:<12} {found['outcome']:<14}"
+    start = f"{found['robot']:<9} {found['terrain']:<12} {found['walk']:2} {found['outcome']:<14}"
     if "rms_mm" not in found:
         return start
     return (
@@ -166,4 +208,4 @@ def line(found: dict[str, object]) -> str:
 
 
 if __name__ == "__main__":
-    main()
+    launch(main, Arguments, __doc__)

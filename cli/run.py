@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+import os
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -14,11 +14,12 @@ from rich.table import Table
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, emit, err, out, progress
+from .console import as_options, emit, out, progress
+from .options import check_drawn
 from .policy import read_policy
-from .run_check import check_run
 from .run_film import film
 from .run_table import loop_table, run_table, unused
+from .stops import stop_sources
 
 if TYPE_CHECKING:
     from stancekit.planners.problem.course import Course
@@ -28,9 +29,8 @@ if TYPE_CHECKING:
     from stancekit.runner.log import Log
     from stancekit.runner.run import Runner
     from stancekit.runner.safety.heartbeat import HeartbeatMonitor
-    from stancekit.runner.safety.latch import Source
     from stancekit.runner.settings import RunSettings
-    from stancekit.runner.worlds import World
+    from stancekit.runner.worlds import World, WorldClass
 
 Done = tuple[bool, dict[str, Any], Table]
 """Whether it succeeded, the report, and the report for people."""
@@ -115,7 +115,7 @@ class Run:
 
         with as_options("world"):
             kind = WORLDS.get(self.world)
-        check_run(self, kind)
+        self._check(kind)
         request = self._request()
         with ExitStack() as stack:
             made_for = request.plan.course if isinstance(request, Accepted) else request
@@ -129,7 +129,7 @@ class Run:
                 )  # fmt: skip
             stack.callback(world.close)
             stack.enter_context(on_signals(world.latch))
-            sources = stack.enter_context(self._sources(stack))
+            sources = stack.enter_context(stop_sources(stack, self.stop_file, self.stop_topic, armed=self.arm))
             log = self._log(stack)
             bar = stack.enter_context(progress(f"run {made_for.name} on {self.world}"))
             monitor = self._monitor(stack, world, settings)
@@ -233,6 +233,57 @@ class Run:
 
         return slippery(course, self.friction_share).terrain
 
+    def _check(self, kind: WorldClass) -> None:
+        """Raise InvalidInput for an option out of range, or with another world, and a file that cannot be written."""
+        from stancekit.planners.files.arrays import checked, checked_int
+        from stancekit.planners.files.writing import check_writable
+
+        checked(self.pace, "--pace", least=0.05, most=4.0)
+        checked(self.friction_share, "--friction-share", above=0.0, most=1.0)
+        if self.rate_hz is not None:
+            checked(self.rate_hz, "--rate-hz", least=1.0, most=1000.0)
+        if self.horizon is not None:
+            checked_int(self.horizon, "--horizon", least=0)
+        if self.replan_m is not None and not self.replan_m > 0.0:
+            raise InvalidInput(f"--replan-m: expected a number above 0, or inf, got {self.replan_m:g}")
+        simulated, replayed, led = kind.kind == "simulation", kind.kind == "recording", self.policy is not None
+        drawn = f"expected a plan or a gait in a simulated world with it, got {'--policy' if led else self.world}"
+        without = "expected --policy with it, got none"
+        for wrong, message in (
+            (self.friction_share != 1.0 and not simulated,
+             f"--friction-share: expected a simulated world with it, got {self.world}"),
+            (self.blind and (led or not simulated), f"--blind: {drawn}"),
+            (self.actuators is not None and replayed,
+             f"--actuators: expected none with world {self.world}: the log has its own"),
+            (self.horizon is not None and not led, f"--horizon: {without}"),
+            (self.replan_m is not None and not led, f"--replan-m: {without}"),
+            (led and replayed, f"--policy: expected a world that answers to what is done, got {self.world}"),
+        ):  # fmt: skip
+            if wrong:
+                raise InvalidInput(message)
+        if self.log is not None:
+            self._check_log(self.log)
+            check_writable(self.log)
+        check_drawn(video=self.video)
+        if self.video is not None and (led or not simulated):
+            raise InvalidInput(f"--video: {drawn}")
+        if self.picture is not None:
+            from stancekit.views.sheet import check_picture
+
+            if self.log is None:
+                raise InvalidInput("--picture: expected --log FILE.mcap with it, from which it is drawn, got none")
+            check_picture(self.picture)
+
+    def _check_log(self, log: Path) -> None:
+        """Raise InvalidInput for a log that is none by its name, or that would be written over another file here."""
+        if log.suffix != ".mcap":
+            raise InvalidInput(f"--log: expected a name that ends in .mcap, got {log}")
+        policy = None if self.policy is None else Path(self.policy)
+        others = {"PLAN": self.plan, "--setup": self.setup, "--policy": policy, "--picture": self.picture}
+        for name, other in others.items():
+            if other is not None and os.path.realpath(other) == os.path.realpath(log):
+                raise InvalidInput(f"--log: expected a file of its own, got that of {name}: {log}")
+
     def _log(self, stack: ExitStack) -> Log:
         from stancekit.runner.log import McapLog, NoLog
 
@@ -248,24 +299,3 @@ class Run:
             return None
         setup = world.setup if isinstance(world, RosWorld) else None
         return stack.enter_context(HeartbeatMonitor(settings.limits.silent_s, setup))
-
-    @contextmanager
-    def _sources(self, stack: ExitStack) -> Iterator[list[Source]]:
-        """Keys, the stop file, the stop topic."""
-        from stancekit.runner.safety.estop import file_source, is_open, key_source, raw_keys, reader_source
-
-        sources: list[Source] = [] if self.stop_file is None else [file_source(self.stop_file)]
-        if self.arm:
-            sources.append(reader_source(*(stream for stream in (1, 2) if is_open(stream))))
-        if self.stop_topic is not None:
-            from stancekit.runner.safety.stop_topic import StopTopic
-
-            with as_options():
-                topic = StopTopic(self.stop_topic)
-            sources.append(stack.enter_context(topic))
-        if sys.stdin is None or not sys.stdin.isatty():
-            yield sources
-            return
-        err.print("any key stops the robot")
-        with raw_keys(sys.stdin.fileno()):
-            yield [*sources, key_source(sys.stdin.fileno())]

@@ -32,6 +32,8 @@ def run_table(report: RunReport) -> Table:
             table.add_row(name, given.line)
     if not report.body_measured:
         table.add_row("body", "not measured: joints alone were followed")
+    if math.isfinite(report.odometry_m):
+        table.add_row("", f"{1e3 * report.odometry_m:.1f} mm from the plan at most, by leg odometry")
     if report.execution is not None:
         run = report.execution
         table.add_row(

@@ -72,7 +72,7 @@ class ShowTerrain:
     def _found(self) -> Footholds:
         from stancekit.planners.robot.robot_file import named_robot
         from stancekit.planners.terrain.elevation import ElevationMap
-        from stancekit.planners.terrain.footholds import footholds_of, read_footholds
+        from stancekit.planners.terrain.foothold_search import footholds_of, read_footholds
 
         limits = self.footholds.limits(None if self.robot is None else named_robot(self.robot))
         with in_options():

@@ -26,6 +26,7 @@ from .motion.time_parametrization import (
     BLIND,
     LIMIT_SHARE,
     RATE_HZ,
+    STEADY,
     JointProfile,
     TimedMotion,
     check_static,
@@ -151,7 +152,7 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
     stepping = replace(settings.body, step_s=fall_s) if settings.body.acts else settings.body
     followed: Motion = Hung(motion) if settings.hung else motion
     tracker = Tracker(
-        followed, kinematics, world.rate_hz, moving if sees else BLIND, stepping, wished, world.drives
+        followed, kinematics, world.rate_hz, moving if sees else STEADY, stepping, wished, world.drives
     )  # fmt: skip
     ground = Ground(heights=trajectory.terrain, friction=trajectory.friction)
     return Prepared(

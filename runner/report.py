@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .control.leg_odometry import odometry_error_m
 from .execution import Execution
 from .needs import JointNeeds
 from .prepared import PlannedMotion, Prepared
@@ -27,9 +28,10 @@ class RunReport:
     seconds: of the motion; pace: of that asked for, bound_by what slowed it down. sent, clipped, refused: commands, see
     ``SafeWorld``.
     joint_worst_rad, joint_rms_rad: measured against planned angles, NaN, and joint_worst empty, where the motion never
-    began. body_measured: whether the body's pose was measured, or joints alone were followed. cycle_s: median and 99th
-    percentile of the control period, from one command to the next. execution: planned against measured, where body and
-    forces are measured. replay_rad: largest difference of a command from that in the
+    began. body_measured: whether the body's pose was measured. odometry_m: where joints alone were followed, how far it
+    was from the plan at most by ``leg_odometry``, NaN elsewhere and in a dry run. cycle_s: median and 99th percentile
+    of the control period, from one command to the next. execution: planned against measured, where body and forces are
+    measured. replay_rad: largest difference of a command from that in the
     log which is replayed. needs, loads: of the joints, as planned, and as measured where torques are; None where the
     motion never began. stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine
     share, None where it was not; after: commands on their way at that moment, whose write returned up to after_s later.
@@ -57,6 +59,7 @@ class RunReport:
     cycle_s: tuple[float, float]
     wall_s: float
     execution: Execution | None
+    odometry_m: float = float("nan")
     replay_rad: float | None = None
     needs: JointNeeds | None = None
     loads: JointNeeds | None = None
@@ -109,6 +112,7 @@ class RunReport:
             cycle_s=(float(np.median(cycles)), float(np.percentile(cycles, 99.0))),
             wall_s=wall_s,
             execution=execution,
+            odometry_m=_by_odometry(record, prepared, world, settings),
             replay_rad=world.world.worst_rad if isinstance(world.world, ReplayWorld) else None,
             needs=planned,
             loads=felt if measured else None,
@@ -130,6 +134,14 @@ class RunReport:
 
 
 NESTED = ("ended", "execution", "cycle_s", "needs", "loads")
+
+
+def _by_odometry(
+    record: Record, prepared: Prepared[PlannedMotion], world: SafeWorld, settings: RunSettings
+) -> float:
+    """How far the body was from the plan at most, where nobody but the joints told the tracker [m]."""
+    seen = world.dry or (world.capabilities.has_body_pose and not settings.blind)
+    return float("nan") if seen or not record.pairs else odometry_error_m(record, prepared.kinematics)
 
 
 def _needs(record: Record, world: SafeWorld) -> tuple[JointNeeds | None, JointNeeds | None]:

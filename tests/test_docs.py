@@ -7,10 +7,12 @@ import re
 import shlex
 import sys
 import tomllib
+from collections.abc import Iterator
 from contextlib import nullcontext, redirect_stdout
 from pathlib import Path
 from types import ModuleType
 
+import matplotlib.pyplot as plt
 import pytest
 import yaml
 
@@ -57,11 +59,12 @@ def command(line: str) -> None:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty one, in which the test is."""
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """An empty one, in which the test is; figures that were left open are closed."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "80")
-    return tmp_path
+    yield tmp_path
+    plt.close("all")
 
 
 def written(page: str) -> None:
@@ -111,6 +114,18 @@ def test_an_example_runs_and_draws(path: Path, folder: Path, capsys: pytest.Capt
     exec(compile(path.read_text(encoding="utf-8"), path.name, "exec"), {"__name__": "__main__"})
     assert capsys.readouterr().out.strip()
     assert list(folder.glob("*.png"))
+
+
+def test_the_training_loop_of_the_learning_page_runs_and_is_short(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "learning.md").read_text(encoding="utf-8")
+    (code,) = (text for language, text in BLOCK.findall(page) if language == "python")
+    loop = code.partition("def learned")[2].partition("# try it")[0]
+    assert len([line for line in loop.splitlines() if line.strip()]) <= 20
+    exec(compile(code, "learning.md", "exec"), {})
+    assert capsys.readouterr().out.endswith("weights\n")
 
 
 def test_the_readme_shows_python_and_commands() -> None:

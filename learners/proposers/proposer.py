@@ -20,6 +20,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.validation import validated
 from stancekit.planners.problem import PostureProblem
+from stancekit.planners.relaxation.learned import check_learned
 from stancekit.planners.search.canonical import Index
 
 from ..selectors.network import CORNERS, Architecture, as_arrays
@@ -82,15 +83,7 @@ class Proposers:
     def check_fits(self, problem: PostureProblem) -> None:
         """Raise InvalidInput unless the problem is of these legs of this robot, on triangles."""
         learned = f"proposers learned for {self.problem_class}"
-        if problem.robot != self.robot:
-            mine, other = (name or "the default hexapod" for name in (self.robot, problem.robot))
-            raise InvalidInput(f"robot: expected {mine} for {learned}, got {other}")
-        if problem.legs != self.legs:
-            raise InvalidInput(f"contacts: expected legs {list(self.legs)} for {learned}, got {list(problem.legs)}")
-        for name in ("force_scale_n", "length_scale_m"):
-            mine, theirs = getattr(self, name), float(getattr(problem, name))
-            if abs(mine - theirs) > 1e-6 * mine:
-                raise InvalidInput(f"{name}: expected {mine:g} for {learned}, got {theirs:g}")
+        check_learned(self, problem, learned)
         for index, contact in enumerate(problem.contacts):
             corners = len(contact.patch.vertices_m)
             if corners != CORNERS:

@@ -29,6 +29,8 @@ from .neural_training import NeuralSettings, Progress, Rows, Trainer
 from .tensors import ArchitectureJson, load_weights, read_tensors, write_tensors
 
 FORMAT = "stancekit/neural/1"
+STEP, STEPS = 0.004, 8
+"""Rooms that are tried beyond the one that the target needs."""
 
 
 class NeuralSelector(MemorylessPolicy):
@@ -147,6 +149,8 @@ def fit_neural(
     network = trainer.run(progress)
     held = Rows.of(calibration, "feasible")
     room = calibrated_room(network, held, programs, settings)
+    if settings.relaxation == "joint" and len(calibration.infeasible):
+        room = roomiest(network, (held, Rows.of(calibration, "infeasible")), programs, settings, least=room)
     first = feasible.problems[0]
     return NeuralSelector(
         network,
@@ -199,6 +203,33 @@ def calibrated_room(
             least, admitted = room, admitted + len(inside)
             open_rows = sorted(set(open_rows) - set(inside))
     return most
+
+
+def roomiest(
+    network: BoxNetwork, rows: tuple[Rows, Rows], programs: Programs, settings: NeuralSettings, *, least: float
+) -> float:
+    """Of rooms from ``least`` on, in steps of STEP, the one with which P1 makes the fewest mistakes on these rows.
+
+    rows: feasible, infeasible. A feasible one that is lost counts ``settings.caution`` times. P1 is monotone in the
+    box: what it admits once it admits with more room, too.
+    """
+    with torch.no_grad():
+        sides = [as_arrays(*network(each.scenes)) for each in rows]
+    left_out = [list(range(len(each))) for each in rows]
+
+    def admits(label: int, index: int, room: float) -> bool:
+        problem, (low, high, _) = rows[label].problems[index], sides[label]
+        box = roomy(low[index], high[index], room)
+        return signed_margin(programs, problem, box, settings.relaxation).margin <= FEASIBLE_MARGIN
+
+    def cost(room: float) -> float:
+        for label, open_rows in enumerate(left_out):
+            left_out[label] = [index for index in open_rows if not admits(label, index, room)]
+        lost, refused = (len(open_rows) / len(each) for open_rows, each in zip(left_out, rows, strict=True))
+        return settings.caution * lost + 1.0 - refused
+
+    found = {room: cost(room) for room in (least + STEP * np.arange(STEPS + 1)).tolist()}
+    return float(min(found, key=lambda room: (found[room], room)))
 
 
 def roomy(low: Array, high: Array, room: float) -> Envelope:

@@ -116,10 +116,7 @@ class Rows(Generic[D]):
         self.shape = (0, 0)
 
     def variable(self, name: str, *shape: int) -> Index:
-        """Columns of a new variable, in its shape.
-
-        name: under which ``ConicSolution.value`` gives its value. Returns the numbers of its columns in x.
-        """
+        """Columns in x of a new variable, in its shape; ``ConicSolution.value`` gives its value by its name."""
         size = int(np.prod(shape, dtype=int))
         self.columns[name] = self.shape[1] + np.arange(size).reshape(shape)
         self.shape = (self.shape[0], self.shape[1] + size)

@@ -190,10 +190,8 @@ class Forces:
 
     @classmethod
     def of_candidates(cls, rows: Rows[Given], layout: Layout, toes: FreeToes) -> Forces:
-        """One force for every candidate under a contact, as large as its share Σ_u λ_u of the foothold (P1).
-
-        toes: whose λ are these shares. Where every foothold has one candidate it is ``of_contacts``.
-        """
+        """One force for every candidate under a contact, as large as its share Σ_u λ_u of the foothold (P1); where each
+        has one candidate, ``of_contacts``. toes: whose λ are these shares."""
         contact, candidate = layout.contact_candidates
         if all(len(counts) == 1 for counts in layout.corners):
             return cls.of_contacts(rows, layout)

@@ -7,16 +7,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from ..errors import InvalidInput
 from ..files.arrays import LARGEST
 from ..robot.model import Limb, Robot, hexapod
 from ..robot.reach import ReachRows
-from ..terrain.sole import checked_sole
 from .course import MOST_FRAMES, StepLimits
 from .course_terrain import AnyTerrain, Length, Point, Positive
 from .posture import TILT_LIMIT_RAD
+from .terrain_spec import SolePoints
 
 if TYPE_CHECKING:
     from ..robot.contact_robot import Sets
@@ -66,16 +66,7 @@ class LimbSpec(_Keys):
     shoulder_m: Point
     reach_m: Positive
     reach_rows: ReachRowsSpec | None = None
-    sole_m: list[tuple[Length, Length]] | None = None
-
-    @field_validator("sole_m")
-    @classmethod
-    def _is_sole(cls, points: list[tuple[float, float]] | None) -> list[tuple[float, float]] | None:
-        try:
-            _ = points is None or checked_sole(np.array(points).reshape(-1, 2), "")
-        except InvalidInput as error:
-            raise InvalidInput(str(error).removeprefix(": ")) from None
-        return points
+    sole_m: SolePoints | None = None
 
     def make(self, name: str) -> Limb:
         """The limb of this name."""

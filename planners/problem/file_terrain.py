@@ -10,6 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, PrivateAttr
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
+from ..terrain.foothold_search import read_footholds
 from ..terrain.footholds import (
     CLEARANCE_M,
     FOOT_M,
@@ -17,7 +18,6 @@ from ..terrain.footholds import (
     SLOPE_RAD,
     FootholdLimits,
     Footholds,
-    read_footholds,
 )
 from ..terrain.import_options import MOST_TRIANGLES, ImportOptions
 from .terrain_spec import MOST_PATCHES, Length, Point, Positive, Terrain, TerrainSpec

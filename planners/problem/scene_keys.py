@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
 from ..errors import InvalidInput
-from ..terrain.sole import checked_sole
 from .course_terrain import Friction, Length, Point, Positive
+from .terrain_spec import SolePoints
 
 Surfaces = Annotated[list[int], Field(min_length=1, max_length=64)]
 
@@ -47,18 +46,9 @@ class OursSpec(_Keys):
     order: list[str] = []
     start: str = "published"
     near: Annotated[int, Field(ge=1, le=16)] | None = None
-    sole_m: list[tuple[Length, Length]] | None = None
+    sole_m: SolePoints | None = None
     yaws_rad: Annotated[list[Length], Field(min_length=1, max_length=16)] = [0.0]
     why: str = ""
-
-    @field_validator("sole_m")
-    @classmethod
-    def _is_sole(cls, points: list[tuple[float, float]] | None) -> list[tuple[float, float]] | None:
-        try:
-            _ = points is None or checked_sole(np.array(points).reshape(-1, 2), "")
-        except InvalidInput as error:
-            raise InvalidInput(str(error).removeprefix(": ")) from None
-        return points
 
     @field_validator("start")
     @classmethod

@@ -7,16 +7,31 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
+from ..errors import InvalidInput
 from ..files.arrays import LARGEST, Array
 from ..terrain.patch import Patch
+from ..terrain.sole import checked_sole
 
 MOST_PATCHES = 5000
 Length = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 Positive = Annotated[float, Field(gt=0.0, le=LARGEST)]
 Friction = Annotated[float, Field(ge=0.0, le=10.0)]
 Point = tuple[Length, Length, Length]
+
+
+def _sole(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    try:
+        checked_sole(np.array(points).reshape(-1, 2), "")
+    except InvalidInput as error:
+        raise InvalidInput(str(error).removeprefix(": ")) from None
+    return points
+
+
+SolePoints = Annotated[list[tuple[Length, Length]], AfterValidator(_sole)]
+"""Corners of a sole about its toe [m], see ``sole.checked_sole``."""
 
 
 @dataclass(frozen=True)

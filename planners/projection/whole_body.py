@@ -25,13 +25,13 @@ from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..motion.joints import STRAY_M
-from ..motion.torques import path_torques
 from ..robot.bodies import TOUCH_M
-from ..robot.kinematics import Kinematics, rotation_of
+from ..robot.kinematics import Kinematics
 from ..robot.plan_joints import plan_angles
 from ..verify import check_plan
 from .clearance import APART_M, CLEAR_PRICE, Nearness, PathClearance
 from .force_distribution import EASY
+from .largest_torque import largest, on_the_way
 from .restoration import Restoration, Restored
 from .support_margin import pressing
 from .whole_body_limits import WholeBodyLimits
@@ -116,24 +116,25 @@ def whole_body(
     first = found = _at_key_frames(plan, limits, solver)
     if limits.torque_nm is None or not limits.steps or first.after.share > 1.0:
         return found
-    share = most = _on_the_way(found, limits, solver)
+    share = most = on_the_way(found.plan, solver, limits.of(solver))
     aim = limits
     for _ in range(TIGHTER):
         if most <= ROOM:
             break
         aim = replace(aim, torque_nm=ROOM * aim.of(solver).max() / share)
         other = _at_key_frames(plan, aim, solver)
-        share = _on_the_way(other, limits, solver)
+        share = on_the_way(other.plan, solver, limits.of(solver))
         its = replace(other.after, share=largest(other.plan, solver, limits.of(solver))[0])
-        if share < most and its.excess[1] <= found.after.excess[1] and its.better(first.before):
+        reserved = _friction(other.plan) <= _friction(found.plan)  # of which torque is not to cost anything
+        if share < most and reserved and its.excess[1] <= found.after.excess[1] and its.better(first.before):
             found, most = replace(other, before=first.before, after=its), share
     said = {**found.plan.provenance, "torque_nm": limits.torque_nm}
     return replace(found, plan=replace(found.plan, provenance=said))
 
 
-def _on_the_way(found: WholeBodyPlan, limits: WholeBodyLimits, solver: Kinematics) -> float:
-    """The largest torque along a plan's path, in units of its limit."""
-    return float((np.abs(path_torques(found.plan, solver)) / limits.of(solver)).max(initial=0.0))
+def _friction(plan: Plan) -> float:
+    """How much of its friction a plan may use."""
+    return float(plan.provenance.get("friction_share", 1.0))
 
 
 def _at_key_frames(plan: Plan, limits: WholeBodyLimits, solver: Kinematics) -> WholeBodyPlan:
@@ -168,21 +169,6 @@ def _clearance(plan: Plan, solver: Kinematics) -> PathClearance | None:
         return PathClearance(plan, solver)
     except InvalidInput:
         return None
-
-
-def largest(plan: Plan, solver: Kinematics, limit_nm: Array) -> tuple[float, float]:
-    """Of all torques of a plan with joints the one with the largest share of its limit: (share, torque [Nm]).
-
-    limit_nm: of every joint, shape (J,) [Nm]. The plan has ``joints_rad``.
-    """
-    assert plan.joints_rad is not None
-    rows = zip(plan.course.stances, plan.forces_n, strict=True)
-    torques = np.abs([
-        solver.torques(plan.joints_rad[of.frame], rotation_of(plan.rotation_rad[of.frame]), forces)
-        for of, forces in rows
-    ])  # fmt: skip
-    at = np.unravel_index(int(np.argmax(torques / limit_nm)), torques.shape)
-    return float((torques / limit_nm)[at]), float(torques[at])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -30,6 +30,7 @@ from ..robot.kinematics import Kinematics, rotation_of
 from ..robot.leg_slopes import LegSlopes, turning
 from .clearance import Nearness, keep_clear
 from .held import held_moments, linearised_moments, toes_of
+from .joint_ranges import joint_ranges, keep_turns, standing, turn_room
 
 TORQUE_PRICE = 3.0
 """Of the largest torque's share above what is wanted, in units of the objective."""
@@ -39,9 +40,6 @@ STILL, EVEN = 2e-3, 1e-5
 """Of Σ δq² and Σ f²: joints that need not move stay, forces that are free are small."""
 TRUST = {"com": 0.03, "rotation": 0.08, "toes": 0.04, "joints": 0.25}
 """How far a step may go, at radius 1: com and toes [m], rotation and joints [rad], each axis for itself."""
-TURN_RAD = 0.5
-"""A joint of a leg that stands turns by no more from one key frame to the next: on the way from a posture to its mirror
-image torques are not those of either."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,14 +72,6 @@ class TorqueRows:
             contact=contact, frame=layout.stance_frames[stance[contact]], joint=joint, row=row, other=other,
             pair=number[joint[row], other], pairs=np.array(pairs),
         )  # fmt: skip
-
-
-@lru_cache(maxsize=16)
-def standing(layout: Layout, leg_of: tuple[int, ...]) -> tuple[Index, Index]:
-    """(frame, joint) of every joint of a leg that stands where it stood at the frame before, (K,) each."""
-    holds = np.array(layout.holds)
-    frame, joint = np.nonzero((holds[1:] == holds[:-1])[:, np.array(leg_of)])
-    return frame + 1, joint
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -155,29 +145,28 @@ class WholeBody(Given):
         rooms = [self.room(name) * units.get(name, 1.0) for name in sizes]
         return near.within(self.clearance_m, np.repeat(rooms, list(sizes.values())))
 
-    @cached_property
-    def turned(self) -> Array:
-        """How far joints of legs that stand have turned since the frame before, (K,)."""
-        frame, joint = standing(self.scaled.layout, tuple(self.solver.legs.tolist()))
-        return np.asarray(self.angles[frame, joint] - self.angles[frame - 1, joint])
-
     def turn_room(self, sign: float) -> Array:
-        """How much farther they may turn this way, (K,)."""
-        return np.asarray(np.maximum(TURN_RAD, np.abs(self.turned)) - sign * self.turned)
+        """How much farther joints of legs that stand may turn this way since the frame before, (K,)."""
+        return turn_room(self.angles, standing(self.scaled.layout, tuple(self.solver.legs.tolist())), sign)
+
+    @cached_property
+    def range_rad(self) -> tuple[Array, Array]:
+        """Where joints may go, shape (M, J) each."""
+        return joint_ranges(self.solver, self.angles)
 
     @cached_property
     def above(self) -> dict[str, Array]:
         """Upper bounds by the trust region and, of steps of joints, by their limits."""
         held = {"com": self.held.com, "rotation": self.held.rotation, "toes": self.held.toes}
         bounds = {name: np.asarray(value + self.room(name)) for name, value in held.items()}
-        return bounds | {"joints": np.minimum(self.room("joints"), self.solver.highest_rad - self.angles)}
+        return bounds | {"joints": np.minimum(self.room("joints"), self.range_rad[1] - self.angles)}
 
     @cached_property
     def below(self) -> dict[str, Array]:
         """Lower bounds likewise."""
         held = {"com": self.held.com, "rotation": self.held.rotation, "toes": self.held.toes}
         bounds = {name: value - self.room(name) for name, value in held.items()}
-        return bounds | {"joints": np.maximum(-self.room("joints"), self.solver.lowest_rad - self.angles)}
+        return bounds | {"joints": np.maximum(-self.room("joints"), self.range_rad[0] - self.angles)}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -243,7 +232,7 @@ class WholeBodyStep:
         body.steps(free)
         self._feet(body, toes, joints, np.array(leg_of), layout)
         self._torques(TorqueRows.of(layout, leg_of), body, forces, joints, share)
-        self._turns(*standing(layout, leg_of), joints)
+        keep_turns(rows, standing(layout, leg_of), joints)
         columns = {"com": body.com, "rotation": body.rotation, "joints": joints}
         if free is not None and free.points is not None:
             columns["toes"] = free.points
@@ -283,15 +272,6 @@ class WholeBodyStep:
         rows.put(wanted, share, -1.0)
         rows.right(wanted, -Of("wanted"))
 
-    def _turns(self, frame: Index, joint: Index, joints: Index) -> None:
-        """Joints of legs that stand turn a little from frame to frame."""
-        rows = self.rows
-        for name, sign in (("on", 1.0), ("back", -1.0)):
-            turn = rows.at_most(f"turn_{name}", len(frame))
-            rows.put(turn, joints[frame, joint], sign)
-            rows.put(turn, joints[frame - 1, joint], -sign)
-            rows.right(turn, _room(sign))
-
     def solve(self, at: WholeBody) -> tuple[Point, Array] | None:
         """A point that is right to first order, and its joint angles; None where there is none."""
         solution = self.rows.solve(at)
@@ -310,8 +290,3 @@ class WholeBodyStep:
 def _bound(side: str, name: str, sign: float) -> Fill[Given]:
     """A bound of the trust region as rows have it."""
     return lambda given: sign * getattr(given, side)[name]
-
-
-def _room(sign: float) -> Fill[Given]:
-    """How much farther joints may turn, one way."""
-    return lambda given: given.turn_room(sign)  # type: ignore[attr-defined]

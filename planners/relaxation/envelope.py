@@ -14,6 +14,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array, checked, read_only
 from ..files.validation import validated
 from ..problem import PostureProblem
+from .learned import check_learned, check_robot
 
 FORMAT = "stancekit/envelope/1"
 TILT_ROOM_RAD = np.deg2rad(10.0)
@@ -215,20 +216,12 @@ class EnvelopeSet:
 
     def check_robot(self, robot: str) -> None:
         """Raise InvalidInput unless the envelopes were learned for the robot of this identity."""
-        if robot != self.robot:
-            mine, other = (name or "the default hexapod" for name in (self.robot, robot))
-            raise InvalidInput(f"robot: expected {mine} for an envelope learned for {self.problem_class}, got {other}")
+        check_robot(self, robot, f"an envelope learned for {self.problem_class}")
 
     def check_fits(self, problem: PostureProblem) -> None:
         """Raise InvalidInput unless the problem is of the class that the envelopes were learned for."""
         learned = f"an envelope learned for {self.problem_class}"
-        self.check_robot(problem.robot)
-        if problem.legs != self.legs:
-            raise InvalidInput(f"contacts: expected legs {list(self.legs)} for {learned}, got {list(problem.legs)}")
-        for name in ("force_scale_n", "length_scale_m"):
-            mine, theirs = getattr(self, name), float(getattr(problem, name))
-            if abs(mine - theirs) > 1e-6 * mine:
-                raise InvalidInput(f"{name}: expected {mine:g} for {learned}, got {theirs:g}")
+        check_learned(self, problem, learned)
         for index, contact in enumerate(problem.contacts):
             lean = float(np.arccos(np.clip(contact.patch.normal @ self.normals[index], -1.0, 1.0)))
             most = float(self.tilt_rad[index]) + TILT_ROOM_RAD

@@ -26,8 +26,9 @@ from ..files.arrays import Array
 from .boxed import Boxed
 from .envelope import Envelope
 from .least_gap import least_gap
-from .mccormick import McCormick, envelope_rows, margin_gradient
-from .relaxed import RelaxationAnswer, Relaxed, unit_shares
+from .margin_gradient import margin_gradient
+from .mccormick import McCormick, envelope_rows
+from .relaxed import RelaxationAnswer, Relaxed
 
 MARGIN_PRICE = 10.0
 """Of the margin, in units of the squared gap: the answer leaves the envelope only where it has to."""
@@ -117,15 +118,7 @@ class Joint:
         reached = np.concatenate([position, forces], axis=1)
         return RelaxationAnswer(
             margin=float(solution.value("margin")[0]),
-            relaxed=Relaxed(
-                scaled=scaled,
-                com=solution.value("com"),
-                rotation=solution.value("rotation"),
-                weights=unit_shares(scaled, solution.value("weights")),
-                forces=solution.value("forces"),
-                rows=self._forces,
-                seconds=solution.seconds,
-            ),
+            relaxed=Relaxed.of(scaled, solution, self._forces),
             at=reached,
             excess=solution.value("moments").reshape(-1, 3, 3) - position[:, :, None] * forces[:, None, :],
             objective=solution.objective,

@@ -18,7 +18,7 @@ from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, Moments
 from ..files.arrays import Array
-from .relaxed import Relaxed, unit_shares
+from .relaxed import Relaxed
 
 
 class LeastGap:
@@ -56,16 +56,7 @@ class LeastGap:
         solution = self.rows.solve(Given(scaled, about))
         if not solution.solved:
             return replace(about, residual=float("inf"), seconds=solution.seconds)
-        found = Relaxed(
-            scaled=scaled,
-            com=solution.value("com"),
-            rotation=solution.value("rotation"),
-            weights=unit_shares(scaled, solution.value("weights")),
-            forces=solution.value("forces"),
-            rows=self._forces,
-            seconds=solution.seconds,
-        )
-        return replace(found.rounded()[1], residual=0.0)
+        return replace(Relaxed.of(scaled, solution, self._forces).rounded()[1], residual=0.0)
 
 
 def least_gap(rows: Rows[Given], layout: Layout, toes: FreeToes, forces: Forces) -> Index:

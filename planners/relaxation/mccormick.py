@@ -27,7 +27,8 @@ from ..equilibrium.terms import Body, Forces, FreeToes, Given
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .boxed import Boxed as Boxed
-from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Corners, Envelope
+from .envelope import Corners, Envelope
+from .margin_gradient import margin_gradient
 from .relaxed import DualBound, RelaxationAnswer, Relaxed
 
 Axes = Literal["contact", "world"]
@@ -125,10 +126,9 @@ class McCormick:
         return replace(self._answer(solution, scaled), modes=np.clip(solution.value("modes"), 0.0, 1.0))
 
     def solve_any(self, scaled: Scaled, envelopes: Sequence[Envelope]) -> RelaxationAnswer:
-        """P1 with one binary an envelope: the box of least margin. One posture has few boxes, so each is tried.
+        """P1 with one binary an envelope: the box of least margin, ``chosen``; each is tried, a posture has few.
 
-        envelopes: one or more. Returns the best answer with ``chosen``, its number, and ``solves``; the margin is NaN
-        where none is feasible and some solve failed. Raises InvalidInput for none.
+        The margin is NaN where none is feasible and some solve failed. Raises InvalidInput for no envelopes.
         """
         if not envelopes:
             raise InvalidInput("envelopes: expected one or more, got none")
@@ -143,8 +143,7 @@ class McCormick:
     def dual_bound(self, scaled: Scaled, box: Envelope) -> DualBound:
         """The signed margin over this box, and what its solution and multipliers prove about other boxes; of a posture.
 
-        Returns slope and constant of a lower bound on the margin that is linear in [p, f] (see ``DualBound``): what the
-        solver's dual residual leaves open is taken at its worst.
+        Returns a lower bound that is linear in [p, f] (``DualBound``), the solver's dual residual taken at its worst.
         """
         given = Boxed(scaled, boxes=(box,))
         solution = self.rows.solve(given)
@@ -299,18 +298,3 @@ def _relaxed(solution: ConicSolution, scaled: Scaled, forces: Forces) -> Relaxed
         rows=(forces.contact, forces.candidate),
         seconds=solution.seconds,
     )
-
-
-def margin_gradient(solution: ConicSolution, at: Array, box: Envelope) -> tuple[Array, Array]:
-    """∂t/∂low and ∂t/∂high of P1's signed margin, shape (B, 6) each: the envelope theorem, row by row of the envelope.
-
-    solution: of the program with a margin. at: its [p, f], shape (B, 6). box: that it was solved over.
-    """
-    signed = solution.dual("envelope") * SIGNS
-    p_ends, f_ends = box.corners.p, box.corners.f
-    by_p = (signed * (at[:, None, 3:] - SIGNS * f_ends)).sum(axis=3)  # of p_end: Σ_k u_jk (f_k − f_end)
-    by_f = (signed * (at[:, :3, None] - SIGNS * p_ends)).sum(axis=2)
-    below, above = solution.dual("sides")
-    low = np.concatenate([by_p[LOW_LOW] + by_p[LOW_HIGH], by_f[LOW_LOW] + by_f[HIGH_LOW]], axis=1) + below
-    high = np.concatenate([by_p[HIGH_HIGH] + by_p[HIGH_LOW], by_f[HIGH_HIGH] + by_f[LOW_HIGH]], axis=1) - above
-    return low, high

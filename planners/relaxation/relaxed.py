@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ..equilibrium.layout import Index
+from ..equilibrium.rows import ConicSolution
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
 
@@ -30,6 +31,15 @@ class Relaxed:
     forces: Array
     rows: tuple[Index, Index]
     seconds: float = 0.0
+
+    @classmethod
+    def of(cls, scaled: Scaled, solution: ConicSolution, rows: tuple[Index, Index]) -> Relaxed:
+        """What a program with these variables found. rows: of its forces."""
+        return cls(
+            scaled=scaled, com=solution.value("com"), rotation=solution.value("rotation"),
+            weights=unit_shares(scaled, solution.value("weights")), forces=solution.value("forces"), rows=rows,
+            seconds=solution.seconds,
+        )  # fmt: skip
 
     @cached_property
     def shares(self) -> Array:

@@ -14,8 +14,8 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.archive import read_archive
 from ..files.arrays import Array, read_only
+from ..files.cache import cache_folder
 from ..files.writing import write_bytes
-from .workspace_cache import cache_folder
 
 VERSION = "mesh/2"
 """Part of every digest: a change of method changes it, and older files are no longer found."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import os
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +14,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.archive import read_archive
+from ..files.cache import cache_folder
 from ..files.writing import write_bytes
 from .leg import Leg
 from .outer import OuterSet
@@ -26,13 +26,6 @@ if TYPE_CHECKING:
 
 VERSION = "workspace/2"
 """Part of every digest: a change of method changes it, and older files are no longer found."""
-FOLDER = "STANCEKIT_CACHE"
-
-
-def cache_folder() -> Path:
-    """Where measured workspaces are kept: $STANCEKIT_CACHE, or the user's folder for caches."""
-    own, users = os.environ.get(FOLDER), os.environ.get("XDG_CACHE_HOME")
-    return Path(own) if own else (Path(users) if users else Path.home() / ".cache") / "stancekit"
 
 
 def workspaces_of(robot: RobotModel, *, cached: bool = True) -> tuple[Workspace, ...]:

@@ -3,19 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from ..errors import InvalidInput
 from ..files.arrays import checked
-from .import_options import ImportOptions
 from .patch import Patch
-
-if TYPE_CHECKING:
-    from .elevation import ElevationMap
-    from .triangle_mesh import TriangleMesh
 
 SLOPE_RAD = 0.6
 """About the friction cone of μ = .68."""
@@ -116,39 +109,3 @@ class Footholds:
             "terrain": self.name, "area_m2": self.area_m2, "refused_m2": self.refused_m2,
             "patches": [piece.to_json() for piece in self.pieces],
         }  # fmt: skip
-
-
-def footholds_of(
-    terrain: TriangleMesh | ElevationMap, limits: FootholdLimits = FootholdLimits(), friction: float = 1.0
-) -> Footholds:
-    """The footholds of a mesh or a map. Raises InvalidInput, with the reasons, where there is none."""
-    from .triangle_mesh import TriangleMesh
-
-    if isinstance(terrain, TriangleMesh):
-        from .mesh_footholds import mesh_footholds
-
-        found = mesh_footholds(terrain, limits, friction)
-    else:
-        from .map_footholds import map_footholds
-
-        found = map_footholds(terrain, limits, friction)
-    if not found.pieces:
-        refused = ", ".join(f"{area:.3g} m² {name}" for name, area in found.refused_m2.items() if area > 0.0)
-        raise InvalidInput(f"{terrain.name}: expected footholds, got none: {refused or 'no area'}")
-    return found
-
-
-def read_footholds(
-    path: str | Path,
-    options: ImportOptions = ImportOptions(),
-    limits: FootholdLimits = FootholdLimits(),
-    friction: float = 1.0,
-) -> Footholds:
-    """The footholds of a terrain's file. Raises InvalidInput for one that is none, or has none."""
-    from .terrain_file import read_terrain  # scipy and trimesh are no part of a course without a file
-    from .triangle_mesh import TriangleMesh
-
-    terrain = read_terrain(path, options)
-    if isinstance(terrain, TriangleMesh):
-        terrain.check_size(options.unit_m)
-    return footholds_of(terrain, limits, friction)

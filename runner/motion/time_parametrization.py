@@ -7,7 +7,7 @@ the motion, which is inverse kinematics of the whole plan; a second profile chec
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -140,7 +140,7 @@ def joint_profile(
     the body as it moves, as a gait's are, and not those at rest. drives: whose rotors are turned; the robot's own where
     none are given."""
     wished, period_s = resolved(motion, kinematics), 1.0 / rate_hz
-    targets = undisturbed(motion, kinematics, rate_hz, wished)
+    targets = undisturbed(motion, kinematics, rate_hz, wished, STEADY if balanced else BLIND)
     angles = np.array([target.angles_rad for target in targets])
     velocity = np.gradient(angles, period_s, axis=0)
     acceleration = np.zeros_like(angles)
@@ -166,19 +166,22 @@ def joint_profile(
     )  # fmt: skip
 
 
+BLIND = ContactFeedback(press_hz=0.0)
+"""For feet that feel nothing: what is expected is taken for felt."""
+STEADY = replace(BLIND, waits=False)
+"""The same of a gait, which waits for nothing."""
+
+
 def undisturbed(
-    motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ, wished: RedundancyResolution | None = None
-) -> list[Target]:
+    motion: Motion, kinematics: Kinematics, rate_hz: float = RATE_HZ, wished: RedundancyResolution | None = None,
+    feedback: ContactFeedback = BLIND,
+) -> list[Target]:  # fmt: skip
     """What the tracker sends along a whole motion when all feet feel what they should."""
-    tracker = Tracker(motion, kinematics, rate_hz, BLIND, wished=wished)
+    tracker = Tracker(motion, kinematics, rate_hz, feedback, wished=wished)
     targets = [tracker.start()]
     while (target := tracker.next(expected(tracker.coming))) is not None:
         targets.append(target)
     return targets
-
-
-BLIND = ContactFeedback(press_hz=0.0)
-"""For feet that feel nothing: what is expected is taken for felt."""
 
 
 def expected(sample: MotionSample) -> Array:

@@ -258,14 +258,15 @@ def test_a_file_that_ends_the_program_is_one_line(refusal, write, problem, tmp_p
     assert refusal(*asked) == "quits.py: cannot be run: SystemExit: 0"
 
 
-def test_who_takes_over_a_name_of_the_package_is_verified_like_any_other(monkeypatch, problem):
+@pytest.mark.parametrize(("said", "claim"), [("", "feasible"), ("optimal", "optimal")])
+def test_who_takes_over_a_name_of_the_package_is_verified_like_any_other(monkeypatch, problem, said, claim):
     class Boaster:
         def __init__(self, options):
             pass
 
         def solve(self, problem):
-            return library.Outcome(status=library.Status.FEASIBLE, method="exact")
+            return library.Outcome(status=library.Status.FEASIBLE, method="exact", claim=said)
 
     monkeypatch.setitem(methods.PLANNERS._things, "exact", Boaster)
     outcome = library.solve(PostureProblem.from_json(problem), "exact")
-    assert (outcome.status, outcome.claim) == (library.Status.UNDECIDED, "feasible")
+    assert (outcome.status, outcome.claim) == (library.Status.UNDECIDED, claim)

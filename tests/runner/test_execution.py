@@ -3,16 +3,13 @@
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.execution import Execution, Tolerance
 from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.run import simulate
@@ -32,28 +29,15 @@ def executed(plan: Plan, world: str = "mujoco", **options: Any) -> Execution:
 
 
 @pytest.fixture(scope="module")
-def planned() -> Callable[[str], Plan]:
-    """``planned(course)``: a plan of two key frames, one step."""
-
-    @cache
-    def plan(course: str) -> Plan:
-        outcome = TwoStageCoursePlanner().solve(read_course(course, frames=2))
-        assert outcome.plan is not None
-        return outcome.plan
-
-    return plan
-
-
-@pytest.fixture(scope="module")
-def climbed(planned: Callable[[str], Plan]) -> Execution:
-    return executed(planned("walls"))
+def climbed(step: Callable[[str], Plan]) -> Execution:
+    return executed(step("walls"))
 
 
 @pytest.mark.parametrize("world", ["mujoco", "bullet"])
 @pytest.mark.parametrize("course", ["stairs", "walls"])
-def test_a_step_is_executed_as_planned(course: str, world: str, planned: Callable[[str], Plan]) -> None:
+def test_a_step_is_executed_as_step(course: str, world: str, step: Callable[[str], Plan]) -> None:
     pytest.importorskip({"bullet": "pybullet", "mujoco": "mujoco"}[world])
-    run = executed(planned(course), world)
+    run = executed(step(course), world)
     assert run.succeeded, run.message
     assert run.fallen_s is None
     assert run.com_worst_m < 0.006
@@ -64,7 +48,7 @@ def test_a_step_is_executed_as_planned(course: str, world: str, planned: Callabl
     assert run.torque_worst_nm < run.torque_limit_nm
 
 
-def test_at_the_end_every_foot_presses_as_planned(climbed: Execution) -> None:
+def test_at_the_end_every_foot_presses_as_step(climbed: Execution) -> None:
     trace = climbed.trace
     np.testing.assert_allclose(trace.forces_n[-20:].mean(axis=0), trace.planned_forces_n[-1], atol=4.0)
     np.testing.assert_allclose(trace.forces_n[-20:].mean(axis=0).sum(axis=0), [0.0, 0.0, 98.1], atol=0.5)
@@ -80,16 +64,16 @@ def test_the_trace_is_consistent(climbed: Execution) -> None:
     assert 0.0 < offset.max() < 0.015
 
 
-def test_the_same_plan_runs_the_same_way_twice(planned: Callable[[str], Plan], climbed: Execution) -> None:
-    again = executed(planned("walls"))
+def test_the_same_plan_runs_the_same_way_twice(step: Callable[[str], Plan], climbed: Execution) -> None:
+    again = executed(step("walls"))
     np.testing.assert_array_equal(again.trace.com_m, climbed.trace.com_m)
     np.testing.assert_array_equal(again.trace.forces_n, climbed.trace.forces_n)
 
 
 def test_walls_that_are_more_slippery_than_planned_end_in_a_fall_that_is_reported(
-    planned: Callable[[str], Plan],
+    step: Callable[[str], Plan],
 ) -> None:
-    plan = planned("walls")
+    plan = step("walls")
     settings = RunSettings(check_limits=False)
     run = executed(plan, settings=settings, terrain=slippery(plan.course, 0.2).terrain)
     assert not run.succeeded
@@ -99,8 +83,8 @@ def test_walls_that_are_more_slippery_than_planned_end_in_a_fall_that_is_reporte
     assert run.seconds == pytest.approx(run.fallen_s)
 
 
-def test_what_is_not_good_enough_is_said_in_full(planned: Callable[[str], Plan]) -> None:
-    run = executed(planned("walls"), settings=replace(FAST, tolerance=Tolerance(com_m=1e-7, slip_m=1e-7)))
+def test_what_is_not_good_enough_is_said_in_full(step: Callable[[str], Plan]) -> None:
+    run = executed(step("walls"), settings=replace(FAST, tolerance=Tolerance(com_m=1e-7, slip_m=1e-7)))
     assert not run.succeeded
     assert run.fallen_s is None
     assert "the centre of mass ended" in run.message

@@ -12,9 +12,20 @@ pytest.importorskip("pinocchio")
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.urdf import Servo
 from stancekit.runner.control.swing_speed import PAUSE_S, RAMP_S, SPEED_SHARE, SwingSpeed
+from stancekit.runner.control.tracker import Tracker
 from stancekit.runner.motion.redundancy import resolved
-from stancekit.runner.motion.time_parametrization import LIMIT_SHARE, expected, joint_profile, unhurried
+from stancekit.runner.motion.time_parametrization import (
+    BLIND,
+    LIMIT_SHARE,
+    RATE_HZ,
+    STEADY,
+    expected,
+    joint_profile,
+    undisturbed,
+    unhurried,
+)
 from stancekit.runner.motion.timeline import KNOTS, PlanMotion
 from stancekit.runner.worlds.drives import Drives
 from tests.runner.test_redundancy import plan, twisted
@@ -55,6 +66,13 @@ def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures
     assert profile.time_s[-1] >= motion.seconds - 0.02
 
 
+def test_a_gait_waits_for_no_leg(plan: Plan) -> None:
+    kinematics, motion = Kinematics(plan.course.robot, Servo(velocity_rad_s=1.0)), PlanMotion(twisted(plan))
+    waits, steady = (len(undisturbed(motion, kinematics, feedback=how)) for how in (BLIND, STEADY))
+    assert 0.0 <= steady - 1 - motion.seconds * RATE_HZ <= 1.0 + 1e-6
+    assert waits > steady + 2
+
+
 def test_every_phase_alone_is_as_long_as_its_joints_need(plan: Plan) -> None:
     kinematics, motion = Kinematics(plan.course.robot), PlanMotion(twisted(plan))
     wished = resolved(motion, kinematics)
@@ -76,8 +94,6 @@ def test_every_phase_alone_is_as_long_as_its_joints_need(plan: Plan) -> None:
 def test_what_is_expected_is_of_the_moment_that_comes(step: Callable[[str], Plan]) -> None:
     """A motion that waits has another time than the clock has."""
     kinematics, motion = Kinematics(step("walls").course.robot), PlanMotion(step("walls"))
-    from stancekit.runner.control.tracker import Tracker
-
     tracker = Tracker(motion, kinematics, 100.0, drives=Drives.of(kinematics.robot, kinematics.servo, kinematics.model))
     tracker.start()
     coming = tracker.coming

@@ -131,6 +131,7 @@ def test_the_configuration_that_comes_with_the_package_has_every_method_and_clas
     assert set(experiment.methods) == set(METHODS.names()) - {"modes"}
     assert set(experiment.problems) == {"ground-3", "wall-3", "wall-5"}
     assert quick or min(experiment.test.feasible, experiment.test.infeasible) >= 500
+    assert set(Experiment.from_yaml(config_path("bench-joint.yaml")).problems) == set(experiment.problems)
 
 
 def test_a_file_without_a_quick_section_has_no_quick_run(tmp_path: Path) -> None:

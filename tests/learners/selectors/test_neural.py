@@ -18,7 +18,15 @@ from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.margin import margins
 from stancekit.learners.selectors.network import Architecture, BoxNetwork, Mirror, SceneTensors, pinball
-from stancekit.learners.selectors.neural import NeuralSelector, calibrated_room, fit_neural, roomy
+from stancekit.learners.selectors.neural import (
+    STEP,
+    STEPS,
+    NeuralSelector,
+    calibrated_room,
+    fit_neural,
+    roomiest,
+    roomy,
+)
 from stancekit.learners.selectors.neural_training import NeuralSettings, Rows
 from stancekit.learners.selectors.quantile import quantile_box
 from stancekit.learners.selectors.tensors import read_tensors, write_tensors
@@ -173,6 +181,31 @@ def test_calibration_gives_no_more_room_than_the_target_needs(dataset: Dataset, 
         )
 
     assert is_feasible(room) >= 48 > is_feasible(room - 1e-3)
+
+
+def test_more_room_is_given_where_that_costs_fewer_mistakes(dataset: Dataset, programs: Programs) -> None:
+    both = tuple(Rows.of(dataset.select(each[:20]), label) for each, label in
+                 ((dataset.feasible, "feasible"), (dataset.infeasible, "infeasible")))  # fmt: skip
+    network = random_network(drawn("wall-3", 40))
+    settings = NeuralSettings(caution=2.0)
+    rooms = (0.12 + STEP * np.arange(STEPS + 1)).tolist()
+
+    def cost(room: float) -> float:
+        """All rows solved anew."""
+        wrong = []
+        for rows in both:
+            with torch.no_grad():
+                low, high, _ = (side.numpy().astype(float) for side in network(rows.scenes))
+            wrong.append(np.mean([
+                programs.get(McCormick, problem.layout).solve(problem, roomy(low[i], high[i], room)).feasible
+                for i, problem in enumerate(rows.problems)
+            ]))  # fmt: skip
+        return 2.0 * (1.0 - wrong[0]) + wrong[1]
+
+    costs = [cost(room) for room in rooms]
+    assert max(costs) > min(costs) + 0.01
+    room = roomiest(network, both, programs, settings, least=0.12)
+    assert costs[rooms.index(room)] == pytest.approx(min(costs), abs=1e-9)
 
 
 def test_training_repeats_to_the_last_bit_and_goes_on_where_it_stopped(

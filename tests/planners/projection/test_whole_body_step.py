@@ -15,6 +15,7 @@ from stancekit.planners.projection.restoration import REACHED_M, Restoration
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 pytest.importorskip("pinocchio")
+from stancekit.planners.projection.joint_ranges import UPRIGHT_RAD, joint_ranges
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.projection.whole_body_step import TorqueRows, WholeBody, WholeBodyStep
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
@@ -138,7 +139,7 @@ def test_a_step_keeps_its_trust_region_and_puts_feet_at_toes_to_first_order(plan
 def test_joints_of_legs_that_stand_turn_no_farther_from_frame_to_frame_than_they_may(
     walls: Plan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("stancekit.planners.projection.whole_body_step.TURN_RAD", 0.0)
+    monkeypatch.setattr("stancekit.planners.projection.joint_ranges.TURN_RAD", 0.0)
     plan = with_joints(walls)
     restoration, solver = restoration_of(plan)
     start = restoration.restore(restoration.point(), np.asarray(plan.joints_rad))
@@ -186,3 +187,15 @@ def test_feet_out_of_reach_are_not_restored(plan: Plan, walls: Plan) -> None:
     point = restoration.point()
     far = replace(point, com=point.com + np.array([0.0, 0.0, 2.0]))
     assert restoration.restore(far, np.asarray(plan.joints_rad)) is None
+
+
+def test_hips_that_are_drawn_up_stay_off_the_axis_of_yaw_and_those_beyond_go_no_farther(walls: Plan) -> None:
+    solver = Kinematics(walls.course.robot)
+    angles = np.zeros((2, 24))
+    angles[0, 1], angles[1, 5] = 1.6, -1.7
+    lower, upper = joint_ranges(solver, angles)
+    assert (upper[0, 1], lower[0, 1]) == (1.6, -UPRIGHT_RAD)
+    assert (upper[1, 5], lower[1, 5]) == (UPRIGHT_RAD, -1.7)
+    others = np.arange(24) % 4 != 1
+    np.testing.assert_array_equal(lower[:, others], np.tile(solver.lowest_rad[others], (2, 1)))
+    np.testing.assert_array_equal(upper[:, others], np.tile(solver.highest_rad[others], (2, 1)))

@@ -1,0 +1,14 @@
+"""Where what was measured once is kept."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+FOLDER = "STANCEKIT_CACHE"
+
+
+def cache_folder() -> Path:
+    """Where measured workspaces and thinned meshes are kept: $STANCEKIT_CACHE, or the user's folder for caches."""
+    own, users = os.environ.get(FOLDER), os.environ.get("XDG_CACHE_HOME")
+    return Path(own) if own else (Path(users) if users else Path.home() / ".cache") / "stancekit"

@@ -1,0 +1,50 @@
+"""The footholds of whatever a terrain is: a mesh, a map, or a file of either."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from ..errors import InvalidInput
+from .footholds import FootholdLimits, Footholds
+from .import_options import ImportOptions
+
+if TYPE_CHECKING:
+    from .elevation import ElevationMap
+    from .triangle_mesh import TriangleMesh
+
+
+def footholds_of(
+    terrain: TriangleMesh | ElevationMap, limits: FootholdLimits = FootholdLimits(), friction: float = 1.0
+) -> Footholds:
+    """The footholds of a mesh or a map. Raises InvalidInput, with the reasons, where there is none."""
+    from .triangle_mesh import TriangleMesh
+
+    if isinstance(terrain, TriangleMesh):
+        from .mesh_footholds import mesh_footholds
+
+        found = mesh_footholds(terrain, limits, friction)
+    else:
+        from .map_footholds import map_footholds
+
+        found = map_footholds(terrain, limits, friction)
+    if not found.pieces:
+        refused = ", ".join(f"{area:.3g} m² {name}" for name, area in found.refused_m2.items() if area > 0.0)
+        raise InvalidInput(f"{terrain.name}: expected footholds, got none: {refused or 'no area'}")
+    return found
+
+
+def read_footholds(
+    path: str | Path,
+    options: ImportOptions = ImportOptions(),
+    limits: FootholdLimits = FootholdLimits(),
+    friction: float = 1.0,
+) -> Footholds:
+    """The footholds of a terrain's file. Raises InvalidInput for one that is none, or has none."""
+    from .terrain_file import read_terrain  # scipy and trimesh are no part of a course without a file
+    from .triangle_mesh import TriangleMesh
+
+    terrain = read_terrain(path, options)
+    if isinstance(terrain, TriangleMesh):
+        terrain.check_size(options.unit_m)
+    return footholds_of(terrain, limits, friction)
