@@ -32,8 +32,10 @@ COMMANDS = ("docs/quickstart.md", "docs/selectors.md", "docs/scale-out.md")
 """Pages all of whose commands are run; what takes minutes stands on others."""
 BEFORE = {"docs/running-on-a-robot.md": ["plan desk.yaml --out desk.json"]}
 """Commands of a page that its Python needs."""
-NEEDS = {"docs/training.md": "stable_baselines3", "docs/running-on-a-robot.md": "pinocchio",
-         "docs/learning-own-robot.md": "trimesh", "3_own_robot": "mujoco"}  # fmt: skip
+NEEDS = {
+    "docs/training.md": "stable_baselines3", "docs/learning.md": "torch", "docs/running-on-a-robot.md": "pinocchio",
+    "docs/learning-own-robot.md": "trimesh", "3_own_robot": "mujoco",
+}  # fmt: skip
 
 
 def blocks(page: str) -> list[tuple[str, str, str]]:
@@ -116,16 +118,10 @@ def test_an_example_runs_and_draws(path: Path, folder: Path, capsys: pytest.Capt
     assert list(folder.glob("*.png"))
 
 
-def test_the_training_loop_of_the_learning_page_runs_and_is_short(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    page = (ROOT / "docs" / "learning.md").read_text(encoding="utf-8")
-    (code,) = (text for language, text in BLOCK.findall(page) if language == "python")
+def test_the_training_loop_of_the_learning_page_is_short() -> None:
+    (code,) = (text for _, language, text in blocks("docs/learning.md") if language == "python")
     loop = code.partition("def learned")[2].partition("# try it")[0]
-    assert len([line for line in loop.splitlines() if line.strip()]) <= 20
-    exec(compile(code, "learning.md", "exec"), {})
-    assert capsys.readouterr().out.endswith("weights\n")
+    assert 5 < len([line for line in loop.splitlines() if line.strip()]) <= 20
 
 
 def test_the_readme_shows_python_and_commands() -> None:

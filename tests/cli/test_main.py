@@ -66,7 +66,7 @@ def test_no_line_of_an_options_text_ends_before_it_has_to(stancekit):
         for row, following, left, right in zip(rows, rows[1:], begun, begun[1:], strict=False):
             if left == right > 2:  # both are further lines of one option's text
                 looked_at += 1
-                assert len(row) + 1 + len(following.split()[0]) > 79, (verb, row, following)
+                assert len(row) + 1 + len(following.split()[0]) > 78, (verb, row, following)
     assert looked_at > 100
 
 
