@@ -26,8 +26,9 @@ TRIES = (
     ("solve", "postures.jsonl", "--certificate", "--out", "answers.jsonl"),
     ("verify", "postures.jsonl", "answers.jsonl", "--explain"),
     ("label", "wall-3", "rows", "--feasible", "4", "--infeasible", "4", "--workers", "1"),
+    ("label", "wall-3", "test", "--feasible", "4", "--infeasible", "4", "--seed", "1", "--workers", "1"),
     ("fit", "rows", "--method", "quantile", "--out", "envelope.json"),
-    ("evaluate", "rows", "--envelope", "envelope.json"),
+    ("evaluate", "test", "--envelope", "envelope.json"),
     ("picture", "postures.jsonl", "--out", "posture.png"),
 )
 LIBRARY = """

@@ -7,11 +7,11 @@ import os
 import sys
 import textwrap
 from collections import Counter
-from collections.abc import Sequence
-from contextlib import nullcontext, redirect_stderr
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, nullcontext, redirect_stderr
 from importlib import import_module
 from itertools import dropwhile, takewhile
-from typing import Protocol
+from typing import Any, Protocol
 
 import tyro
 
@@ -118,7 +118,7 @@ def parse(arguments: Sequence[str]) -> Verb:
             sys.exit(2)
     box = io.StringIO()
     try:
-        with redirect_stderr(box):
+        with redirect_stderr(box), _flowing() if {"-h", "--help"} & set(arguments) else nullcontext():
             return tyro.cli(
                 _verb(arguments[0]),
                 prog=f"stancekit {arguments[0]}",
@@ -129,6 +129,27 @@ def parse(arguments: Sequence[str]) -> Verb:
         if end.code:
             complain(f"stancekit: error: {_said_in(box.getvalue())}; see stancekit {arguments[0]} --help")
         raise
+
+
+@contextmanager
+def _flowing() -> Iterator[None]:
+    """Have options' texts broken where the terminal ends; tyro keeps the lines of the source, and breaks them, too."""
+    import docstring_parser
+    from docstring_parser import DocstringStyle
+
+    plain = docstring_parser.parse_from_object
+
+    def flowing(obj: Any, style: DocstringStyle = DocstringStyle.AUTO) -> docstring_parser.Docstring:
+        found = plain(obj, style)
+        for each in found.params:
+            each.description = " ".join((each.description or "").split())
+        return found
+
+    docstring_parser.parse_from_object = flowing
+    try:
+        yield
+    finally:
+        docstring_parser.parse_from_object = plain
 
 
 def _option(argument: str) -> str:

@@ -81,7 +81,7 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | robot | None | whose legs stand: a built-in name, a URDF, a YAML file; the default hexapod where None |
     | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | balanced | True | half of the scenes infeasible, none trivially |
-    | scenes | None | a source that replaces ``problem``'s and ``balanced``, or a labelled data set's folder, see above |
+    | scenes | None | a source that replaces ``problem``'s and ``balanced``, or a data set's folder, see above |
     | boxes | 1 | how many boxes an action holds; P1 takes any one of them |
     | library | None | an ``EnvelopeSet``, or its file, to choose from |
     | relaxation | 'p1' | 'joint': P1 with the lift, linked (``planners.relaxation.joint``), over one box |

@@ -58,6 +58,18 @@ def test_every_verb_explains_itself(verb, stancekit, tmp_path):
     assert os.listdir(tmp_path) == []
 
 
+def test_no_line_of_an_options_text_ends_before_it_has_to(stancekit):
+    looked_at = 0
+    for verb in verbs():
+        rows = [line.rstrip() for line in stancekit(verb, "--help").out.partition("\n options")[2].splitlines()]
+        begun = [len(row) - len(row.lstrip()) for row in rows]
+        for row, following, left, right in zip(rows, rows[1:], begun, begun[1:], strict=False):
+            if left == right > 2:  # both are further lines of one option's text
+                looked_at += 1
+                assert len(row) + 1 + len(following.split()[0]) > 78, (verb, row, following)
+    assert looked_at > 100
+
+
 @pytest.mark.parametrize("registry", sorted(NAMES))
 def test_help_lists_the_names_that_there_are(registry):
     module, attribute = registry.split(":")
