@@ -18,7 +18,7 @@ TURN_RAD = 0.5
 image torques are not those of either."""
 UPRIGHT_RAD = 1.3
 """A hip of a leg that is drawn up stays below this: near π/2 its yaw and its roll turn one way, and at any speed."""
-SLACK_RAD = 0.1
+SLACK_RAD = 0.2
 """What is restored may be so far beyond what a step kept to."""
 
 
