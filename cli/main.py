@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stderr
 from importlib import import_module
 from itertools import dropwhile, takewhile
-from typing import Protocol
+from typing import Any, Protocol
 
 import tyro
 
@@ -138,8 +138,8 @@ def _flowing() -> Iterator[None]:
 
     plain = docstring_parser.parse_from_object
 
-    def flowing(thing: object) -> docstring_parser.Docstring:
-        found = plain(thing)
+    def flowing(*given: Any, **named: Any) -> docstring_parser.Docstring:
+        found = plain(*given, **named)
         for each in found.params:
             each.description = " ".join((each.description or "").split())
         return found
