@@ -135,11 +135,12 @@ def parse(arguments: Sequence[str]) -> Verb:
 def _flowing() -> Iterator[None]:
     """Have options' texts broken where the terminal ends; tyro keeps the lines of the source, and breaks them, too."""
     import docstring_parser
+    from docstring_parser import DocstringStyle
 
     plain = docstring_parser.parse_from_object
 
-    def flowing(*given: Any, **named: Any) -> docstring_parser.Docstring:
-        found = plain(*given, **named)
+    def flowing(obj: Any, style: DocstringStyle = DocstringStyle.AUTO) -> docstring_parser.Docstring:
+        found = plain(obj, style)
         for each in found.params:
             each.description = " ".join((each.description or "").split())
         return found

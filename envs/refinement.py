@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium as gym
 import numpy as np
@@ -22,8 +21,8 @@ from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
 
 from .distributions.postures import Distribution
 from .sampling import MAX_DRAWS
-from .scene_sources import kind_of, scenes_of_kind
-from .scenes import Scene, SceneKind, SceneSource
+from .scene_sources import SceneOptions, SceneSettings
+from .scenes import Scene, SceneKind
 from .selection_task import VERTICES, scene_space
 
 Observation = dict[str, NDArray[np.float32]]
@@ -88,13 +87,13 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
     | argument | default | meaning |
     |---|---|---|
     | problem | 'wall-3' | as for ``EnvelopeSelectionEnv`` |
-    | robot | None | whose legs stand: a built-in name, a URDF, a YAML file; the default hexapod where None |
-    | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | projection | 'fix-toes' | the P2 that is tried at every box |
     | budget | 200 | convex problems an episode |
+    | programs | None | compiled models to share with other environments of this process |
+    | robot | None | whose legs stand: a built-in name, a URDF, a YAML file; the default hexapod where None |
+    | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
     | balanced | True | half of the scenes infeasible, none trivially |
     | scenes | None | a source, or a labelled data set's folder, whose part "train" is drawn from |
-    | programs | None | compiled models to share with other environments of this process |
     | render_mode | None | nothing is drawn |
 
     ## Version History
@@ -108,27 +107,25 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         self,
         problem: str | Distribution | SceneKind = "wall-3",
         *,
-        robot: str | Path | None = None,
-        terrain: str | Path | None = None,
         projection: Projection = "fix-toes",
         budget: int = 200,
-        balanced: bool = True,
-        scenes: SceneSource | str | Path | None = None,
         programs: Programs | None = None,
         render_mode: str | None = None,
+        **options: Unpack[SceneOptions],
     ) -> None:
         if render_mode is not None:
             raise InvalidInput(f"render_mode: expected None, got {render_mode!r}")
         PROJECTIONS.get(projection)
         checked_int(budget, "budget", least=1)
-        chosen = kind_of(problem, robot, terrain)
+        settings = SceneSettings(**options)
+        chosen = settings.kind(problem)
         self.render_mode = render_mode
         self._count = len(chosen.legs)
         self._projection: Projection = projection
         self._budget = budget
         self._programs = programs or Programs()
         self._acceptance = Acceptance()
-        self._scenes = scenes_of_kind(chosen, scenes, balanced=balanced, programs=self._programs)
+        self._scenes = settings.source(chosen, self._programs)
         self._scene: Scene | None = None
         self._scaled: Scaled | None = None
         self._search: BoxSearch | None = None

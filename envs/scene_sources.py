@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TypedDict
 
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
@@ -12,30 +14,43 @@ from .sampling import SampledScenes
 from .scenes import SceneKind, SceneSource
 
 
-def kind_of(
-    problem: str | Distribution | SceneKind, robot: str | Path | None, terrain: str | Path | None
-) -> Distribution | SceneKind:
-    """A distribution, or what is known of one; by name as ``distribution`` has it. Raises InvalidInput."""
-    if not isinstance(problem, SceneKind | Distribution):
-        return distribution(problem, robot=robot, terrain=terrain)
-    if robot is not None or terrain is not None:
-        raise InvalidInput(f"robot, terrain: expected none beside {problem.name}, which has its own")
-    return problem
+class SceneOptions(TypedDict, total=False):
+    """Keywords of the environments beside their problem that say where its scenes are from."""
+
+    robot: str | Path | None
+    terrain: str | Path | None
+    balanced: bool
+    scenes: SceneSource | str | Path | None
 
 
-def scenes_of_kind(
-    kind: Distribution | SceneKind, scenes: SceneSource | str | Path | None, *, balanced: bool, programs: Programs
-) -> SceneSource:
-    """The scenes that were given, the part "train" of a data set's folder, or some of a distribution.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SceneSettings:
+    """``SceneOptions`` with their defaults; the page of ``EnvelopeSelectionEnv`` has their meaning."""
 
-    Raises InvalidInput where there are none, and for a folder that is no pool of such scenes.
-    """
-    if isinstance(scenes, str | Path):
-        from .data.scenes import ScenePool  # Arrow takes a while to load
+    robot: str | Path | None = None
+    terrain: str | Path | None = None
+    balanced: bool = True
+    scenes: SceneSource | str | Path | None = None
 
-        return ScenePool.open(scenes, of=kind.name, legs=kind.legs, balanced=balanced)
-    if scenes is not None:
-        return scenes
-    if isinstance(kind, SceneKind):
-        raise InvalidInput(f"scenes: expected some of {kind.name}, got none")
-    return SampledScenes(kind, balanced=balanced, programs=programs)
+    def kind(self, problem: str | Distribution | SceneKind) -> Distribution | SceneKind:
+        """A distribution, or what is known of one; by name as ``distribution`` has it. Raises InvalidInput."""
+        if not isinstance(problem, SceneKind | Distribution):
+            return distribution(problem, robot=self.robot, terrain=self.terrain)
+        if self.robot is not None or self.terrain is not None:
+            raise InvalidInput(f"robot, terrain: expected none beside {problem.name}, which has its own")
+        return problem
+
+    def source(self, kind: Distribution | SceneKind, programs: Programs) -> SceneSource:
+        """The scenes that were given, the part "train" of a data set's folder, or some of a distribution.
+
+        Raises InvalidInput where there are none, and for a folder that is no pool of such scenes.
+        """
+        if isinstance(self.scenes, str | Path):
+            from .data.scenes import ScenePool  # Arrow takes a while to load
+
+            return ScenePool.open(self.scenes, of=kind.name, legs=kind.legs, balanced=self.balanced)
+        if self.scenes is not None:
+            return self.scenes
+        if isinstance(kind, SceneKind):
+            raise InvalidInput(f"scenes: expected some of {kind.name}, got none")
+        return SampledScenes(kind, balanced=self.balanced, programs=programs)

@@ -80,13 +80,13 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | problem | 'wall-3' | a distribution by name (also ground-k, terrain-k), a YAML file, or "FILE.py:NAME" |
     | robot | None | whose legs stand: a built-in name, a URDF, a YAML file; the default hexapod where None |
     | terrain | None | a mesh or grid that the scenes of ``terrain-k`` are cut from |
+    | balanced | True | half of the scenes infeasible, none trivially |
+    | scenes | None | a source that replaces ``problem``'s and ``balanced``, or a data set's folder, see above |
     | boxes | 1 | how many boxes an action holds; P1 takes any one of them |
     | library | None | an ``EnvelopeSet``, or its file, to choose from |
     | relaxation | 'p1' | 'joint': P1 with the lift, linked (``planners.relaxation.joint``), over one box |
     | projections | ('fix-p',) | which P2 to run; the reward looks at the first |
     | weights | RewardWeights() | what a step is worth |
-    | balanced | True | half of the scenes infeasible, none trivially |
-    | scenes | None | a source that replaces ``problem``'s, or a labelled data set's folder, see above |
     | timing | False | put seconds into ``info`` |
     | render_mode | None | "rgb_array" or "human" |
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, TypedDict, get_args
+from typing import Any, get_args
 
 import numpy as np
 from gymnasium import spaces
@@ -27,8 +27,8 @@ from stancekit.planners.relaxation.relaxed import RelaxationAnswer
 from stancekit.planners.verify import check_postures
 
 from .distributions.postures import Distribution
-from .scene_sources import kind_of, scenes_of_kind
-from .scenes import Scene, SceneKind, SceneSource
+from .scene_sources import SceneOptions, SceneSettings
+from .scenes import Scene, SceneKind
 
 VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
@@ -70,34 +70,26 @@ class _Trial:
     p2_seconds: float
 
 
-class SelectionOptions(TypedDict, total=False):
+class SelectionOptions(SceneOptions, total=False):
     """Keywords of the environments beside their problem; the page of ``EnvelopeSelectionEnv`` has their meaning."""
 
-    robot: str | Path | None
-    terrain: str | Path | None
     boxes: int
     library: EnvelopeSet | str | Path | None
     relaxation: RelaxationName
     projections: tuple[Projection, ...]
     weights: RewardWeights
-    balanced: bool
-    scenes: SceneSource | str | Path | None
     timing: bool
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SelectionSettings:
+class SelectionSettings(SceneSettings):
     """``SelectionOptions`` with their defaults. Raises InvalidInput for what does not go together."""
 
-    robot: str | Path | None = None
-    terrain: str | Path | None = None
     boxes: int = 1
     library: EnvelopeSet | str | Path | None = None
     relaxation: RelaxationName = "p1"
     projections: tuple[Projection, ...] = ("fix-p",)
     weights: RewardWeights = RewardWeights()
-    balanced: bool = True
-    scenes: SceneSource | str | Path | None = None
     timing: bool = False
 
     def __post_init__(self) -> None:
@@ -120,7 +112,7 @@ class SelectionTask:
     """
 
     def __init__(self, problem: str | Distribution | SceneKind, settings: SelectionSettings) -> None:
-        chosen = kind_of(problem, settings.robot, settings.terrain)
+        chosen = settings.kind(problem)
         library = settings.library
         self._problem = chosen.name
         self._count = len(chosen.legs)
@@ -132,7 +124,7 @@ class SelectionTask:
         self._weights = settings.weights
         self._timing = settings.timing
         self._programs = Programs()
-        self.scenes = scenes_of_kind(chosen, settings.scenes, balanced=settings.balanced, programs=self._programs)
+        self.scenes = settings.source(chosen, self._programs)
         self.observation_space = scene_space(self._count)
         self.action_space = self._make_action_space()
 

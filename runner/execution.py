@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.files.arrays import Array, checked, collect_errors
+from stancekit.planners.files.arrays import Array, check_numbers
 from stancekit.planners.robot.kinematics import Kinematics
 
 from .record import Record, Trace
@@ -32,9 +32,7 @@ class Tolerance:
     body_rad: float = 0.5
 
     def __post_init__(self) -> None:
-        collect_errors(
-            *(lambda n=n: checked(getattr(self, n), f"tolerance.{n}", above=0.0) for n in self.__annotations__)
-        )
+        check_numbers(self, "tolerance.", above=self.__annotations__)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -75,7 +76,8 @@ def checked_choice(value: Any, where: str, among: Iterable[str]) -> str:
     """Return ``value`` where it is one of these. Raises InvalidInput that lists them."""
     known = tuple(among)
     if value not in known:
-        raise InvalidInput(f"{where}: expected one of {', '.join(known)}, got {shown(value)}")
+        came = shown(value) if isinstance(value, str) else f"{value!r:.80}"
+        raise InvalidInput(f"{where}: expected one of {', '.join(known)}, got {came}")
     return str(value)
 
 
@@ -84,6 +86,16 @@ def checked_name(value: Any, where: str) -> str:
     if not isinstance(value, str) or not 1 <= len(value) <= LONGEST_NAME or not value.isprintable():
         raise InvalidInput(f"{where}: expected 1 to {LONGEST_NAME} printable letters, got {shown(value)}")
     return value
+
+
+def check_numbers(value: Any, key: str = "", *, above: Iterable[str] = (), least: Iterable[str] = ()) -> None:
+    """Check numbers that a value has, or None in their place: those above 0, and those that are 0 or more.
+
+    key: what their names begin with. Raises one InvalidInput that says all that is wrong.
+    """
+    said = [(name, {"above": 0.0}) for name in above] + [(name, {"least": 0.0}) for name in least]
+    there = [(getattr(value, name), f"{key}{name}", limit) for name, limit in said if getattr(value, name) is not None]
+    collect_errors(*(partial(checked, number, where, **limit) for number, where, limit in there))
 
 
 def collect_errors(*checks: Callable[[], object]) -> None:

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, checked_choice, checked_int, collect_errors, read_only
+from ..files.arrays import Array, check_numbers, checked, checked_choice, checked_int, collect_errors, read_only
 from ..robot.single_body import GaitRobot
 from ..terrain.heightfield import HeightField
 from .charts import CHARTS
@@ -178,12 +178,9 @@ class GaitSettings:
     def __post_init__(self) -> None:
         CHARTS.get(self.chart)
         checked_choice(self.dynamics, "dynamics", get_args(Dynamics))
-        if self.hessian not in ("exact", "lbfgs"):
-            raise InvalidInput(f"hessian: expected exact or lbfgs, got {self.hessian!r}")
-        for name in ("tolerance", "step_s", "torso_knot_s", "force_knot_s", "smoothing_m"):
-            checked(getattr(self, name), name, above=0.0)
-        for name in ("reach_margin_m", "clearance_m", "swing_height_m", "switch_slack_s"):
-            checked(getattr(self, name), name, least=0.0)
+        checked_choice(self.hessian, "hessian", ("exact", "lbfgs"))
+        above = ("tolerance", "step_s", "torso_knot_s", "force_knot_s", "smoothing_m")
+        check_numbers(self, above=above, least=("reach_margin_m", "clearance_m", "swing_height_m", "switch_slack_s"))
         if self.mean_forces and self.dynamics != "centred":
             raise InvalidInput(f"mean_forces: expected centred dynamics with it, got {self.dynamics}")
         for name in ("max_iterations", "swing_nodes"):

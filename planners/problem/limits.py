@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import InvalidInput
-from ..files.arrays import checked, collect_errors
+from ..files.arrays import check_numbers
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,11 +22,7 @@ class StepLimits:
     progress_m: float = 0.0
 
     def __post_init__(self) -> None:
-        collect_errors(
-            *(lambda n=n: checked(getattr(self, n), f"steps.{n}", above=0.0) for n in ("com_m", "toe_m")),
-            lambda: checked(self.rotation_rad, "steps.rotation_rad", least=0.0),
-            lambda: checked(self.progress_m, "steps.progress_m", least=0.0),
-        )
+        check_numbers(self, "steps.", above=("com_m", "toe_m"), least=("rotation_rad", "progress_m"))
         if self.progress_m > self.com_m:
             raise InvalidInput(
                 f"steps.progress_m: expected at most steps.com_m = {self.com_m:g}, the largest step, "
@@ -47,6 +43,4 @@ class Weights:
     tilt: float = 0.05
 
     def __post_init__(self) -> None:
-        collect_errors(
-            *(lambda n=n: checked(getattr(self, n), f"weights.{n}", least=0.0) for n in self.__annotations__)
-        )
+        check_numbers(self, "weights.", least=self.__annotations__)

@@ -18,6 +18,8 @@ TURN_RAD = 0.5
 image torques are not those of either."""
 UPRIGHT_RAD = 1.3
 """A hip of a leg that is drawn up stays below this: near π/2 its yaw and its roll turn one way, and at any speed."""
+SLACK_RAD = 0.2
+"""What is restored may be so far beyond what a step kept to."""
 
 
 @lru_cache(maxsize=16)
@@ -59,3 +61,12 @@ def joint_ranges(solver: Kinematics, angles: Array) -> tuple[Array, Array]:
         lower[:, hips] = np.maximum(lower[:, hips], np.minimum(-UPRIGHT_RAD, angles[:, hips]))
         upper[:, hips] = np.minimum(upper[:, hips], np.maximum(UPRIGHT_RAD, angles[:, hips]))
     return lower, upper
+
+
+def keeps_to(solver: Kinematics, layout: Layout, before: Array, after: Array) -> bool:
+    """Whether angles, shape (M, J), are as near to these as a step's joints must be: restored ones may have jumped."""
+    frame, joint = standing(layout, tuple(solver.legs.tolist()))
+    first, then = (np.abs(angles[frame, joint] - angles[frame - 1, joint]) for angles in (before, after))
+    lower, upper = joint_ranges(solver, before)
+    inside = np.all((after >= lower - SLACK_RAD) & (after <= upper + SLACK_RAD))
+    return bool(inside and np.all(then <= np.maximum(TURN_RAD, first) + SLACK_RAD))

@@ -87,15 +87,7 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
     """
     frames, limbs, footholds, (stance, _, foothold) = layout.frames, layout.limbs, layout.footholds, layout.contacts
     steps, vertices, contacts = frames - 1, len(layout.vertex_footholds), len(stance)
-    sizes = {
-        "vertices": (3, vertices), "axes": (3, 3 * footholds), "friction": (1, footholds), "weight": (1, 1),
-        "shoulders": (3, limbs), "reach": (1, limbs), "com": (3, frames), "com_radius": (1, frames),
-        "limits": (3, 1), "direction": (3, steps), "progress": (1, steps), "goal": (3, 1), "aim": (4, 1),
-        "offsets": (3, len(stance) if layout.points else 0),
-        "row_normals": (3, len(layout.row_limbs)), "row_bounds": (1, len(layout.row_limbs)),
-        "apart_normals": (3, len(layout.relative_rows[0])), "apart_bounds": (1, len(layout.relative_rows[0])),
-    }  # fmt: skip
-    data = {name: cs.SX.sym(name, *size) for name, size in sizes.items()}
+    data = {name: cs.SX.sym(name, *size) for name, size in _sizes(layout).items()}
     com, rotation = cs.SX.sym("com", 3, frames), cs.SX.sym("rotation", 3, frames)
     shares, forces = cs.SX.sym("weights", vertices), cs.SX.sym("forces", 3, contacts)
     under = [np.flatnonzero(layout.vertex_footholds == p).tolist() for p in range(footholds)]
@@ -143,6 +135,19 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
         "g": cs.vertcat(equations, *cones, *reach, *balls, *limits),
     }
     return program, int(equations.numel())
+
+
+def _sizes(layout: Layout) -> dict[str, tuple[int, int]]:
+    """Shapes of the parameters by name, in the order in which ``parameters`` packs them."""
+    frames, limbs, footholds, steps = layout.frames, layout.limbs, layout.footholds, layout.frames - 1
+    return {
+        "vertices": (3, len(layout.vertex_footholds)), "axes": (3, 3 * footholds), "friction": (1, footholds),
+        "weight": (1, 1), "shoulders": (3, limbs), "reach": (1, limbs), "com": (3, frames), "com_radius": (1, frames),
+        "limits": (3, 1), "direction": (3, steps), "progress": (1, steps), "goal": (3, 1), "aim": (4, 1),
+        "offsets": (3, len(layout.contacts[0]) if layout.points else 0),
+        "row_normals": (3, len(layout.row_limbs)), "row_bounds": (1, len(layout.row_limbs)),
+        "apart_normals": (3, len(layout.relative_rows[0])), "apart_bounds": (1, len(layout.relative_rows[0])),
+    }  # fmt: skip
 
 
 def parameters(scaled: Scaled, start: Array) -> Array:

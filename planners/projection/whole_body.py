@@ -31,6 +31,7 @@ from ..robot.plan_joints import plan_angles
 from ..verify import check_plan
 from .clearance import APART_M, CLEAR_PRICE, Nearness, PathClearance
 from .force_distribution import EASY
+from .joint_ranges import keeps_to
 from .largest_torque import largest, on_the_way
 from .restoration import Restoration, Restored
 from .support_margin import pressing
@@ -238,6 +239,8 @@ class _Stage:
             if enough or stalled or radius < NARROWEST:
                 break
             found = self._step(scaled, restoration, state, radius)
+            if found is not None and not keeps_to(self._solver, scaled.layout, state.at.angles, found.angles):
+                found = None
             other = None if found is None else self._state(found, restoration.friction_share)
             if other is not None and other.price < state.price - GAIN:
                 state, radius, taken = other, min(WIDER * radius, WIDEST), taken + 1

@@ -18,7 +18,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import ConfigDict, Field
 
 from ..errors import InvalidInput
-from ..files.arrays import checked, collect_errors
+from ..files.arrays import check_numbers, checked, collect_errors
 from ..files.documents import parse_yaml, read_json, read_yaml
 from ..files.validation import shown, validated
 from .leg import Joint
@@ -54,15 +54,10 @@ class ActuatorModel:
     source: str = ""
 
     def __post_init__(self) -> None:
-        positive = [n for n in POSITIVE if getattr(self, n) is not None]
         collect_errors(
-            *(lambda n=n: checked(getattr(self, n), n, above=0.0) for n in positive),
-            lambda: None if self.rotor_kg_m2 is None else checked(self.rotor_kg_m2, "rotor_kg_m2", least=0.0),
-            lambda: (
-                None
-                if self.continuous_nm is None
-                else checked(self.continuous_nm, "continuous_nm", least=0.0, most=self.stall_nm)
-            ),
+            lambda: check_numbers(self, above=POSITIVE, least=("rotor_kg_m2",)),
+            lambda: self.continuous_nm is None
+            or checked(self.continuous_nm, "continuous_nm", least=0.0, most=self.stall_nm),
         )
 
     @classmethod

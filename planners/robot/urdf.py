@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, collect_errors
+from ..files.arrays import Array, check_numbers, checked, collect_errors
 from .model import Limb, Robot
 
 JOINTS = ("yaw", "hip", "roll", "knee")
@@ -47,8 +47,7 @@ class Servo:
     def __post_init__(self) -> None:
         positive = ("torque_nm", "velocity_rad_s", "stiffness_nm_rad", "damping_nms_rad")
         collect_errors(
-            *(lambda n=n: checked(getattr(self, n), f"servo.{n}", above=0.0) for n in positive),
-            lambda: checked(self.rotor_kg_m2, "servo.rotor_kg_m2", least=0.0),
+            lambda: check_numbers(self, "servo.", above=positive, least=("rotor_kg_m2",)),
             *(
                 lambda i=i: checked(self.lower_rad[i], f"servo.lower_rad[{i}]", most=self.upper_rad[i])
                 for i in range(len(JOINTS))

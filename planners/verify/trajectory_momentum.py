@@ -38,10 +38,10 @@ class MomentumMeasurements:
         return self._windows(self._measured.moment_residual(), rate_nm)
 
     def _windows(self, residual: Series, rate: float) -> Series:
-        collect_errors = np.concatenate([np.zeros((1, 3)), np.cumsum(residual.values, axis=0)]) * self.step_s
-        stride = 1 + (len(collect_errors) - 1) // MOST_EDGES
-        edges = np.unique(np.append(np.arange(0, len(collect_errors), stride), len(collect_errors) - 1))
-        sums, lasts = collect_errors[edges], edges * self.step_s
+        impulses = np.concatenate([np.zeros((1, 3)), np.cumsum(residual.values, axis=0)]) * self.step_s
+        stride = 1 + (len(impulses) - 1) // MOST_EDGES
+        edges = np.unique(np.append(np.arange(0, len(impulses), stride), len(impulses) - 1))
+        sums, lasts = impulses[edges], edges * self.step_s
         worst, begins = 0.0, 0
         for apart in range(1, len(edges)):
             size = np.linalg.norm(sums[apart:] - sums[:-apart], axis=1) - rate * (lasts[apart:] - lasts[:-apart])

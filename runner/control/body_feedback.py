@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.files.arrays import Array, checked, collect_errors
+from stancekit.planners.files.arrays import Array, check_numbers
 
 from ..motion.motion import MotionSample
 
@@ -43,7 +43,7 @@ class BodyFeedback:
     step_s: float = 0.0
 
     def __post_init__(self) -> None:
-        collect_errors(*(lambda n=n: checked(getattr(self, n), f"body.{n}", least=0.0) for n in self.__annotations__))
+        check_numbers(self, "body.", least=self.__annotations__)
 
     @property
     def acts(self) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.files.arrays import Array, checked, collect_errors
+from stancekit.planners.files.arrays import Array, check_numbers
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
@@ -62,8 +62,7 @@ class ContactFeedback:
     waits: bool = True
 
     def __post_init__(self) -> None:
-        numbers = [name for name in self.__annotations__ if name != "waits"]
-        collect_errors(*(lambda n=n: checked(getattr(self, n), f"feedback.{n}", least=0.0) for n in numbers))
+        check_numbers(self, "feedback.", least=[name for name in self.__annotations__ if name != "waits"])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.files.arrays import Array, checked, collect_errors
+from stancekit.planners.files.arrays import Array, check_numbers
 from stancekit.planners.motion.path import CLEARANCE_M, Moments, PlanPath, Segment
 from stancekit.planners.motion.torques import support_forces
 
@@ -44,7 +44,7 @@ class Timing:
     clearance_m: float = CLEARANCE_M
 
     def __post_init__(self) -> None:
-        collect_errors(*(lambda n=n: checked(getattr(self, n), f"timing.{n}", above=0.0) for n in self.__annotations__))
+        check_numbers(self, "timing.", above=self.__annotations__)
 
     def at_pace(self, pace: float) -> Timing:
         """The same, faster by this factor."""

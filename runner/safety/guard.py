@@ -17,7 +17,7 @@ import numpy as np
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
-from stancekit.planners.files.arrays import Array, checked, collect_errors
+from stancekit.planners.files.arrays import Array, check_numbers, checked, collect_errors
 from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.robot.legged import legged_model
 
@@ -69,14 +69,10 @@ class Limits:
     silent_s: float = 0.25
 
     def __post_init__(self) -> None:
+        above, least = ("step_rad", "path_rad", "silent_s"), ("margin_rad", "path_s")
         collect_errors(
-            lambda: checked(self.margin_rad, "limits.margin_rad", least=0.0),
             lambda: checked(self.velocity_share, "limits.velocity_share", above=0.0, most=1.0),
-            *(
-                lambda n=n: checked(getattr(self, n), f"limits.{n}", above=0.0)
-                for n in ("step_rad", "path_rad", "silent_s")
-            ),
-            lambda: checked(self.path_s, "limits.path_s", least=0.0),
+            lambda: check_numbers(self, "limits.", above=above, least=least),
         )
 
 

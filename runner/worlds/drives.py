@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from stancekit.planners.files.arrays import Array, checked, collect_errors, read_only
+from stancekit.planners.files.arrays import Array, check_numbers, read_only
 from stancekit.planners.robot import Robot
 from stancekit.planners.robot.actuators import ActuatorModel, Actuators
 from stancekit.planners.robot.legged import carried_nm, rotor_kg_m2
@@ -127,9 +127,5 @@ class Imperfections:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        collect_errors(
-            *(lambda n=n: checked(getattr(self, n), f"imperfections.{n}", least=0.0)
-              for n in ("offset_rad", "noise_rad", "delay_s", "felt_delay_s")),
-            *(lambda n=n: checked(getattr(self, n), f"imperfections.{n}", above=0.0)
-              for n in ("stiffness_share", "mass_share")),
-        )  # fmt: skip
+        least = ("offset_rad", "noise_rad", "delay_s", "felt_delay_s")
+        check_numbers(self, "imperfections.", above=("stiffness_share", "mass_share"), least=least)

@@ -8,13 +8,14 @@ import gymnasium
 import pytest
 
 import stancekit.envs
-from stancekit.envs import selection, selection_task, traverse, warped_gait
+from stancekit.envs import refinement, scene_sources, selection, selection_task, traverse, warped_gait
 
 SECTIONS = ("Description", "Observation Space", "Action Space", "Reward", "Starting State", "Episode End", "Info",
             "Arguments", "Version History")  # fmt: skip
 SIZES = {"N": 3, "E": 4}
 OF_TRAVERSE = {"H": 2, "N": 6, "R": 1, "U": 4}
 SETTINGS = {selection.EnvelopeSelectionEnv: selection_task.SelectionSettings,
+            refinement.EnvelopeRefinementEnv: scene_sources.SceneSettings,
             traverse.TraverseEnv: traverse.TraverseSettings}  # fmt: skip
 IDS = sorted(name for name in gymnasium.registry if name.startswith("stancekit/"))
 

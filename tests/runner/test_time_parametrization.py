@@ -12,6 +12,8 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.motion.torques import path_torques
+from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
 from stancekit.planners.robot.legged import robot_of
 from stancekit.planners.robot.robot_model import model_of
@@ -19,6 +21,7 @@ from stancekit.planners.robot.urdf import Servo, hexapod_urdf
 from stancekit.runner.motion.soft_start import PEAK, soft_motion, soft_start
 from stancekit.runner.motion.time_parametrization import (
     ACCELERATION_RAD_S2,
+    RATE_HZ,
     JointProfile,
     expected,
     joint_profile,
@@ -232,3 +235,17 @@ def test_every_soft_start_that_is_found_keeps_feet_out_of_surfaces(plan: Plan, k
                 for normal, corner in walls:
                     assert ((feet - corner) @ normal).min() >= 0.012 - 0.006 - 1e-3
     assert {1, 2} <= set(kinds), kinds
+
+
+def test_torques_along_the_path_are_those_of_the_motion(plan: Plan, kinematics: Kinematics) -> None:
+    bent = with_joints(plan, kinematics)
+    motion = PlanMotion(bent)
+    profile = joint_profile(motion, kinematics)
+    table = path_torques(bent, kinematics)
+    moving = [k for k, phase in enumerate(motion.phases) if phase.segment.part == 1]
+    ends = np.cumsum([phase.seconds for phase in motion.phases])
+    first = profile.static_nm[round(ends[moving[0] - 1] * RATE_HZ)]
+    last = profile.static_nm[round(ends[moving[-1]] * RATE_HZ)]
+    np.testing.assert_allclose(table[0], first, atol=0.1)
+    np.testing.assert_allclose(table[-1], last, atol=0.1)
+    assert np.abs(first).max() > 2.0

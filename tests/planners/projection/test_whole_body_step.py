@@ -15,7 +15,7 @@ from stancekit.planners.projection.restoration import REACHED_M, Restoration
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
 pytest.importorskip("pinocchio")
-from stancekit.planners.projection.joint_ranges import UPRIGHT_RAD, joint_ranges
+from stancekit.planners.projection.joint_ranges import UPRIGHT_RAD, joint_ranges, keeps_to
 from stancekit.planners.projection.whole_body import with_joints
 from stancekit.planners.projection.whole_body_step import TorqueRows, WholeBody, WholeBodyStep
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
@@ -196,6 +196,15 @@ def test_hips_that_are_drawn_up_stay_off_the_axis_of_yaw_and_those_beyond_go_no_
     lower, upper = joint_ranges(solver, angles)
     assert (upper[0, 1], lower[0, 1]) == (1.6, -UPRIGHT_RAD)
     assert (upper[1, 5], lower[1, 5]) == (UPRIGHT_RAD, -1.7)
+    layout = scaled_of(walls).layout
+    turned = np.zeros((layout.frames, 24))
+    assert keeps_to(solver, layout, turned, turned)
+    turned[1:, 0] = 0.9  # of a limb that stands on at frame 1
+    assert walls.course.holds[0][0] == walls.course.holds[1][0]
+    assert not keeps_to(solver, layout, np.zeros_like(turned), turned)
+    assert keeps_to(solver, layout, turned, turned)
+    turned[:, 0], turned[1, 1] = 0.0, 0.45
+    assert keeps_to(solver, layout, np.zeros_like(turned), turned)
     others = np.arange(24) % 4 != 1
     np.testing.assert_array_equal(lower[:, others], np.tile(solver.lowest_rad[others], (2, 1)))
     np.testing.assert_array_equal(upper[:, others], np.tile(solver.highest_rad[others], (2, 1)))

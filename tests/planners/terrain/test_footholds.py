@@ -130,9 +130,13 @@ def test_a_course_is_laid_out_between_two_places_and_refused_in_the_air(tmp_path
     step = block((0.6, 2.0), (-1.0, 1.0), 0.0, 0.08)
     path = saved(tmp_path / "step.stl", floor, step)
     terrain = FileTerrain(file=str(path))
-    spec = course_between(terrain, (-0.4, 0.0), (1.3, 0.0))
+    spec = course_between(terrain, (-0.413, 0.017), (1.3, 0.0))  # between the nodes of any grid
     course = build_course(spec)
+    assert course.com_nominal_m[0, :2] == pytest.approx([-0.413, 0.017], abs=1e-12)
     assert course.com_nominal_m[-1, :2] == pytest.approx([1.3, 0.0])
+    pieces = np.array([np.ptp(piece.vertices_m, axis=0).max() for p in course.footholds for piece in p.candidates])
+    reach = np.mean([limb.reach_m for limb in course.robot.limbs])
+    assert pieces.max() == pytest.approx(0.8 * reach, abs=1e-9)
     assert course.com_nominal_m[-1, 2] - course.com_nominal_m[0, 2] == pytest.approx(0.08, abs=1e-3)
     assert all(len(foothold.candidates) >= 1 for foothold in course.footholds)
     with pytest.raises(InvalidInput, match=r"start: expected footholds for every toe about \(-5, 0\), got none"):

@@ -269,3 +269,13 @@ def test_joints_are_a_section_of_their_own(walk):
     assert heavy.torque["verdict"] == "failed"
     assert "Nm in a joint" in heavy.torque["message"]
     assert heavy.to_json()["torque"]["worst"]["limb"] in plan.course.robot.limb_names
+
+
+def test_a_limb_that_stays_but_stands_elsewhere_is_refused_with_its_frame(walk):
+    """A forged schedule: who is put down at frame 2 is said to stay."""
+    plan = walk(5, "tripod")
+    course = replace(plan.course)
+    stays, *others = course.lifts[2]
+    vars(course)["lifts"] = (*course.lifts[:2], tuple(others), *course.lifts[3:])
+    (group,) = (each for each in check_plan(replace(plan, course=course)).groups if each.group == "schedule")
+    assert (group.worst, group.frame, group.limb) == (np.inf, 2, stays)
