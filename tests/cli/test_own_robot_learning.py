@@ -81,16 +81,19 @@ def test_a_data_set_names_its_robot_and_its_rows_are_proved(rows: Path, folder: 
 def test_what_is_fitted_is_evaluated_and_is_refused_for_another_robot(
     rows: Path, stancekit: Callable, refusal: Callable, files: list[str], labelled: Path, envelopes: Path
 ) -> None:
-    assert stancekit("fit", rows, *files, "--method", "quantile", "--out", "mine.json").code == 0
+    assert stancekit("fit", rows, *files, "--part", "train", "--method", "heuristic", "--out", "mine.json").code == 0
     learned = read_envelopes("mine.json")
     dataset = Dataset.open(rows)
     assert (learned.robot, learned.problem_class) == (dataset.robot, dataset.problem_class)
-    ran = stancekit("evaluate", rows, *files, "--envelope", "mine.json", "--project", "fix-p", "--json")
+    held = ("--part", "test", "--envelope", "mine.json", "--project", "fix-p", "--json")
+    ran = stancekit("evaluate", rows, *files, *held)
     assert ran.code == 0
     mine, lift = ran.records
-    assert mine["p1_feasible_of"] == lift["p1_feasible_of"] == 12
+    assert mine["p1_feasible_of"] == lift["p1_feasible_of"] == len(dataset.only("test").feasible) > 1
     assert lift["p1_feasible"] == 1.0
     assert mine["p1_feasible"] > 0.5
+    assert stancekit("fit", rows, *files, "--method", "quantile", "--out", "seen.json").code == 0
+    assert "seen.json: expected rows that it was not trained on" in refusal("evaluate", rows, "--envelope", "seen.json")
     assert refusal("evaluate", labelled, "--envelope", "mine.json") == (
         f"mine.json: expected envelopes learned for wall-3, got some learned for {dataset.problem_class}"
     )
