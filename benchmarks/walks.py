@@ -19,6 +19,7 @@ other than planned.
 from __future__ import annotations
 
 import json
+import re
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -120,11 +121,16 @@ def measured(name: str, terrain: str, index: int, arguments: Arguments, wrong: W
         return {"robot": name, "terrain": terrain, "walk": index} | row(path, arguments.world, wrong)
 
     said = (arguments.offset_deg, arguments.delay_ms, arguments.mass, arguments.stiffness, arguments.friction)
-    stem = "-".join([name, Path(terrain).stem, str(arguments.seed), str(index), arguments.world, *map(str, said)])
-    file = None if arguments.folder is None else arguments.folder / f"{stem.replace(':', '-')}.json"
+    stem = "-".join([name, terrain, str(arguments.seed), str(index), arguments.world, *map(str, said)])
+    file = None if arguments.folder is None else arguments.folder / f"{as_file_name(stem)}.json"
     found = measure() if file is None else kept(file, measure)
     arguments.say(found, line)
     return found
+
+
+def as_file_name(text: str) -> str:
+    """The text, a file's name: of another terrain, as rough:0.3:7 and rough:0.8:3, another."""
+    return re.sub(r"[^\w.-]+", "-", text)
 
 
 def robot_file(example: Example, folder: Path, path: Path) -> Path:
@@ -152,7 +158,7 @@ def planned(
     as a share of the longest."""
     usual = way == (HEADING_RAD, 1.0)
     end = "" if usual else f"-{way[0]:.3f}-{way[1]:.3f}"
-    path = keep / f"{name}-{Path(terrain).stem.replace(':', '-')}{end}.json"
+    path = keep / f"{as_file_name(f'{name}-{terrain}')}{end}.json"
     if path.exists():
         return path
     robot = walker_of(named_robot(robot_file(ROBOTS[name], folder, keep / f"{name}.yaml")))
