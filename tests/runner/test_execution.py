@@ -35,7 +35,7 @@ def climbed(step: Callable[[str], Plan]) -> Execution:
 
 @pytest.mark.parametrize("world", ["mujoco", "bullet"])
 @pytest.mark.parametrize("course", ["stairs", "walls"])
-def test_a_step_is_executed_as_step(course: str, world: str, step: Callable[[str], Plan]) -> None:
+def test_a_step_is_executed_as_planned(course: str, world: str, step: Callable[[str], Plan]) -> None:
     pytest.importorskip({"bullet": "pybullet", "mujoco": "mujoco"}[world])
     run = executed(step(course), world)
     assert run.succeeded, run.message
@@ -48,7 +48,7 @@ def test_a_step_is_executed_as_step(course: str, world: str, step: Callable[[str
     assert run.torque_worst_nm < run.torque_limit_nm
 
 
-def test_at_the_end_every_foot_presses_as_step(climbed: Execution) -> None:
+def test_at_the_end_every_foot_presses_as_planned(climbed: Execution) -> None:
     trace = climbed.trace
     np.testing.assert_allclose(trace.forces_n[-20:].mean(axis=0), trace.planned_forces_n[-1], atol=4.0)
     np.testing.assert_allclose(trace.forces_n[-20:].mean(axis=0).sum(axis=0), [0.0, 0.0, 98.1], atol=0.5)
