@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,22 +14,20 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import ArrayLike, NDArray
 
-from stancekit.planners.answer.outcome import Certificate, Posture, Status
 from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array, read_only
-from stancekit.planners.files.documents import parse_json
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.robot import Limb, Robot
 
-from .ledger import Header, Ledger, shard_name, shard_schema
+from .labelled_posture import LabelledPosture, problem_of, row_of
+from .ledger import Header, Ledger, shard_name
 from .summary import Summary
 
 Index = NDArray[np.intp]
 Observation = dict[str, NDArray[np.float32]]
 Read = TypeVar("Read")
-POSTURE: dict[str, tuple[int, ...]] = {"com_m": (3,), "rotation_rad": (3,), "toes_m": (-1, 3), "forces_n": (-1, 3)}
 Part = Literal["all", "train", "test"]
 """Of a data set's rows: see ``Dataset.only``."""
 TEST_SHARE = 5
@@ -39,42 +36,6 @@ LABELS = {"feasible": 1, "infeasible": 0, "undecided": -1}
 """What ``Dataset[k]`` says of a row."""
 OPEN_SHARDS = 4
 """How many shards a data set keeps decompressed."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LabelledPosture:
-    """One row: a problem, its label, and what proves the label.
-
-    shard, row: where it is kept; sample: which draw of the shard's stream it is (``labelling.samples``).
-    trivial: infeasible even without the moment balance (P̄ infeasible, too). posture: the witness, where feasible.
-    certificate: where infeasible; its multipliers are rounded to float32, and lower_bound is what they still prove
-    (0 where nothing is proved).
-    point: [p, f], shape (N, 6), non-dimensional, see ``ScaledProblem.point``: of the witness where feasible, of an
-    answer of P̄ where infeasible (line 11 of Algorithm E1), None where trivial or undecided.
-    solves, nodes: convex problems solved and nodes visited to decide.
-    """
-
-    shard: int
-    row: int
-    sample: int
-    problem: PostureProblem
-    status: Status
-    trivial: bool = False
-    posture: Posture | None = None
-    point: Array | None = None
-    certificate: Certificate | None = None
-    lower_bound: float = 0.0
-    solves: int
-    nodes: int
-
-    def __post_init__(self) -> None:
-        if self.point is not None:
-            object.__setattr__(self, "point", read_only(self.point, (len(self.problem.contacts), 6), "point"))
-
-    @property
-    def kind(self) -> str:
-        """The label, "trivial" set apart: a name of ``Counts``."""
-        return "trivial" if self.trivial else str(self.status)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -263,24 +224,10 @@ class Dataset:
         return Robot(name=self.problem_class, mass_kg=1.0, limbs=limbs)
 
     def _problem(self, raw: dict[str, Any]) -> PostureProblem:
-        return PostureProblem.from_json(parse_json(raw["problem"], "problem"), robot=self._robot)
+        return problem_of(raw, self._robot)
 
     def _decoded(self, raw: dict[str, Any]) -> LabelledPosture:
-        problem, certificate = self._problem(raw), None
-        if raw["tree"] is not None:
-            rows = sum(len(c.reach_rows.bounds_m) for c in problem.contacts if c.reach_rows is not None)
-            multipliers = np.reshape(raw["multipliers"], (-1, 6 + 3 * len(self.header.legs) + rows))
-            nodes = 2 * len(multipliers) - 1  # of a binary tree with so many leaves
-            certificate = Certificate.from_arrays(np.reshape(raw["tree"], (nodes, -1)), multipliers)
-        witness = {name: np.reshape(raw[name], shape) for name, shape in POSTURE.items() if raw[name] is not None}
-        return LabelledPosture(
-            problem=problem,
-            status=Status(raw["label"]),
-            posture=Posture(**witness) if witness else None,
-            point=None if raw["point"] is None else np.reshape(raw["point"], (-1, 6)),
-            certificate=certificate,
-            **{name: raw[name] for name in ("shard", "row", "sample", "trivial", "lower_bound", "solves", "nodes")},
-        )
+        return row_of(raw, self._robot)
 
     def _read(self, index: int, decode: Callable[[dict[str, Any]], Read]) -> Read:
         """What ``decode`` makes of the columns of one row."""
@@ -300,28 +247,3 @@ class Dataset:
 def _is_test(problem: str) -> bool:
     """Whether the problem, as a shard has it, is of the part "test"."""
     return int.from_bytes(hashlib.sha256(problem.encode()).digest()[:8], "big") % TEST_SHARE == 0
-
-
-def table_of(rows: Sequence[LabelledPosture], contacts: int) -> pa.Table:
-    """The rows as a shard's table."""
-    schema = shard_schema(contacts)
-    return pa.Table.from_arrays([_arrow([_cell(row, f.name) for row in rows], f.type) for f in schema], schema=schema)
-
-
-def _cell(row: LabelledPosture, name: str) -> Any:
-    if name == "problem":
-        return json.dumps(row.problem.to_json(), separators=(",", ":"))
-    if name == "label":
-        return str(row.status)
-    if name in POSTURE:
-        return None if row.posture is None else getattr(row.posture, name).ravel()
-    if name in ("tree", "multipliers"):
-        return None if row.certificate is None else getattr(row.certificate, name).ravel()
-    value = getattr(row, name)
-    return value.ravel() if name == "point" and value is not None else value
-
-
-def _arrow(values: list[Any], kind: pa.DataType) -> pa.Array:
-    if isinstance(kind, pa.FixedShapeTensorType):
-        return pa.ExtensionArray.from_storage(kind, pa.array(values, kind.storage_type))
-    return pa.array(values, kind)

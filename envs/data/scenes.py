@@ -11,7 +11,8 @@ from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
 
 from ..scenes import Scene
-from .dataset import Dataset, LabelledPosture, Part
+from .dataset import Dataset, Part
+from .labelled_posture import LabelledPosture
 
 
 def scenes_of(dataset: Dataset) -> list[Scene]:

@@ -18,7 +18,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.envs.data.dataset import Dataset, LabelledPosture
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.labelled_posture import LabelledPosture
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.envs.scenes import Scene, SceneKind
 from stancekit.envs.selection import EnvelopeSelectionEnv

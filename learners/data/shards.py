@@ -15,7 +15,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from stancekit.envs.data import ledger
-from stancekit.envs.data.dataset import LabelledPosture, table_of
+from stancekit.envs.data.labelled_posture import LabelledPosture, table_of
 from stancekit.envs.data.ledger import Counts, Header, LabelPlan, Shard, Tally
 from stancekit.envs.distributions.postures import Distribution, distribution
 from stancekit.planners.answer.outcome import Outcome, Posture, Status

@@ -13,7 +13,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from stancekit.envs.data import dataset, ledger
-from stancekit.envs.data.dataset import Dataset, LabelledPosture
+from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.labelled_posture import LabelledPosture, table_of
 from stancekit.envs.data.ledger import LabelPlan
 from stancekit.learners.data import shards
 from stancekit.learners.data.labelling import label
@@ -51,7 +52,7 @@ def test_what_was_labelled_is_what_is_read(tmp_path: Path, monkeypatch: pytest.M
 
     def spy(rows: list[LabelledPosture], contacts: int) -> pa.Table:
         written.extend(rows)
-        return dataset.table_of(rows, contacts)
+        return table_of(rows, contacts)
 
     monkeypatch.setattr(shards, "table_of", spy)
     label(PLAN, tmp_path)
