@@ -17,6 +17,8 @@ SPEED_SHARE = 0.9
 """Of their greatest velocity that joints in the air are led with."""
 RAMP_S, PAUSE_S = 0.06, 0.2
 """Times in which such a joint comes to that velocity, and in which a motion that waits for it comes to rest."""
+LATE_RAD = 1e-6
+"""A leg with a joint that is farther from where it should be is late."""
 
 
 class SwingSpeed:
@@ -25,18 +27,38 @@ class SwingSpeed:
 
     def __init__(self, kinematics: Kinematics, velocity_rad_s: Array, period_s: float) -> None:
         self._kinematics, self._most, self._period_s = kinematics, SPEED_SHARE * velocity_rad_s, period_s
+        self._wanted: Array | None = None
         self.pace = 1.0
 
     def led(self, before: Array, rates: Array, angles: Array, air: NDArray[np.bool_]) -> Array:
         """The next angles on the way to these, shape (J,). before, rates: the last, with their velocities; air: which
-        legs are there, shape (N,)."""
-        turns = angles - before
-        now, use = (self._used(velocity) for velocity in (rates, turns / self._period_s))
-        share = np.minimum(1.0, now + self._period_s / RAMP_S) / np.maximum(use, 1e-9)
-        share = np.where(air, np.minimum(1.0, share), 1.0)
-        change = self._period_s / PAUSE_S
-        self.pace = min(max(self.pace + (-change if (share < 1.0).any() else change), 0.0), 1.0)
-        return np.asarray(before + self._kinematics.of_joints(share) * turns)
+        legs are there, shape (N,).
+
+        A leg that is where it should be goes with what it follows; one that is elsewhere comes there, braking in time,
+        and neither turns faster, nor changes how fast it turns by more in a period, than ``RAMP_S`` lets it.
+        """
+        period = self._period_s
+        follows = np.zeros_like(angles) if self._wanted is None else (angles - self._wanted) / period
+        follows = follows * self._each(self._used(follows) <= 1.0)  # a jump is nothing to go along with
+        away = angles - before - period * follows
+        left = self._used(away)  # what is left of the way, in seconds at full speed
+        steps = np.ceil(0.5 * np.sqrt(1.0 + 8.0 * left * RAMP_S / period**2) - 0.5)  # periods in which it stops there
+        steps = np.maximum(1.0, steps)
+        closing = 1.0 / (steps * period) + 0.5 * (steps - 1.0) * period / RAMP_S / np.maximum(left, 1e-12)
+        velocity = follows + self._each(closing) * away
+        velocity = velocity / self._each(np.maximum(1.0, self._used(velocity)))
+        change = velocity - rates
+        change = change / self._each(np.maximum(1.0, self._used(change) * RAMP_S / period))
+        led = np.where(self._each(air) > 0.0, before + period * (rates + change), angles)
+        self._wanted = angles
+        late = self._kinematics.by_leg(np.abs(angles - led)).max(axis=1) > LATE_RAD
+        slower = period / PAUSE_S
+        self.pace = min(max(self.pace + (-slower if late.any() else slower), 0.0), 1.0)
+        return np.asarray(np.where(self._each(late) > 0.0, led, angles))
+
+    def _each(self, legs: Array | NDArray[np.bool_]) -> Array:
+        """What legs have, as their joints have it."""
+        return np.asarray(self._kinematics.of_joints(np.asarray(legs, dtype=np.float64)))
 
     def _used(self, velocity: Array) -> Array:
         """The share of what a leg can that it uses, shape (N,)."""

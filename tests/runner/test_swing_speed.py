@@ -47,13 +47,38 @@ def test_a_joint_that_is_asked_to_jump_comes_to_its_speed_softly_and_the_motion_
     speed = np.diff(np.array(path), axis=0)[:, 4:8] / PERIOD_S
     top = SPEED_SHARE * VELOCITY_RAD_S
     assert np.abs(speed).max() == pytest.approx(top)
-    assert np.diff(np.abs(speed[:, 0]), prepend=0.0).max() <= top * PERIOD_S / RAMP_S + 1e-9
+    assert np.abs(np.diff(speed[:, 0], prepend=0.0)).max() <= top * PERIOD_S / RAMP_S + 1e-9
+    assert speed.min(axis=0)[0] >= 0.0, "it brakes in time, and does not come back"
     np.testing.assert_allclose(speed[:, 2], -0.5 * speed[:, 0], atol=1e-12)
     np.testing.assert_array_equal(path[-1][4:8], goal[4:8])
     assert path[1][0] == 1.0, "a leg that stands is not led"
     assert min(paces) == 0.0
     assert paces[-1] == 1.0
     assert np.abs(np.diff(paces)).max() == pytest.approx(PERIOD_S / PAUSE_S)
+
+
+def test_a_leg_that_comes_from_elsewhere_goes_along_with_what_it_follows_and_then_the_motion_waits_no_more() -> None:
+    kinematics = Kinematics(hexapod())
+    swing = SwingSpeed(kinematics, np.full(24, VELOCITY_RAD_S), PERIOD_S)
+    times = PERIOD_S * np.arange(300)
+    wanted = np.zeros((300, 24))
+    wanted[:, 4] = 0.4 * np.sin(3.0 * times) + 0.8 * (times > 0.5)
+    path, rates, paces = [wanted[0]], np.zeros(24), list[float]()
+    for goal in wanted:
+        path.append(swing.led(path[-1], rates, goal, np.ones(6, dtype=bool)))
+        rates = (path[-1] - path[-2]) / PERIOD_S
+        paces.append(swing.pace)
+    sent = np.array(path[1:])[:, 4]
+    speed = np.diff(sent) / PERIOD_S
+    top = SPEED_SHARE * VELOCITY_RAD_S
+    assert np.abs(np.diff(speed)).max() <= top * PERIOD_S / RAMP_S + 1e-9
+    assert np.abs(speed).max() <= top + 1e-9
+    away = np.abs(sent - wanted[:, 4])
+    assert away[20:99].max() == 0.0
+    assert away[101] > 0.7
+    assert away[-1] == 0.0
+    assert min(paces) < 0.1
+    assert paces[99] == paces[-1] == 1.0
 
 
 def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures_are_far_apart(plan: Plan) -> None:
@@ -63,6 +88,8 @@ def test_no_joint_in_the_air_is_sent_faster_than_it_turns_where_a_plans_postures
     flies = np.repeat(air[1:] & air[:-1], 4, axis=1)
     sent = np.abs(np.diff(profile.angles_rad, axis=0))[flies] * 100.0
     assert 0.5 * SPEED_SHARE * VELOCITY_RAD_S < sent.max() <= SPEED_SHARE * VELOCITY_RAD_S + 1e-9
+    change = np.abs(np.diff(profile.angles_rad, n=2, axis=0))[flies[1:] & flies[:-1]] * 100.0**2
+    assert change.max() <= SPEED_SHARE * VELOCITY_RAD_S / RAMP_S + 1e-6
     assert profile.time_s[-1] >= motion.seconds - 0.02
 
 
