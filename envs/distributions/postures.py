@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, Protocol, cast, runtime_checkable
+from typing import TYPE_CHECKING, Any, Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -22,9 +22,11 @@ from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS
 from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.robot_file import BUILT_IN
 
-from .cut import CutDistribution, cut
 from .patches import FORWARD, UPWARD, leaning, plain_problem, triangle
 from .stance import FIVE_LEGS, LAW, Law, Stance, Standing, paper_stance
+
+if TYPE_CHECKING:
+    from .cut import CutDistribution
 
 
 @runtime_checkable
@@ -222,6 +224,8 @@ def composed(
     named = f"{name}-of-{robot.identity}" if robot.identity else name
     stance = standing.stance(law, legs)
     if law == "terrain":
+        from .cut import cut  # slow to import
+
         assert terrain is not None
         return cut(terrain, named, robot, legs, stance, friction)
     return PostureDistribution(

@@ -11,19 +11,18 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.posture import THREE_LEGS, TILT_LIMIT_RAD
 from stancekit.planners.robot import Limb, Robot, hexapod
-from stancekit.planners.robot.contact_robot import contact_robot, standing_toes
-from stancekit.planners.robot.polytope import Polytope
 from stancekit.planners.robot.robot_file import BUILT_IN, named_robot
-from stancekit.planners.robot.workspace_cache import workspaces_of
+
+if TYPE_CHECKING:
+    from stancekit.planners.robot.polytope import Polytope
 
 Law = Literal["ground", "wall", "terrain"]
 LAW = re.compile(r"(ground|wall|terrain)-([1-9]\d?)")
@@ -107,6 +106,9 @@ class Standing:
             return cls(
                 robot=default, toes_m=paper_stance(default.limbs, "ground").centre_m, reach_m=PAPER_REACH_M, paper=True
             )
+        from stancekit.planners.robot.contact_robot import contact_robot, standing_toes  # slow to import
+        from stancekit.planners.robot.workspace_cache import workspaces_of
+
         model = named_robot(robot)
         try:
             workspaces = workspaces_of(model)
@@ -154,6 +156,8 @@ class Standing:
 
 def _held(toes: Array) -> float:
     """How far inside the toes' hull, seen from above, the centre of mass is [m]; below 0 outside, or without a hull."""
+    from scipy.spatial import ConvexHull, QhullError  # slow to import
+
     if len(toes) < 3:
         return -float(np.linalg.norm(toes[:, :2].mean(axis=0)))
     try:
@@ -163,6 +167,8 @@ def _held(toes: Array) -> float:
 
 
 def _set_of(limb: Limb) -> Polytope:
+    from stancekit.planners.robot.polytope import Polytope  # slow to import
+
     assert limb.reach_rows is not None
     return Polytope(normals=limb.reach_rows.normals, offsets_m=limb.reach_rows.bounds_m)
 

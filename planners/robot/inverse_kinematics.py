@@ -13,7 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.spatial import cKDTree
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
@@ -78,6 +77,8 @@ class Seeds:
 
     def __init__(self, leg: Leg, angles: Array, *, tries: int = TRIES) -> None:
         """angles: postures all over the workspace, shape (K, n)."""
+        from scipy.spatial import cKDTree  # slow to import
+
         self.leg, self.angles, self.tries = leg, angles, min(tries, len(angles))
         self._tree = cKDTree(leg.chain.feet(angles), balanced_tree=False, compact_nodes=False)
 

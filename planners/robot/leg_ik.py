@@ -7,14 +7,17 @@ family of postures gives ``kinematics`` its seeds and what it is drawn to; it ne
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..files.arrays import Array
-from ..terrain.prism import Solid
 from .model import Robot
 from .rotation import rotation_of
 from .urdf import Servo, link_lengths, outward_rad
+
+if TYPE_CHECKING:
+    from ..terrain.prism import Solid
 
 Clearance = Callable[[Array], Array]
 SWIVELS_RAD = np.linspace(0.0, 2.0 * np.pi, 121)[:-1]

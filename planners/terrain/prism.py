@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull
 
 from ..files.arrays import Array
 from .patch import Patch
@@ -35,6 +34,8 @@ class Solid:
     @classmethod
     def of_corners(cls, corners: Array) -> Solid:
         """The convex hull of points, shape (K, 3) [m]."""
+        from scipy.spatial import ConvexHull  # slow to import
+
         hull = ConvexHull(corners)
         triangles, outwards = hull.simplices.astype(np.int_), hull.equations[:, :3]
         a, b, c = (corners[triangles[:, i]] for i in range(3))

@@ -183,6 +183,17 @@ def test_it_starts_without_what_only_some_verbs_need():
     assert run.stdout == "[]\n"
 
 
+def test_drawing_postures_of_the_default_robot_takes_nothing_that_is_slow_to_import():
+    """Scenes cut from terrains, legs of own robots and their workspaces are what needs scipy."""
+    slow = (*HEAVY, "numpy.f2py")
+    code = (
+        "import sys; from stancekit.cli.main import parse; assert parse(['sample', 'wall-3']).run() == 0\n"
+        f"print([name for name in {slow!r} if name in sys.modules and name != 'gymnasium'])"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines()[-1] == "[]"
+
+
 def test_a_plan_takes_nothing_that_is_slow_to_import_and_has_no_part_in_it(tmp_path):
     """Joints and bodies are judged by pinocchio and coal, hulls by scipy; planning needs none of them."""
     slow = ("cvxpy", "matplotlib", "typeguard", "asyncio", "stancekit.cli.gait")
