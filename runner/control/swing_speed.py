@@ -23,12 +23,12 @@ LATE_RAD = 1e-6
 
 class SwingSpeed:
     """Of one motion. velocity_rad_s: greatest of the joints, shape (J,). pace: how fast the motion's time goes, from 0
-    to 1."""
+    to 1. late: which legs are not yet where they should be, shape (N,)."""
 
     def __init__(self, kinematics: Kinematics, velocity_rad_s: Array, period_s: float) -> None:
         self._kinematics, self._most, self._period_s = kinematics, SPEED_SHARE * velocity_rad_s, period_s
         self._wanted: Array | None = None
-        self.pace = 1.0
+        self.pace, self.late = 1.0, np.zeros(len(kinematics.robot.limbs), dtype=bool)
 
     def led(self, before: Array, rates: Array, angles: Array, air: NDArray[np.bool_]) -> Array:
         """The next angles on the way to these, shape (J,). before, rates: the last, with their velocities; air: which
@@ -51,10 +51,10 @@ class SwingSpeed:
         change = change / self._each(np.maximum(1.0, self._used(change) * RAMP_S / period))
         led = np.where(self._each(air) > 0.0, before + period * (rates + change), angles)
         self._wanted = angles
-        late = self._kinematics.by_leg(np.abs(angles - led)).max(axis=1) > LATE_RAD
+        self.late = self._kinematics.by_leg(np.abs(angles - led)).max(axis=1) > LATE_RAD
         slower = period / PAUSE_S
-        self.pace = min(max(self.pace + (-slower if late.any() else slower), 0.0), 1.0)
-        return np.asarray(np.where(self._each(late) > 0.0, led, angles))
+        self.pace = min(max(self.pace + (-slower if self.late.any() else slower), 0.0), 1.0)
+        return np.asarray(np.where(self._each(self.late) > 0.0, led, angles))
 
     def _each(self, legs: Array | NDArray[np.bool_]) -> Array:
         """What legs have, as their joints have it."""

@@ -148,14 +148,15 @@ class Tracker:
         now, then = self._motion.at(self._time_s), self.coming
         felt, wanted = (np.einsum("ij,ij->i", forces, then.normals) for forces in (forces_n, then.forces_n))
         stands, lands = np.array(then.foothold) >= 0, np.array(now.foothold) < 0
-        missing = stands & (lands | (wanted > 4.0 * self._feedback.touch_n))
+        late = lands & stands & self._swing.late & self._feedback.waits
+        missing = stands & ~late & (lands | (wanted > 4.0 * self._feedback.touch_n))
         missing &= (felt < self._feedback.touch_n) & (self._depth < self._feedback.seek_m)
         landing = missing & lands & self._feedback.waits
         self._depth = np.where(missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth)
         self._depth = np.where(stands, self._depth, FADES * self._depth)
         self._anchor(now, then, felt)
         self._press(then, forces_n, stands)
-        if landing.any():
+        if landing.any() or late.any():
             return self._target(now)
         self._time_s += self._swing.pace * self._period_s
         return self._target(then)
