@@ -28,6 +28,7 @@ MAKE = (
     "solve postures.jsonl --certificate --out answers.jsonl",
     "plan stairs --out climb.json",
     "label wall-3 rows --feasible 100 --infeasible 100",
+    "label wall-3 test --feasible 100 --infeasible 100 --seed 1",
     "fit rows --method quantile --out box.json",
 )
 """What is there before anything is timed."""
@@ -38,7 +39,7 @@ COMMANDS = {
     "solve": "solve postures.jsonl --certificate",
     "verify": "verify postures.jsonl answers.jsonl",
     "label": "label wall-3 again --feasible 100 --infeasible 100",
-    "evaluate": "evaluate rows --selector box.json",
+    "evaluate": "evaluate test --selector box.json",
     "plan stairs": "plan stairs --out again.json",
     "plan icy-walls": "plan icy-walls --out again.json",
     "simulate": "simulate climb.json",

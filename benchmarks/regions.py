@@ -32,7 +32,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course import Course
 from stancekit.planners.projection.project import SURFACE, project
 from stancekit.planners.relaxation.lift import LiftProgram
-from stancekit.planners.search.answer import Acceptance, plan_of
+from stancekit.planners.search.answer import Acceptance, Claim, plan_of
 from stancekit.planners.search.clock import Clock
 from stancekit.planners.search.decoupled import DecoupledPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
@@ -64,10 +64,10 @@ class Peer:
         """HiGHS: planes within the cones for a plan, then planes about them for a refutation. SCIP: the cones."""
         clock, scaled = Clock.start(), Scaled.of(course)
         mixed = region_peers.Mixed.of(self._programs.get(LiftProgram, scaled.layout, False, False), scaled)
-        plan, claim, message = None, "", ""
+        plan, word, message = None, "", ""
         for said in self._said(mixed):
             clock.count(1, said.seconds)
-            claim = said.label
+            word = said.label
             if said.x is not None:
                 choice, start = rounded(mixed, scaled, said.x)
                 point = project(self._programs, "scp", scaled.chosen(choice), start)
@@ -76,12 +76,11 @@ class Peer:
                 message = "" if found else "P2 found no plan"
                 made = {"planner": self.name}
                 plan = plan_of(course, scaled, choice, point, provenance=made) if found else None
-            if plan is not None or claim == "infeasible":
+            if plan is not None or word == "infeasible":
                 break
-        return Acceptance().plan_outcome(
-            course, method=self.name, clock=clock, plan=plan, claim=claim, message=message,
-            details={"projected": float(claim == "feasible")},
-        )  # fmt: skip
+        details = {"projected": float(word == "feasible")}
+        claim = Claim(found=plan, word=word, message=message, details=details)
+        return Acceptance().plan_outcome(course, claim, method=self.name, clock=clock)
 
     def _said(self, mixed: region_peers.Mixed) -> Any:
         if self.name == "scip":

@@ -38,7 +38,7 @@ from stancekit.planners.problem import PostureProblem
 from stancekit.planners.projection.project import project
 from stancekit.planners.relaxation.envelope import Envelope
 from stancekit.planners.relaxation.mccormick import McCormick
-from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.answer import Acceptance, Claim
 from stancekit.planners.search.exact import ExactPlanner
 
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
@@ -145,8 +145,8 @@ class BareLoop:
             if answer.feasible and answer.point is not None:
                 point = project(self._programs, "fix-p", scaled, answer.point)
                 if np.isfinite(point.residual):
-                    found = scaled.posture(point)
-                    self._acceptance.outcome(scene.problem, method="fix-p", begin=0.0, posture=found)
+                    claim = Claim(found=scaled.posture(point))
+                    self._acceptance.outcome(scene.problem, claim, method="fix-p", begin=0.0)
 
 
 def rates(arguments: Arguments) -> dict[str, float]:

@@ -22,7 +22,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.projection.project import Projection, project
 from stancekit.planners.relaxation.joint import RelaxationName
 from stancekit.planners.relaxation.lift import solve_lift
-from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.answer import Acceptance, Claim
 
 from ..data.executor import Executor, gather, processes
 from ..selectors.own import ANY
@@ -231,8 +231,8 @@ def _lifted(projections: tuple[Projection, ...], scenes: Sequence[Scene]) -> lis
             if admits and scene.feasible:
                 point = project(programs, way, scaled, lift.rounded()[1])
                 if np.isfinite(point.residual):
-                    posture = scaled.posture(point)
-                    outcome = acceptance.outcome(scene.problem, method=way, begin=0.0, posture=posture)
+                    claim = Claim(found=scaled.posture(point))
+                    outcome = acceptance.outcome(scene.problem, claim, method=way, begin=0.0)
                     reached = outcome.status is Status.FEASIBLE
             info[_key(way)] = int(reached)
         infos.append(info)

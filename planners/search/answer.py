@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, field
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from ..problem import PostureProblem
 from ..problem.course import Course
 from ..verify import check_certificate, check_plan, check_posture
 from .clock import Clock
+
+Evidence = TypeVar("Evidence", Posture, Plan)
 
 
 class Planner(Protocol):
@@ -39,6 +41,21 @@ class CoursePlanner(Protocol):
         ...
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Claim(Generic[Evidence]):
+    """What a planner says of a problem, before anybody believes it.
+
+    found: a posture, or a plan. certificate: that there is none. word: its verdict in its own word, e.g. a solver's
+    "optimal". message: why it has neither, or what else is to be known. details: its figures, by name.
+    """
+
+    found: Evidence | None = None
+    certificate: Certificate | None = None
+    word: str = ""
+    message: str = ""
+    details: Mapping[str, float] = field(default_factory=dict)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Acceptance:
     """When a claim is accepted.
@@ -51,33 +68,23 @@ class Acceptance:
     gap: float = 1e-4
 
     def outcome(
-        self,
-        problem: PostureProblem,
-        *,
-        method: str,
-        begin: float,
-        posture: Posture | None = None,
-        certificate: Certificate | None = None,
-        solves: int = 0,
-        claim: str = "",
-        message: str = "",
-        details: Mapping[str, float] | None = None,
+        self, problem: PostureProblem, claim: Claim[Posture], *, method: str, begin: float, solves: int = 0
     ) -> Outcome:
         """Feasible if the posture is verified, infeasible if the certificate is, else undecided.
 
         begin: ``time.perf_counter()`` when the work on the problem began.
         """
-        status, lower_bound = Status.UNDECIDED, 0.0
+        status, lower_bound, message = Status.UNDECIDED, 0.0, claim.message
         residual = residual_nm = float("nan")
-        if posture is not None:
-            report = check_posture(problem, posture, tolerance=self.tolerance)
+        if claim.found is not None:
+            report = check_posture(problem, claim.found, tolerance=self.tolerance)
             residual, residual_nm = report.worst, report.residual_nm
             if report.accepted:
                 status = Status.FEASIBLE
             else:
                 message = message or f"witness refused: {report.message}"
-        if certificate is not None and status is Status.UNDECIDED:
-            proof = check_certificate(problem, certificate, tolerance=self.gap)
+        if claim.certificate is not None and status is Status.UNDECIDED:
+            proof = check_certificate(problem, claim.certificate, tolerance=self.gap)
             lower_bound = proof.lower_bound
             if proof.accepted:
                 status, message = Status.INFEASIBLE, ""
@@ -86,63 +93,58 @@ class Acceptance:
         return Outcome(
             status=status,
             method=method,
-            posture=posture if status is Status.FEASIBLE else None,
-            certificate=certificate if status is Status.INFEASIBLE else None,
+            posture=claim.found if status is Status.FEASIBLE else None,
+            certificate=claim.certificate if status is Status.INFEASIBLE else None,
             residual=residual,
             residual_nm=residual_nm,
             lower_bound=lower_bound,
             solves=solves,
             seconds=time.perf_counter() - begin,
-            claim=claim,
+            claim=claim.word,
             message=message,
-            details=dict(details or {}),
+            details=dict(claim.details),
         )
 
     def plan_outcome(
-        self,
-        course: Course,
-        *,
-        method: str,
-        clock: Clock,
-        plan: Plan | None = None,
-        certificate: Certificate | None = None,
-        bound: float = float("nan"),
-        claim: str = "",
-        message: str = "",
-        details: Mapping[str, float] | None = None,
+        self, course: Course, claim: Claim[Plan], *, method: str, clock: Clock, bound: float = float("nan")
     ) -> PlanOutcome:
-        """Feasible if the plan is verified, infeasible if the certificate is, else undecided."""
-        status, residual, kept, begin = Status.UNDECIDED, float("nan"), None, clock.elapsed()
-        if plan is not None:
-            report = check_plan(plan, tolerance=self.tolerance, between=False)  # convexity proves the way between
+        """Feasible if the plan is verified, infeasible if the certificate is, else undecided.
+
+        bound: on the objective of any plan, proved.
+        """
+        status, residual, begin, message = Status.UNDECIDED, float("nan"), clock.elapsed(), claim.message
+        if claim.found is not None:
+            report = check_plan(
+                claim.found, tolerance=self.tolerance, between=False
+            )  # convexity proves the way between
             residual = report.worst
             if report.accepted:
-                status, kept = Status.FEASIBLE, plan
+                status = Status.FEASIBLE
             else:
                 message = message or f"plan refused: {report.message}"
-        if certificate is not None and kept is None:
-            proof = check_certificate(course, certificate, tolerance=0.0)
+        if claim.certificate is not None and status is Status.UNDECIDED:
+            proof = check_certificate(course, claim.certificate, tolerance=0.0)
             if proof.accepted:
                 status, bound, message = Status.INFEASIBLE, float("inf"), proof.message
             else:
                 message = message or f"certificate refused: {proof.message}"
-        seconds = clock.elapsed()
+        plan, seconds = claim.found if status is Status.FEASIBLE else None, clock.elapsed()
         return PlanOutcome(
             status=status,
             method=method,
-            plan=kept,
-            objective=objective_of(kept) if kept is not None else float("nan"),
+            plan=plan,
+            objective=objective_of(plan) if plan is not None else float("nan"),
             bound=bound,
-            certificate=certificate if status is Status.INFEASIBLE else None,
+            certificate=claim.certificate if status is Status.INFEASIBLE else None,
             residual=residual,
             solves=clock.solves,
             compile_s=clock.compile_s,
             seconds=seconds - clock.compile_s,
             solver_seconds=clock.solver_s,
             verifier_seconds=seconds - begin,
-            claim=claim,
+            claim=claim.word,
             message=message,
-            details=dict(details or {}),
+            details=dict(claim.details),
         )
 
 

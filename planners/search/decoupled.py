@@ -20,7 +20,7 @@ from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, FreeToes, Given
 from ..problem.course import Course
 from ..projection.project import project
-from .answer import Acceptance, plan_of
+from .answer import Acceptance, Claim, plan_of
 from .clock import Clock
 from .cuts import LEAF, alone
 
@@ -82,7 +82,7 @@ class DecoupledPlanner:
         solution, choice, point = self._place(scaled, clock)
         if solution.status is ConicStatus.INFEASIBLE:
             proof = Certificate(tree=np.array([LEAF]), multipliers=multipliers(scaled.layout, solution)[None])
-            return self.acceptance.plan_outcome(course, method=self.name, clock=clock, certificate=proof)
+            return self.acceptance.plan_outcome(course, Claim(certificate=proof), method=self.name, clock=clock)
         bound = solution.bound * course.length_scale_m**2 if solution.solved else float("nan")
         chosen = scaled.chosen(choice)
         if scaled.options > 1 and solution.solved:
@@ -98,9 +98,8 @@ class DecoupledPlanner:
                 message += f": {self._worst_stance(course, chosen, placed)}"
         if point.residual <= 0.5 * self.acceptance.tolerance:
             plan, message = plan_of(course, scaled, choice, point, provenance={"planner": self.name}), ""
-        return self.acceptance.plan_outcome(
-            course, method=self.name, clock=clock, plan=plan, bound=bound, message=message, details=details
-        )
+        claim = Claim(found=plan, message=message, details=details)
+        return self.acceptance.plan_outcome(course, claim, method=self.name, clock=clock, bound=bound)
 
     def _place(self, scaled: Scaled, clock: Clock) -> tuple[ConicSolution, Index, Point]:
         found = self.programs.get(Positions, scaled.layout).solve(scaled)

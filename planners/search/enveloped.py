@@ -28,7 +28,7 @@ from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.mccormick import Axes, McCormick
 from ..relaxation.modes import Modes, allowed_boxes, composed, modes_of_frames
 from ..relaxation.relaxed import RelaxationAnswer
-from .answer import Acceptance, plan_of
+from .answer import Acceptance, Claim, plan_of
 from .clock import Clock
 from .cuts import alone
 from .two_stage import TwoStageCoursePlanner
@@ -91,10 +91,9 @@ class EnvelopeCoursePlanner:
             message = f"P1 misses the envelope by {details['margin']:.3g}; over a learned box that is no proof"
         elif search.solved_none:
             message = message or "P1 has no answer for any choice of boxes; over learned ones that is no proof"
-        return self.acceptance.plan_outcome(
-            course, method=self.name, clock=clock, plan=plan, message=message, details=details,
-            claim="" if plan is not None else "infeasible" if search.solved_none else "",
-        )  # fmt: skip
+        word = "infeasible" if plan is None and search.solved_none else ""
+        claim = Claim(found=plan, word=word, message=message, details=details)
+        return self.acceptance.plan_outcome(course, claim, method=self.name, clock=clock)
 
     def margin(self, scaled: Scaled, box: Envelope, clock: Clock | None = None) -> RelaxationAnswer:
         """The signed margin of P1 over one box a contact, all open candidates allowed."""

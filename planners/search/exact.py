@@ -28,7 +28,7 @@ from ..problem.course import Course
 from ..projection.descent import cost, improved
 from ..projection.project import SURFACE, project
 from ..relaxation.lift import LiftAnswer, solve_lift
-from .answer import Acceptance, plan_of
+from .answer import Acceptance, Claim, plan_of
 from .choice import LEAST, ChoiceSearch
 from .clock import Clock
 from .cuts import CutSearch, bent_patches, branch
@@ -76,16 +76,13 @@ class ExactPlanner:
         begin = time.perf_counter()
         scaled = Scaled.of(problem)
         search = self.search(scaled, root=root)
-        return self.acceptance.outcome(
-            problem,
-            method=self.name,
-            begin=begin,
-            posture=None if search.found is None else scaled.posture(search.found[1]),
+        claim = Claim(
+            found=None if search.found is None else scaled.posture(search.found[1]),
             certificate=search.certificate(),
-            solves=search.solves,
             message=search.stopped,
             details={"nodes": float(search.nodes), "trivial": float(search.trivial)},
         )
+        return self.acceptance.outcome(problem, claim, method=self.name, begin=begin, solves=search.solves)
 
     def search(self, scaled: Scaled, *, root: LiftAnswer | None = None) -> CutSearch:
         """The search that ``solve`` has the claim of verified, when it has run. root: as for ``solve``."""
@@ -141,16 +138,14 @@ class ExactCoursePlanner:
             if found is not None:  # the solver refuted, by its tolerance, a part that has a plan
                 upper, lower = cost(scaled.chosen(found[0]), found[1]), head.bound
                 stopped = "the search for the best plan lost this one"
-        plan, claim = None, "" if stopped or proof is not None else "infeasible"
+        plan, word = None, "" if stopped or proof is not None else "infeasible"
         if found is not None:
             plan = plan_of(course, scaled, *found, provenance={"planner": self.name, "gap": self.gap})
             details["gap"] = max(0.0, upper - lower) / max(upper, LEAST)
-            claim = "" if stopped else "optimal"
-        bound = float("nan") if claim == "infeasible" else lower * course.length_scale_m**2
-        return self.acceptance.plan_outcome(
-            course, method=self.name, clock=clock, plan=plan, certificate=proof, bound=bound, claim=claim,
-            message=stopped, details=details,
-        )  # fmt: skip
+            word = "" if stopped else "optimal"
+        bound = float("nan") if word == "infeasible" else lower * course.length_scale_m**2
+        claim = Claim(found=plan, certificate=proof, word=word, message=stopped, details=details)
+        return self.acceptance.plan_outcome(course, claim, method=self.name, clock=clock, bound=bound)
 
 
 @dataclass(kw_only=True, eq=False)

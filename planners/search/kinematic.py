@@ -35,7 +35,7 @@ from ..projection.project import project
 from ..terrain.patch import Patch
 from ..terrain.polygon import half_planes
 from ..verify import check_plan
-from .answer import Acceptance, plan_of
+from .answer import Acceptance, Claim, plan_of
 from .clock import Clock
 
 Choice = Literal["l1", "mip"]
@@ -101,10 +101,9 @@ class KinematicPlanner:
         placed, message = self.place(course, clock)
         details = {"placed": float(placed is not None), "place_s": clock.elapsed(), "cpu_s": time.process_time() - cpu}
         if placed is None:
-            claim = "infeasible" if message == "infeasible" and self.choice == "mip" else "unknown"
-            return self.acceptance.plan_outcome(
-                course, method=self.name, clock=clock, claim=claim, message=f"kinematics: {message}", details=details
-            )
+            word = "infeasible" if message == "infeasible" and self.choice == "mip" else "unknown"
+            claim = Claim[Plan](word=word, message=f"kinematics: {message}", details=details)
+            return self.acceptance.plan_outcome(course, claim, method=self.name, clock=clock)
         details["tried"] = float(placed.tried)
         plan, as_planned, said = None, False, "there is no body in the plan"
         if placed.com_m is not None:
@@ -115,9 +114,8 @@ class KinematicPlanner:
         if not as_planned:
             plan = self._with_forces(course, placed, hold_body=False)
             details["freed"] = float(check_plan(plan).accepted)
-        return self.acceptance.plan_outcome(
-            course, method=self.name, clock=clock, plan=plan, claim="feasible", message=said, details=details
-        )
+        claim = Claim(found=plan, word="feasible", message=said, details=details)
+        return self.acceptance.plan_outcome(course, claim, method=self.name, clock=clock)
 
     def _choices(self, model: _Model, clock: Clock) -> Iterator[Index]:
         if self.choice == "l1":

@@ -28,7 +28,7 @@ from ..relaxation.domain import domain_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.grid import Breaks, axes_of, cell_error, meet, of_several_frames, unit_domain
 from ..relaxation.micp import SOLVERS, Grid, MicpProgram, cones_of, of_layout
-from .answer import Acceptance, plan_of
+from .answer import Acceptance, Claim, plan_of
 from .clock import Clock
 
 
@@ -96,17 +96,15 @@ class MicpPlanner:
             message = (
                 message or f"{self.solver} says {answer.claim}; neither a certificate nor toes that hold came with it"
             )
-        said: dict[str, Any] = {"claim": answer.claim, "message": message, "details": details}
+        said: dict[str, Any] = {"word": answer.claim, "message": message, "details": details}
         if isinstance(problem, PostureProblem):
-            posture = None if point is None else scaled.posture(point)
-            return self.acceptance.outcome(
-                problem, method=self.name, begin=clock.begin, posture=posture, solves=clock.solves, **said
-            )
+            claim = Claim(found=None if point is None else scaled.posture(point), **said)
+            return self.acceptance.outcome(problem, claim, method=self.name, begin=clock.begin, solves=clock.solves)
         plan: Plan | None = None
         if point is not None and answer.choice is not None:
             made = {"planner": self.name, "solver": self.solver, "projection": self.projection}
             plan = plan_of(problem, scaled, answer.choice, point, provenance=made)
-        return self.acceptance.plan_outcome(problem, method=self.name, clock=clock, plan=plan, **said)
+        return self.acceptance.plan_outcome(problem, Claim(found=plan, **said), method=self.name, clock=clock)
 
     def program(self, problem: PostureProblem | Course) -> MicpProgram:
         """The program of a problem; postures of one layout share one, which then has the numbers of this one."""

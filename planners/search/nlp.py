@@ -16,7 +16,7 @@ from ..problem.course import Course
 from ..projection.nlp import NlpProgram
 from ..projection.project import SURFACE
 from ..relaxation.lift import solve_lift
-from .answer import Acceptance, plan_of
+from .answer import Acceptance, Claim, plan_of
 from .choice import nearest
 from .clock import Clock
 
@@ -68,27 +68,25 @@ class NlpPlanner:
             program = self._programs.get(
                 NlpProgram, chosen.layout, scaled.weights is None, self.max_iterations, self.time_limit_s / count
             )
-        best, claim, tried = None, "", 0
+        best, word, tried = None, "", 0
         for start in self._starting(chosen, count):
             if tried and clock.working() > self.time_limit_s:
                 break
-            point, claim = program.attempt(self._programs, chosen, start)
+            point, word = program.attempt(self._programs, chosen, start)
             tried += 1
             clock.count(1, point.seconds)
             if np.isfinite(point.residual) and (best is None or point.residual < best.residual):
                 best = point
             if best is not None and best.residual <= max(SURFACE, 0.5 * self.acceptance.tolerance):
                 break
-        message = "" if best is not None else f"no witness from {tried} starts; IPOPT said {claim}"
-        said: dict[str, Any] = {"claim": claim, "message": message, "details": {"starts": float(tried)}}
+        message = "" if best is not None else f"no witness from {tried} starts; IPOPT said {word}"
+        said: dict[str, Any] = {"word": word, "message": message, "details": {"starts": float(tried)}}
         if isinstance(problem, PostureProblem):
-            posture = None if best is None else scaled.posture(best)
-            return self.acceptance.outcome(
-                problem, method=self.name, begin=clock.begin, posture=posture, solves=tried, **said
-            )
+            claim = Claim(found=None if best is None else scaled.posture(best), **said)
+            return self.acceptance.outcome(problem, claim, method=self.name, begin=clock.begin, solves=tried)
         made = {"planner": self.name, "start": self.start}
         plan = None if best is None else plan_of(problem, scaled, choice, best, provenance=made)
-        return self.acceptance.plan_outcome(problem, method=self.name, clock=clock, plan=plan, **said)
+        return self.acceptance.plan_outcome(problem, Claim(found=plan, **said), method=self.name, clock=clock)
 
     def _starting(self, chosen: Scaled, count: int) -> list[Point]:
         starts = starting_points(chosen, count, seed=self.seed)

@@ -15,7 +15,7 @@ from ..relaxation.envelope import EnvelopeSet
 from ..relaxation.lift import LiftAnswer, solve_lift
 from ..relaxation.mccormick import McCormick
 from ..relaxation.relaxed import RelaxationAnswer
-from .answer import Acceptance
+from .answer import Acceptance, Claim
 from .cuts import LEAF
 
 
@@ -54,9 +54,8 @@ class TwoStagePlanner:
         lift = solve_lift(self._programs, scaled, least_moment=True) if self.envelopes is None else None
         answer = self._relax(scaled) if lift is None else as_relaxation(lift)
         if not answer.known:
-            return self.acceptance.outcome(
-                problem, method=self.name, begin=begin, solves=answer.solves, message="the relaxation was not solved"
-            )
+            claim = Claim[Posture](message="the relaxation was not solved")
+            return self.acceptance.outcome(problem, claim, method=self.name, begin=begin, solves=answer.solves)
         details = {"margin": answer.margin, "gap": answer.gap, "chosen": float(answer.chosen)}
         if not (answer.feasible if lift is None else answer.margin <= self.acceptance.gap) or answer.point is None:
             return self._refuse(problem, scaled, begin, lift, answer.solves, details)
@@ -65,16 +64,9 @@ class TwoStagePlanner:
             point = project(self._programs, self.projection, scaled, answer.point)
             solves += point.solves
         posture = None if self.projection and np.isinf(point.residual) else _posture(scaled, point)
-        return self.acceptance.outcome(
-            problem,
-            method=self.name,
-            begin=begin,
-            posture=posture,
-            solves=solves,
-            claim="feasible",
-            message="" if posture is not None else f"{self.projection} found no answer from P1's point",
-            details=details,
-        )
+        message = "" if posture is not None else f"{self.projection} found no answer from P1's point"
+        claim = Claim(found=posture, word="feasible", message=message, details=details)
+        return self.acceptance.outcome(problem, claim, method=self.name, begin=begin, solves=solves)
 
     def _relax(self, scaled: Scaled) -> RelaxationAnswer:
         assert self.envelopes is not None
@@ -94,16 +86,9 @@ class TwoStagePlanner:
             lift, solves = solve_lift(self._programs, scaled, least_moment=True), solves + 1
         proof = lift is not None and lift.solved and lift.bound > self.acceptance.gap
         certificate = Certificate(tree=np.array([LEAF]), multipliers=lift.multipliers[None]) if lift and proof else None
-        return self.acceptance.outcome(
-            problem,
-            method=self.name,
-            begin=begin,
-            certificate=certificate,
-            solves=solves,
-            claim="infeasible",
-            message="" if certificate else "the relaxation is infeasible; over a learned box that is no proof",
-            details=details,
-        )
+        message = "" if certificate else "the relaxation is infeasible; over a learned box that is no proof"
+        claim = Claim[Posture](certificate=certificate, word="infeasible", message=message, details=details)
+        return self.acceptance.outcome(problem, claim, method=self.name, begin=begin, solves=solves)
 
 
 def as_relaxation(lift: LiftAnswer) -> RelaxationAnswer:

@@ -23,7 +23,7 @@ from ..projection.project import Projection, project
 from ..relaxation.domain import domain_of, toe_ranges
 from ..relaxation.envelope import Envelope
 from ..relaxation.mccormick import McCormick
-from .answer import Acceptance
+from .answer import Acceptance, Claim
 
 REFUTED_MARGIN = 1e-6
 """A box is refuted where P1's margin exceeds this: a hundred times the solver's tolerance."""
@@ -132,7 +132,7 @@ class BoxSearch:
         if not point.residual <= self._acceptance.tolerance:
             return None
         posture = self._scaled.posture(point)
-        outcome = self._acceptance.outcome(self._problem, method=self._projection, begin=0.0, posture=posture)
+        outcome = self._acceptance.outcome(self._problem, Claim(found=posture), method=self._projection, begin=0.0)
         return outcome.posture
 
 

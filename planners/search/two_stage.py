@@ -22,7 +22,7 @@ from ..files.arrays import checked
 from ..problem.course import Course
 from ..projection.descent import improved
 from ..projection.project import PROJECTIONS, STEPS, SURFACE, Projection, project
-from .answer import Acceptance, plan_of
+from .answer import Acceptance, Claim, plan_of
 from .choice import ChoiceSearch, Limits
 from .clock import Clock
 from .cuts import PROVABLE, CutSearch
@@ -79,10 +79,10 @@ class TwoStageCoursePlanner:
         if found is not None:
             made = {"planner": self.name, "projection": self.projection, "p1": "lift"}
             plan = plan_of(course, scaled, *found, provenance=made)
+        claim, bound = Claim(found=plan, certificate=proof, message=message, details=details), search.bound
         return self.acceptance.plan_outcome(
-            course, method=self.name, clock=clock, plan=plan, certificate=proof,
-            bound=search.bound * course.length_scale_m**2, message=message, details=details,
-        )  # fmt: skip
+            course, claim, method=self.name, clock=clock, bound=bound * course.length_scale_m**2
+        )
 
     def search(self, scaled: Scaled, clock: Clock) -> ChoiceSearch:
         """The search over the patches of one course, run."""

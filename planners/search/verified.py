@@ -19,7 +19,7 @@ from ..files.validation import shown
 from ..plugins import foreign
 from ..problem import PostureProblem
 from ..problem.course import Course
-from .answer import Acceptance
+from .answer import Acceptance, Claim
 from .clock import Clock
 
 Evidence = TypeVar("Evidence", Posture, Certificate, Plan)
@@ -45,9 +45,8 @@ class VerifiedPlanner:
         raises."""
         begin, where = time.perf_counter(), f"method {self.name}"
         posture, certificate, rest = _asked(self._planner, problem, where, Outcome, Posture)
-        return self._acceptance.outcome(
-            problem, method=self.name, begin=begin, posture=posture, certificate=certificate, **rest
-        )
+        solves, claim = rest.pop("solves", 0), Claim(found=posture, certificate=certificate, **rest)
+        return self._acceptance.outcome(problem, claim, method=self.name, begin=begin, solves=solves)
 
 
 class VerifiedCoursePlanner:
@@ -63,9 +62,8 @@ class VerifiedCoursePlanner:
         """As ``VerifiedPlanner.solve``."""
         clock, where = Clock.start(), f"planner {self.name}"
         plan, certificate, rest = _asked(self._planner, course, where, PlanOutcome, Plan, course=course)
-        return self._acceptance.plan_outcome(
-            course, method=self.name, clock=clock, plan=plan, certificate=certificate, **rest
-        )
+        claim = Claim(found=plan, certificate=certificate, **rest)
+        return self._acceptance.plan_outcome(course, claim, method=self.name, clock=clock)
 
 
 def _asked(
@@ -112,8 +110,8 @@ def _taken(kind: type[Evidence], found: Any, where: str, **given: Any) -> Eviden
 
 def _told(found: Outcome | PlanOutcome, where: str) -> dict[str, str]:
     """What an outcome says of itself, as text. Raises InvalidInput, ValueError."""
-    claim = _text(found.claim, where) or Status(found.status).value
-    return {"claim": claim, "message": _text(found.message, where)}
+    word = _text(found.claim, where) or Status(found.status).value
+    return {"word": word, "message": _text(found.message, where)}
 
 
 def _text(value: Any, where: str) -> str:

@@ -16,7 +16,7 @@ from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.lift import LiftProgram
 from stancekit.planners.relaxation.mccormick import McCormick
 from stancekit.planners.search import posture
-from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.answer import Acceptance, Claim
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.methods import METHODS, PlannerOptions, make_planner
 from stancekit.planners.search.posture import TwoStagePlanner
@@ -181,12 +181,12 @@ def test_no_claim_is_believed(truth):
     infeasible = [(p, o) for p, o in truth if 1e-3 < o.lower_bound < 1.0]
     (one, right), (_, wrong) = infeasible[:2]
     accept = Acceptance().outcome
-    refused = accept(one, method="liar", begin=0.0, certificate=wrong.certificate, claim="infeasible")
+    refused = accept(one, Claim(certificate=wrong.certificate, word="infeasible"), method="liar", begin=0.0)
     assert refused.status is Status.UNDECIDED
     assert refused.certificate is None
     assert refused.message.startswith("certificate refused: rejected: leaf 0 of 1 proves a residual of ")
     witness = next(o.posture for _, o in truth if o.status is Status.FEASIBLE)
-    both = accept(one, method="liar", begin=0.0, posture=witness, certificate=right.certificate)
+    both = accept(one, Claim(found=witness, certificate=right.certificate), method="liar", begin=0.0)
     assert both.status is Status.INFEASIBLE
     assert both.posture is None
     assert both.residual > 1e-3

@@ -16,9 +16,8 @@ from stancekit.planners.projection.descent import cost
 from stancekit.planners.projection.project import PROJECTIONS
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search import nogoods
-from stancekit.planners.search.answer import Acceptance
+from stancekit.planners.search.answer import Acceptance, Claim
 from stancekit.planners.search.clock import Clock
-from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner, decide
 from stancekit.planners.verify import check_certificate, check_plan
 
@@ -139,35 +138,18 @@ def test_bad_settings_are_refused():
 # -------------------------------------------------------------------------------------------------------- acceptance
 
 
-def test_no_claim_about_a_posture_is_believed(programs, drawn):
-    """Witness and certificate of other problems are refused, whoever brings them."""
-    planner = ExactPlanner(programs=programs)
-    truth = [(drawn("wall-3", seed), planner.solve(drawn("wall-3", seed))) for seed in range(30)]
-    (one, right), (_, wrong) = [(p, o) for p, o in truth if 1e-3 < o.lower_bound < 1.0][:2]
-    accept = Acceptance().outcome
-    refused = accept(one, method="liar", begin=0.0, certificate=wrong.certificate, claim="infeasible")
-    assert refused.status is Status.UNDECIDED
-    assert refused.certificate is None
-    assert refused.message.startswith("certificate refused: rejected: leaf 0 of 1 proves a residual of ")
-    witness = next(o.posture for _, o in truth if o.status is Status.FEASIBLE)
-    both = accept(one, method="liar", begin=0.0, posture=witness, certificate=right.certificate)
-    assert both.status is Status.INFEASIBLE
-    assert both.posture is None
-    assert both.residual > 1e-3
-
-
-def test_no_claim_about_a_course_is_believed_either(climb, planner):
+def test_no_claim_about_a_course_is_believed(climb, planner):
     feasible, refuted, other = (planner.solve(climb(seed)) for seed in (1, 0, 3))
     assert (refuted.status, other.status) == (Status.INFEASIBLE, Status.INFEASIBLE)
 
     def accept(seed, **said):
-        return Acceptance().plan_outcome(climb(seed), method="liar", clock=Clock.start(), **said)
+        return Acceptance().plan_outcome(climb(seed), Claim(**said), method="liar", clock=Clock.start())
 
     wrong = accept(1, certificate=refuted.certificate)
     assert (wrong.status, wrong.certificate) == (Status.UNDECIDED, None)
     assert wrong.message.startswith("certificate refused: rejected: leaf 0 of 1 proves a residual of ")
     moved = replace(feasible.plan, com_m=feasible.plan.com_m + np.array([0.0, 0.02, 0.0]))
-    both = accept(1, plan=moved, certificate=refuted.certificate)
+    both = accept(1, found=moved, certificate=refuted.certificate)
     assert (both.status, both.plan) == (Status.UNDECIDED, None)
     assert both.message.startswith("plan refused: ")
     assert both.residual > 1e-3
