@@ -117,6 +117,10 @@ def test_a_pushed_envelope_holds_the_pushed_toes(waves):
         point = np.hstack([world, rng.uniform(envelope.low[:, 3:], envelope.high[:, 3:])])
         assert pushed.contains(point, margin=2e-3)
     assert np.array_equal(pushed.force[0], envelope.force[0])
+    steps = np.stack(np.meshgrid(*3 * [np.linspace(0.0, 1.0, 9)]), axis=-1).reshape(-1, 3)
+    reached = (pose.place(0.6 * (low[:, None, :3] + 0.25 * steps)) - pose.com_m) / 0.6
+    assert np.all(pushed.position[0] >= reached.min(axis=1) - 1e-12), "no larger than what it holds"
+    assert np.all(pushed.position[1] <= reached.max(axis=1) + 1e-12)
 
 
 def test_key_frames_stand_on_the_terrain_in_the_plans_order(waves, plan):
