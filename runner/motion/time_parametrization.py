@@ -24,7 +24,7 @@ from .motion import Motion, MotionSample
 from .redundancy import RedundancyResolution, resolved
 from .timeline import KNOTS, PlanMotion, Timing
 
-ACCELERATION_RAD_S2 = 60.0
+ACCELERATION_RAD_S2 = 120.0
 LIMIT_SHARE = 0.9
 """Of the limits of velocity and torque that may be used."""
 RATE_HZ = 100.0
