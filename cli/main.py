@@ -31,6 +31,7 @@ A session, from terrain to a picture:
   stancekit picture postures.jsonl --out posture.png
 
 Key frames over a course, and a gait over curved ground:
+  stancekit play walls
   stancekit plan walls --out plan.json --picture plan.png
   stancekit verify plan.json
   stancekit simulate plan.json --world bullet
@@ -48,7 +49,8 @@ TRACE = "STANCEKIT_TRACE"
 VERBS = {
     "sample": "Sample", "solve": "Solve", "verify": "Verify", "label": "LabelPostures", "fit": "Fit", "train": "Train",
     "proposers": "TrainProposers",
-    "evaluate": "Evaluate", "picture": "Picture", "export": "Export", "plan": "PlanCourse", "simulate": "Simulate",
+    "evaluate": "Evaluate", "picture": "Picture", "export": "Export", "plan": "PlanCourse", "play": "Play",
+    "simulate": "Simulate",
     "terrain": "ShowTerrain", "run": "Run", "replay": "Replay", "robot": "Robot", "warp": "Warp", "gait": "Gait",
     "bench": "Bench", "demo": "Demo",
 }  # fmt: skip

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import to_rgb as rgb
 from matplotlib.figure import Figure
 
 from stancekit.planners.answer.plan import Plan
@@ -22,7 +21,7 @@ from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
 from .plan_motion import Moment, PlanMotion
 from .robots import RobotShape, climber, cone, cone_body, limb_of_three
-from .scene import ON_M, Body, Colour, Facet, Label, Layer, Motion, Path, Scene
+from .scene import ON_M, Body, Colour, Label, Layer, Motion, Path, Scene
 from .shapes import Mesh, Sphere, dashed, hull, polyline, ring, unit
 from .sheet import (
     ACCENT,
@@ -41,8 +40,8 @@ from .terrain import ICE, ICE_EDGE, ICY, patches, tint
 from .video import Frame
 
 GOAL = "#e8a317"
-GHOST, GHOSTS = "#5c6b7a", 3
-"""Of key frames beside the one in full: their colour, and how many there are at most."""
+GHOSTS = 3
+"""Key frames beside the one in full, at most."""
 LONGEST = 0.6
 """Length of the arrow of the largest force, in units of the mean reach."""
 MARGIN_M = 0.08
@@ -54,9 +53,13 @@ FPS, STEP_S, HOLD_S = 20.0, 1.2, 0.5
 
 @dataclass(frozen=True, eq=False)
 class PlanView:
-    """A plan as something to look at, with the viewpoint and the colours of its pictures."""
+    """A plan as something to look at, with the viewpoint and the colours of its pictures.
+
+    drawn_as: what its robot looks like, where that is known already.
+    """
 
     plan: Plan
+    drawn_as: RobotShape | None = field(default=None, kw_only=True)
 
     @cached_property
     def motion(self) -> PlanMotion:
@@ -73,7 +76,7 @@ class PlanView:
     @cached_property
     def shape(self) -> RobotShape:
         """What the robot looks like."""
-        return climber(self.plan.course.robot)
+        return self.drawn_as or climber(self.plan.course.robot)
 
     @cached_property
     def chosen(self) -> list[Patch]:
@@ -113,7 +116,12 @@ class PlanView:
 
     @cached_property
     def fixed(self) -> Scene:
-        """Terrain, and the path of the centre of mass with a dot at every key frame, and the goal."""
+        """Terrain, and the way over it."""
+        return patches(self.plan.course.terrain, self.bounds_m, self.friction) + self.way
+
+    @cached_property
+    def way(self) -> Scene:
+        """The path of the centre of mass with a dot at every key frame, chosen patches in outline, and the goal."""
         course, com, size = self.plan.course, self.plan.com_m, self.shape.size_m
         path = Path(pieces_m=polyline(com), colour=INK, width=1.8, layer=Layer.TOP, lift_m=60.0, halo=True)
         sizes = [(f"com {k}", at, 0.022, INK) for k, at in enumerate(com)] + [("goal", course.goal_m, 0.06, GOAL)]
@@ -127,8 +135,7 @@ class PlanView:
                  layer=Layer.TERRAIN, lift_m=8.0)
             for patch, colour in zip(self.chosen, self.colours, strict=True)
         ]  # fmt: skip
-        ground = patches(self.plan.course.terrain, self.bounds_m, self.friction)
-        return ground + Scene(paths=[*outlines, path], bodies=marks)
+        return Scene(paths=[*outlines, path], bodies=marks)
 
     def chosen_at(self, frame: int) -> list[Body]:
         """The chosen patches under the robot at a frame in full colour; of the others ``fixed`` has the outlines."""
@@ -188,14 +195,7 @@ class PlanView:
 
     def ghost(self, moment: Moment) -> Scene:
         """Trunk and limbs as a drawing in thin lines."""
-        rotation = rotation_of(moment.rotation_rad)
-        trunk = Facet(
-            corners_m=moment.com_m + self.shape.outline_m @ rotation.T, normal=rotation[:, 2], colour=GHOST,
-            edge=(*rgb(GHOST), 0.75), width=1.0, opacity=0.16, layer=Layer.SPACE,
-        )  # fmt: skip
-        limbs = self.shape.lines(moment.com_m, rotation, self.limbs(moment))
-        pieces = np.concatenate([polyline(joints) for joints in limbs])
-        return Scene(facets=[trunk], paths=[Path(pieces_m=pieces, colour=GHOST, opacity=0.5, width=1.6)])
+        return self.shape.ghost(moment.com_m, rotation_of(moment.rotation_rad), self.limbs(moment))
 
     @cached_property
     def tracks(self) -> Scene:
