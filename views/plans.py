@@ -19,7 +19,7 @@ from stancekit.planners.terrain import Patch
 from .camera import Camera, best_view
 from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
-from .plan_motion import Moment, PlanMotion
+from .plan_motion import Moment, PlanMotion, ghosts
 from .robots import RobotShape, climber, cone, cone_body, limb_of_three
 from .scene import ON_M, Body, Colour, Label, Layer, Motion, Path, Scene
 from .shapes import Mesh, Sphere, dashed, hull, polyline, ring, unit
@@ -40,8 +40,6 @@ from .terrain import ICE, ICE_EDGE, ICY, patches, tint
 from .video import Frame
 
 GOAL = "#e8a317"
-GHOSTS = 3
-"""Key frames beside the one in full, at most."""
 LONGEST = 0.6
 """Length of the arrow of the largest force, in units of the mean reach."""
 MARGIN_M = 0.08
@@ -139,7 +137,7 @@ class PlanView:
 
     def chosen_at(self, frame: int) -> list[Body]:
         """The chosen patches under the robot at a frame in full colour; of the others ``fixed`` has the outlines."""
-        return [self._windows[int(p)] for p in sorted(set(self.plan.course.holds[frame].tolist()))]
+        return [self._window(int(p)) for p in sorted(set(self.plan.course.holds[frame].tolist()))]
 
     @cached_property
     def colours(self) -> list[str]:
@@ -147,15 +145,19 @@ class PlanView:
         names = self.plan.course.robot.limb_names
         return [leg_colour(names.index(put.limb)) for put in self.plan.course.footholds]
 
-    @cached_property
-    def _windows(self) -> list[Body]:
-        """Every chosen patch, framed in the colour of its limb."""
-        return [
-            Body(name=f"chosen {p}", shape=hull(np.vstack([patch.vertices_m, patch.vertices_m + ON_M * patch.normal])),
-                 position_m=np.zeros(3), colour=self.friction.to_rgba(np.array(patch.friction))[:3],
-                 edge=self.colours[p], opacity=0.55, layer=Layer.TERRAIN, lift_m=9.0)
-            for p, patch in enumerate(self.chosen)
-        ]  # fmt: skip
+    def _window(self, foothold: int) -> Body:
+        """The chosen patch of a foothold, framed in the colour of its limb; made once."""
+        if foothold not in self._windows:
+            patch = self.chosen[foothold]
+            self._windows[foothold] = Body(
+                name=f"chosen {foothold}",
+                shape=hull(np.vstack([patch.vertices_m, patch.vertices_m + ON_M * patch.normal])),
+                position_m=np.zeros(3), colour=self.friction.to_rgba(np.array(patch.friction))[:3],
+                edge=self.colours[foothold], opacity=0.55, layer=Layer.TERRAIN, lift_m=9.0,
+            )  # fmt: skip
+        return self._windows[foothold]
+
+    _windows = cached_property(lambda self: dict[int, Body]())
 
     def limbs(self, moment: Moment) -> Sequence[Array]:
         """What moves each limb: angles of a URDF's; else where its joints are, shape (J, 3) [m], the foot last."""
@@ -203,7 +205,7 @@ class PlanView:
         course, paths = self.plan.course, list[Path]()
         for p, put in enumerate(course.footholds):
             if put.frame:
-                line = np.array([self.motion.swing(p, part) for part in np.linspace(0.0, 1.0, 26)])
+                line = self.motion.swing(p, np.linspace(0.0, 1.0, 26))
                 paths.append(Path(pieces_m=dashed(line), colour=self.colours[p], opacity=0.55))
         return Scene(paths=paths)
 
@@ -291,9 +293,3 @@ def plan_frames(plan: Plan, *, size_px: Size = FILM_PX) -> Iterator[Frame]:
 def frame_count(plan: Plan, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = HOLD_S) -> int:
     """Pictures of a film of the plan."""
     return round(fps * (step_s * (plan.course.frames - 1) + 2.0 * hold_s)) + 1
-
-
-def ghosts(plan: Plan, shown: int) -> list[int]:
-    """Key frames to show beside one, evenly spread and the first among them."""
-    others = np.linspace(0, plan.course.frames - 1, GHOSTS + 1).round().astype(int).tolist()
-    return sorted(set(others) - {shown})[:GHOSTS]

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from importlib import import_module
 from typing import Any
 
 import numpy as np
 from matplotlib.colors import to_rgb
-from scipy.spatial.transform import Rotation
 
 from stancekit.planners.files.arrays import Array
 
-from .scene import UP, Arrow, Body, Colour, Label, Path, Scene, Sheet, borders, fans
+from .scene import UP, Arrow, Body, Colour, Label, Path, Scene, Sheet, borders, fans, merged
 from .shapes import Box, Capsule, Faces, Mesh, Shape, mesh_of, triangles_of
 
 POINT_M = 0.0011
@@ -28,6 +28,7 @@ class Stage:
         self._scene, self._distance_m = scene, distance_m
         self._nodes: dict[str, Any] = {}
         self._drawn: dict[str, Any] = {}
+        self._places: dict[str, tuple[float, ...]] = {}
 
     def show(self, scene: Scene, root: str) -> None:
         """What there is under a root, and nothing else there; what it was before is changed."""
@@ -36,7 +37,7 @@ class Stage:
             corners = each.reshape(-1, 3)
             faces = np.arange(len(corners)).reshape(-1, 3)
             shown.add(self._mesh(f"{root}/facets{k}", corners, faces, colour, opacity, flat_shading=True))
-        paths = [*scene.paths, *borders(scene.facets)]
+        paths = merged([*scene.paths, *borders(scene.facets)])
         shown |= {self._path(f"{root}/path{k}", path) for k, path in enumerate(paths)}
         shown |= {self._body(f"{root}/{body.name}", body) for body in scene.bodies}
         shown |= {self._arrow(f"{root}/{arrow.name}", arrow) for arrow in scene.arrows if arrow.visible}
@@ -71,8 +72,10 @@ class Stage:
                 flat_shading=isinstance(body.shape, (Box, Mesh)), side="double" if body.opacity < 1.0 else "front",
             )  # fmt: skip
             self._drawn[name] = first = body
-        node = self._nodes[name]
-        node.position, node.wxyz = tuple(body.position_m), quaternion(body.rotation)
+        node, place = self._nodes[name], (*body.position_m.tolist(), *body.rotation.ravel().tolist())
+        if self._places.get(name) != place:
+            node.position, node.wxyz = place[:3], quaternion(body.rotation)
+            self._places[name] = place
         if isinstance(body.shape, Capsule) and isinstance(first.shape, Capsule):
             node.scale = (1.0, 1.0, body.shape.length_m / max(first.shape.length_m, 1e-9))
         return name
@@ -154,8 +157,18 @@ def _same(first: Shape, shape: Shape) -> bool:
 
 
 def quaternion(rotation: Array) -> tuple[float, ...]:
-    """(w, x, y, z) of a rotation."""
-    return tuple(Rotation.from_matrix(rotation).as_quat(scalar_first=True).tolist())
+    """(w, x, y, z) of a rotation, by its largest component; scipy takes ten times as long for a single one."""
+    r = rotation.tolist()
+    squares = (
+        1.0 + r[0][0] + r[1][1] + r[2][2], 1.0 + r[0][0] - r[1][1] - r[2][2],
+        1.0 - r[0][0] + r[1][1] - r[2][2], 1.0 - r[0][0] - r[1][1] + r[2][2],
+    )  # fmt: skip
+    largest = max(range(4), key=lambda k: squares[k])
+    wx, wy, wz = r[2][1] - r[1][2], r[0][2] - r[2][0], r[1][0] - r[0][1]
+    xy, xz, yz = r[0][1] + r[1][0], r[0][2] + r[2][0], r[1][2] + r[2][1]
+    rows = ((squares[0], wx, wy, wz), (wx, squares[1], xy, xz), (wy, xy, squares[2], yz), (wz, xz, yz, squares[3]))
+    scale = 0.5 / math.sqrt(squares[largest])
+    return tuple(scale * value for value in rows[largest])
 
 
 def rgb(colour: Colour) -> tuple[int, int, int]:

@@ -69,12 +69,14 @@ def cells(patch: Patch, box_m: Array) -> Iterator[tuple[tuple[int, int], Array]]
 def surfaces(terrain: Iterable[Patch], box_m: Array, colours: ScalarMappable) -> Scene:
     """The parts of patches within a box in one piece each, with the lines of the grid on them: for those who draw with
     a depth buffer, and many times a second. As ``patches`` otherwise."""
-    facets, lines = list[Facet](), dict[Colour, list[Array]]()
+    facets, lines, tints = list[Facet](), dict[Colour, list[Array]](), dict[float, Colour]()
     for patch in terrain:
         whole = _within(patch, box_m)
         if len(whole) < 3:
             continue
-        colour = tint(patch.friction, colours)
+        if patch.friction not in tints:
+            tints[patch.friction] = tint(patch.friction, colours)
+        colour = tints[patch.friction]
         edge = ICE_EDGE if patch.friction < ICY else tuple(0.82 * np.array(colour))
         plane, origin = patch.frame[:, 1:], patch.vertices_m[0] + 0.001 * patch.normal
         corners = patch.vertices_m[0] + whole @ plane.T

@@ -12,14 +12,15 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course import Course
 from stancekit.planners.robot.model import Robot
 
-from ..plan_motion import Moment
-from ..plans import GOAL, PlanView, ghosts
+from ..plan_motion import Moment, ghosts
+from ..plans import GOAL, PlanView
 from ..robots import RobotShape, climber
 from ..scene import Body, Label, Path, Scene
 from ..shapes import Sphere, dashed
 from ..sheet import ACCENT, friction_colours
 from ..terrain import surfaces
 
+STEP_M = 0.25
 AROUND_M = 0.75
 """Terrain is shown so far beyond the nominal path, at least."""
 
@@ -76,8 +77,9 @@ class Pictures:
 
 
 def bounds_m(course: Course) -> Array:
-    """Lowest and highest corner of what is shown, shape (2, 3) [m]: about the path, as far as limbs reach."""
+    """Lowest and highest corner of what is shown, shape (2, 3) [m]: about the path, as far as limbs reach, in steps."""
     reach = max(limb.reach_m + float(np.linalg.norm(limb.shoulder_m)) for limb in course.robot.limbs)
     around = max(AROUND_M, 1.2 * reach)
     com = np.vstack([course.com_nominal_m, course.goal_m[None]])
-    return np.array([com.min(axis=0) - around, com.max(axis=0) + around])
+    low, high = com.min(axis=0) - around, com.max(axis=0) + around
+    return STEP_M * np.array([np.floor(low / STEP_M), np.ceil(high / STEP_M)])

@@ -51,6 +51,12 @@ class Session:
         with self._news:
             return self._scenario
 
+    @property
+    def number(self) -> int:
+        """Of the newest change; 0 before the first."""
+        with self._news:
+            return self._number
+
     def change(self, edit: Callable[[Scenario], Scenario]) -> int:
         """Another scene, made of the newest by ``edit``; its number. Raises what ``edit`` raises."""
         with self._news:

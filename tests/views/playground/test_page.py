@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from contextlib import suppress
 
-import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan_file import check_file
@@ -16,6 +15,7 @@ from stancekit.views.playground.keys_scenario import KeysScenario
 from stancekit.views.playground.serving import served
 from stancekit.views.scene import UP
 from tests.emulators.chromium import CHROMIUM, opened
+from tests.emulators.playground import middle_of, pixel_of
 
 SIZE_PX = (1400, 900)
 VERDICT = "document.querySelector('#verdict')"
@@ -24,28 +24,6 @@ VERDICT = "document.querySelector('#verdict')"
 def change_of(tab):
     """The number of the change whose answer is shown."""
     return int(tab.value(f"{VERDICT} ? {VERDICT}.dataset.change : -1"))
-
-
-def middle_of(tab, script):
-    """Where an element is on the page [px]."""
-    box = tab.value(f"(() => {{const r = ({script}).getBoundingClientRect(); return [r.x, r.y, r.width, r.height]}})()")
-    return box[0] + 0.5 * box[2], box[1] + 0.5 * box[3]
-
-
-def pixel_of(page, tab, place_m):
-    """Where a place is seen on the page [px]."""
-    (client,) = page.playground.clients()
-    eye, target = np.array(client.camera.position), np.array(client.camera.look_at)
-    back = (eye - target) / np.linalg.norm(eye - target)
-    right = np.cross([0.0, 0.0, 1.0], back)
-    right /= np.linalg.norm(right)
-    x, y, depth = np.stack([right, np.cross(back, right), -back]) @ (np.asarray(place_m) - eye)
-    left, top, width, height = tab.value(
-        "(() => {const r = document.querySelector('canvas').getBoundingClientRect();"
-        " return [r.x, r.y, r.width, r.height]})()"
-    )
-    focal = 0.5 * height / np.tan(0.5 * client.camera.fov)
-    return left + 0.5 * width + focal * x / depth, top + 0.5 * height - focal * y / depth
 
 
 @pytest.fixture
