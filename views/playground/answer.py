@@ -20,8 +20,8 @@ from .scenario import Scenario
 
 SHARES = (0.8, 1.0)
 """Of the friction, that a plan is looked for with while the scene is changed."""
-QUICK_S, QUICK_NODES = 0.1, 20
-"""Time and nodes of the search over patches while the scene is changed, for each share."""
+QUICK_S, QUICK_NODES, QUICK_STEPS = 0.15, 20, 6
+"""Time, nodes and steps of SCP of the search over patches while the scene is changed, for each share."""
 PATIENT_S = 20.0
 """Time of all searches when nobody changes it any more."""
 
@@ -57,7 +57,7 @@ def quick_answer(scenario: Scenario) -> Answer:
     try:
         course = scenario.course()
         laid = time.process_time()
-        planner = TwoStageCoursePlanner(time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False)
+        planner = TwoStageCoursePlanner(time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False, steps=QUICK_STEPS)
         outcome = replan(None, course, planner=planner, shares=SHARES)
     except StancekitError as error:
         return Answer(message=str(error), seconds=(time.process_time() - begin, 0.0))

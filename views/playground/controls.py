@@ -36,8 +36,8 @@ class Controls:
         for slider in sliders:
             self._slide(slider)
         for key in set(self._grips) - {grip.key for grip in grips}:
-            self._grips.pop(key).remove()
-            self._labels.pop(key).remove()
+            self._grips.pop(key).remove()  # with the label, which is its child
+            self._labels.pop(key)
         for grip in grips:
             self._grip(grip)
 

@@ -74,7 +74,10 @@ class KeysScenario:
         laid = build_course(spec, found.folder)
         steps = np.linalg.norm(np.diff(laid.com_nominal_m, axis=0), axis=1)
         stride = spec.stride_m or (float(steps.max()) if len(steps) else 0.05)
-        found = replace(found, stride_m=max(stride, 1e-3))
+        if spec.stride_m is not None:  # the file's goal only says where the way goes; here it is where the way ends
+            del keys["stride_m"]
+            keys["goal_m"] = laid.goal_m.tolist()
+        found = replace(found, keys=keys, stride_m=max(stride, 1e-3))
         return found if robot is None else found.with_robot(robot)
 
     @property
@@ -103,11 +106,11 @@ class KeysScenario:
         ]  # fmt: skip
         mass = self._mass_kg
         if mass is not None:
-            found.append(Slider(key="mass_kg", label="mass of the robot", unit="kg", low=0.0, high=4.0 * mass[1],
+            found.append(Slider(key="mass_kg", label="mass of the robot", unit="kg", low=0.1, high=4.0 * mass[1],
                                 step=0.1, value=mass[0]))  # fmt: skip
         frames = int(self.keys["frames"])
-        found.append(Slider(key="frames", label="key frames", unit="", low=1, high=max(MOST_FRAMES, frames), step=1,
-                            value=frames, whole=True))  # fmt: skip
+        found.append(Slider(key="frames", label="key frames", unit="", low=min(2, frames),
+                            high=max(MOST_FRAMES, frames), step=1, value=frames, whole=True))  # fmt: skip
         for path, label, unit, low, high, step, default in OF_TERRAIN.get(LIKE.get(self.kind, self.kind), ()):
             value = _at(terrain, path, default) * (DEGREES if unit == "°" else 1.0)
             found.append(Slider(key=".".join(path), label=label, unit=unit, low=min(low, value),
@@ -185,10 +188,6 @@ class KeysScenario:
 
     def _led(self, keys: dict[str, Any]) -> KeysScenario:
         """The same on a path with another start or goal."""
-        if "stride_m" in keys:  # the file's goal only says where the way goes; the course's is where it ends
-            ends = build_course(spec_from(self.keys), self.folder).goal_m
-            keys["goal_m"] = keys["goal_m"] if keys["goal_m"] != self.keys["goal_m"] else ends.round(4).tolist()
-            del keys["stride_m"]
         if self.follows:
             via = [each if isinstance(each, list | tuple) else each["at_m"] for each in keys.get("via_m", ())]
             start = [*keys["start_m"], keys["goal_m"][2]][:3]

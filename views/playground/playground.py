@@ -89,12 +89,12 @@ class Playground:
         gui = self._server.gui
         gui.set_panel_label(f"{TITLE}: {scenario.name}")
         gui.main_panel.dock_left()
-        self._robots = list(dict.fromkeys(filter(None, (scenario.robot, *robots))))
+        self._robots = _called(list(dict.fromkeys(filter(None, (scenario.robot, *robots)))))
         self._menu: Any = None
         self._controls = Controls(self._server, self._slid, self._dragged)
         if scenario.robot:
-            names = tuple(map(_short, self._robots))
-            self._menu = gui.add_dropdown("robot", names, initial_value=_short(scenario.robot))
+            names = tuple(self._robots)
+            self._menu = gui.add_dropdown("robot", names, initial_value=names[0])
             self._menu.on_update(self._robot_chosen)
         pick = gui.add_button("pick a surface", hint="The next click on a surface gives it a grip and a friction.")
         pick.on_click(self._pick)
@@ -122,8 +122,15 @@ class Playground:
 
     def _robot_chosen(self, event: Any) -> None:
         if event.client is not None:
-            chosen = next(robot for robot in self._robots if _short(robot) == event.target.value)
+            chosen = self._robots[event.target.value]
             self._change(lambda scenario: scenario.with_robot(chosen))
+            self._show_robot(self.session.scenario)
+
+    def _show_robot(self, scenario: Scenario) -> None:
+        """Have the menu name the robot that there is."""
+        name = next((name for name, robot in self._robots.items() if _same(robot, scenario.robot)), None)
+        if self._menu is not None and name is not None and self._menu.value != name:
+            self._menu.value = name
 
     def _pick(self, _event: Any) -> None:
         """The next click picks a surface."""
@@ -258,6 +265,12 @@ def _inside(corners: Array, normal: Array, point: Array) -> bool:
     return bool(np.all(sides >= -1e-9) or np.all(sides <= 1e-9))
 
 
-def _short(robot: str) -> str:
-    """What a robot is called in a menu."""
-    return Path(robot).name if Path(robot).suffix else robot
+def _called(robots: Sequence[str]) -> dict[str, str]:
+    """Robots by what a menu calls them: a file by its name, or by all of its path where two have that name."""
+    short = [Path(robot).name if Path(robot).suffix else robot for robot in robots]
+    return {name if short.count(name) == 1 else robot: robot for name, robot in zip(short, robots, strict=True)}
+
+
+def _same(robot: str, other: str) -> bool:
+    """Whether two names or paths are those of one robot."""
+    return robot == other or bool(Path(robot).suffix and Path(robot).resolve() == Path(other).resolve())

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import socket
 import sys
@@ -56,6 +57,7 @@ def served(
 ) -> Iterator[Page]:
     """A playground that is served while the block runs. Raises StancekitError for a scene that is no course."""
     scenario.course()
+    logging.getLogger("websockets").setLevel(logging.CRITICAL)  # it prints a stack for every tab that goes away
     with viser_server(host, port) as server:
         playground = Playground(server, scenario, robots=robots, folder=folder)
         try:
