@@ -31,12 +31,12 @@ A session, from terrain to a picture:
   stancekit picture postures.jsonl --out posture.png
 
 Key frames over a course, and a gait over curved ground:
-  stancekit play walls
   stancekit plan walls --out plan.json --picture plan.png
   stancekit verify plan.json
   stancekit simulate plan.json --world bullet
   stancekit run plan.json --world mujoco --log run.mcap
   stancekit gait ripple --goal 1.5,1 --out gait.json --picture gait.png
+And on a page, to be dragged while one looks: stancekit play walls
 
 Exit code: 0 done; 1 ran, but a check failed; 2 bad input; 70 a mistake in the
 program itself (STANCEKIT_TRACE=1 shows where).

@@ -16,7 +16,7 @@ from stancekit.cli.names import NAMES
 from stancekit.planners.errors import PlanningFailed
 
 COMMAND = [sys.executable, "-m", "stancekit.cli.main"]
-PLANS = ["play", "plan", "verify", "simulate", "run", "gait"]
+PLANS = ["plan", "verify", "simulate", "run", "gait"]
 HEAVY = ("cvxpy", "clarabel", "casadi", "scipy", "sklearn", "torch", "gymnasium", "matplotlib", "pyarrow", "joblib")
 
 
