@@ -69,7 +69,7 @@ class Stage:
             corners, faces = mesh_of(body.shape)
             self._mesh(
                 name, corners, triangles_of(faces), body.colour, body.opacity,
-                flat_shading=isinstance(body.shape, (Box, Mesh)), side="double" if body.opacity < 1.0 else "front",
+                flat_shading=isinstance(body.shape, (Box, Mesh)), side="front",
             )  # fmt: skip
             self._drawn[name] = first = body
         node, place = self._nodes[name], (*body.position_m.tolist(), *body.rotation.ravel().tolist())

@@ -13,6 +13,7 @@ from stancekit.planners.files.writing import write_text
 
 from ..sheet import ACCENT, INK
 from .answer import Answer
+from .page_parts import named_in, told
 from .scenario import Scenario
 from .tables import GOOD
 
@@ -39,7 +40,7 @@ class Files:
             raise InvalidInput("plan: expected one that was judged, got one whose joints and bodies are not yet")
         if not answer.accepted:
             raise InvalidInput(f"plan: expected one that is accepted, got {answer.message}")
-        path = self._path(".json", "plan")
+        path = named_in(self._folder, str(self._name.value), "-plan.json")
         write_plan(path, answer.plan, answer.report)
         return path
 
@@ -47,16 +48,9 @@ class Files:
         """Write the course that is asked for; where it is. Raises InvalidInput."""
         scenario, _ = self._now()
         suffix, text = scenario.text()
-        path = self._path(suffix, "course")
+        path = named_in(self._folder, str(self._name.value), f"-course{suffix}")
         write_text(path, text)
         return path
-
-    def _path(self, suffix: str, kind: str) -> Path:
-        """Never outside the folder, whoever asks."""
-        name = str(self._name.value).strip()
-        if not name or Path(name).name != name or name.startswith("."):
-            raise InvalidInput(f"name: expected one without a folder, got {name!r}")
-        return self._folder / f"{name}-{kind}{suffix}"
 
     def _save_plan(self, _event: Any) -> None:
         self._tell(self.save_plan, "stancekit verify")
@@ -70,10 +64,7 @@ class Files:
             colour, words = GOOD, f"wrote {path}; {command} {path} reads it"
         except StancekitError as error:
             colour, words = ACCENT, str(error)
-        self._said.content = (
-            f'<div id="saved" style="font:12px/1.4 system-ui,sans-serif;color:{colour};margin:4px 2px;'
-            f'overflow-wrap:anywhere">{html.escape(words)}</div>'
-        )
+        self._said.content = told(colour, words)
 
     def _show_course(self, event: Any) -> None:
         scenario, _ = self._now()

@@ -108,6 +108,7 @@ class FixedScenario:
         """The course with its friction and mass. Raises InvalidInput for a mass that is none."""
         found = self.laid
         if self.friction is not None:
+
             def rubbed(patch: Patch, by: float = self.friction) -> Patch:
                 return patch.with_friction(by * patch.friction)
 

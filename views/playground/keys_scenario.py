@@ -66,7 +66,7 @@ class KeysScenario:
     @classmethod
     def of(cls, course: str, robot: str | None = None, frames: int | None = None) -> KeysScenario:
         """The scene of a built-in name, FAMILY:LEVEL:SEED or a YAML file. Raises InvalidInput."""
-        keys = dict(described(course))
+        keys = _with_whole_paths(described(course), Path(course).parent)
         if frames is not None:
             keys["frames"] = frames
         spec = spec_from(keys)
@@ -227,6 +227,16 @@ class KeysScenario:
 
     def _with(self, keys: Mapping[str, Any], **changes: Any) -> KeysScenario:
         return replace(self, keys=keys, _built={}, **changes)
+
+
+def _with_whole_paths(keys: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """The keys with names of files that mean the same from every folder."""
+    found, terrain = dict(keys), keys.get("terrain")
+    if isinstance(robot := keys.get("robot"), str) and Path(robot).suffix:
+        found["robot"] = str((folder / robot).resolve())
+    if isinstance(terrain, Mapping) and isinstance(terrain.get("file"), str):
+        found["terrain"] = {**terrain, "file": str((folder / terrain["file"]).resolve())}
+    return found
 
 
 def _at(keys: Mapping[str, Any], path: tuple[str, ...], default: float) -> float:

@@ -22,6 +22,7 @@ from ..stage import Stage
 from .answer import Answer, quick_answer
 from .controls import Controls
 from .files import Files
+from .page_parts import called, let_camera, set_up
 from .pictures import Pictures
 from .player import Player
 from .scenario import Scenario
@@ -30,7 +31,6 @@ from .tables import limb_table, loads, solver_of, summary, verdict
 
 log = logging.getLogger(__name__)
 TITLE = "Stancekit playground"
-FOV_RAD = 0.75
 
 
 class Playground:
@@ -69,9 +69,7 @@ class Playground:
 
     def _set_up(self, course: Course) -> None:
         """Lights, and from where the scene is seen first."""
-        server = self._server
-        server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(39, 64, 127))
-        server.scene.configure_default_lights(cast_shadow=False)
+        set_up(self._server)
         path, answer = course.com_nominal_m, self._answer
         reach = max(limb.reach_m for limb in course.robot.limbs)
         middle, size = path.mean(axis=0), float(np.linalg.norm(np.ptp(path, axis=0))) + 2.0 * reach
@@ -80,16 +78,14 @@ class Playground:
             self._view = self._pictures.view(answer.plan)
             towards = self._view.camera.axes[2]
         self._distance_m = 2.0 * size
-        server.initial_camera.look_at = tuple(middle)
-        server.initial_camera.fov = FOV_RAD
-        server.initial_camera.position = tuple(middle + self._distance_m * towards)
+        let_camera(self._server, middle, self._distance_m, towards)
 
     def _lay_out(self, scenario: Scenario, robots: Sequence[str], folder: Path) -> None:
         """Panels: what may be changed on the left, what comes of it on the right."""
         gui = self._server.gui
         gui.set_panel_label(f"{TITLE}: {scenario.name}")
         gui.main_panel.dock_left()
-        self._robots = _called(list(dict.fromkeys(filter(None, (scenario.robot, *robots)))))
+        self._robots = called(list(dict.fromkeys(filter(None, (scenario.robot, *robots)))))
         self._menu: Any = None
         self._controls = Controls(self._server, self._slid, self._dragged)
         if scenario.robot:
@@ -263,12 +259,6 @@ def _inside(corners: Array, normal: Array, point: Array) -> bool:
     edges = np.roll(corners, -1, axis=0) - corners
     sides = np.cross(edges, point - corners) @ normal
     return bool(np.all(sides >= -1e-9) or np.all(sides <= 1e-9))
-
-
-def _called(robots: Sequence[str]) -> dict[str, str]:
-    """Robots by what a menu calls them: a file by its name, or by all of its path where two have that name."""
-    short = [Path(robot).name if Path(robot).suffix else robot for robot in robots]
-    return {name if short.count(name) == 1 else robot: robot for name, robot in zip(short, robots, strict=True)}
 
 
 def _same(robot: str, other: str) -> bool:

@@ -8,24 +8,29 @@ import socket
 import sys
 import threading
 import webbrowser
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Generic, TypeVar
 
 from stancekit.planners.errors import InvalidInput
 
 from ..page import viser_module, viser_server
 from .playground import Playground
 from .scenario import Scenario
+from .walk_page import WalkPage
+from .walk_scenario import WalkScenario
+
+Shown = TypeVar("Shown", Playground, WalkPage)
 
 
 @dataclass(frozen=True)
-class Page:
+class Page(Generic[Shown]):
     """A page that is served."""
 
     address: str
-    playground: Playground
+    playground: Shown
 
     def wait(self) -> None:
         """Until Ctrl-C, which raises KeyboardInterrupt here."""
@@ -54,13 +59,29 @@ def check_port(host: str, port: int) -> None:
 @contextmanager
 def served(
     scenario: Scenario, *, robots: Sequence[str] = (), folder: Path = Path(), host: str = "127.0.0.1", port: int = 0
-) -> Iterator[Page]:
+) -> Iterator[Page[Playground]]:
     """A playground that is served while the block runs. Raises StancekitError for a scene that is no course."""
     scenario.course()
+    with _served(lambda server: Playground(server, scenario, robots=robots, folder=folder), host, port) as page:
+        yield page
+
+
+@contextmanager
+def served_walk(
+    scenario: WalkScenario, *, robots: Sequence[str] = (), folder: Path = Path(), host: str = "127.0.0.1", port: int = 0
+) -> Iterator[Page[WalkPage]]:
+    """A playground of walks that is served while the block runs. Raises InvalidInput for what is no walk."""
+    scenario.task()
+    with _served(lambda server: WalkPage(server, scenario, robots=robots, folder=folder), host, port) as page:
+        yield page
+
+
+@contextmanager
+def _served(make: Callable[[Any], Shown], host: str, port: int) -> Iterator[Page[Shown]]:
     logging.getLogger("websockets").setLevel(logging.CRITICAL)  # it prints a stack for every tab that goes away
     with viser_server(host, port) as server:
-        playground = Playground(server, scenario, robots=robots, folder=folder)
+        shown = make(server)
         try:
-            yield Page(f"http://{host}:{server.get_port()}", playground)
+            yield Page(f"http://{host}:{server.get_port()}", shown)
         finally:
-            playground.close()
+            shown.close()

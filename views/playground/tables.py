@@ -20,6 +20,7 @@ from stancekit.planners.verify.report import WHOLE_BODY
 from ..plan_motion import Moment
 from ..sheet import ACCENT, INK, QUIET, RULE, leg_colour
 from .answer import Answer
+from .page_parts import said
 
 GOOD, UNSURE = "#2c8173", "#c9a227"
 """Colours of good news, and of what nobody knows yet; bad news is in ACCENT."""
@@ -107,13 +108,7 @@ def verdict(answer: Answer, number: int, drawn_ms: float) -> str:
     """The verdict as HTML. number: of the change that it answers; drawn_ms: since that change."""
     colour, title, text = _words(answer)
     took = f"judged in {sum(answer.seconds):.1f} CPU-s" if answer.patient else f"drawn after {drawn_ms:.0f} ms"
-    return (
-        f'<div id="verdict" data-change="{number}" data-patient="{int(answer.patient)}" style="border-left:5px solid '
-        f'{colour};padding:2px 0 4px 10px;margin:6px 2px;font:13px/1.45 system-ui,sans-serif;color:{INK}">'
-        f'<div style="font-size:15px;font-weight:700;color:{colour}">{html.escape(title)}</div>'
-        f"<div>{html.escape(text)}</div>"
-        f'<div style="color:{QUIET};font-size:11.5px">change {number} · {html.escape(took)}</div></div>'
-    )
+    return said(colour, title, text, f"change {number} · {took}", change=number, patient=answer.patient)
 
 
 def _words(answer: Answer) -> tuple[str, str, str]:
@@ -176,12 +171,17 @@ def summary(answer: Answer) -> str:
     to_goal = 1e3 * float(np.linalg.norm(plan.com_m[-1] - course.goal_m))
     rows = [
         ("robot", f"{course.robot.name}, {course.robot.mass_kg:.3g} kg ({course.weight_n:.1f} N)"),
-        ("friction in hand", f"{100 * (1 - share):.0f} % at least (frame {frame}, {limb})"),
+        ("friction in hand", f"{100 * (1 - share):.0f} % at least" + (f" (frame {frame}, {limb})" if limb else "")),
         ("planned with", f"{100 * answer.share:.0f} % of the friction"),
         ("ends", f"{to_goal:.0f} mm from the goal, after {course.frames} key frames"),
     ]
     if answer.report is not None and (most := answer.report.torque.get("share")) is not None:
         rows.insert(2, ("torque in hand", f"{100 * (1 - float(most)):.0f} % at least"))
+    return key_values(rows)
+
+
+def key_values(rows: list[tuple[str, str]]) -> str:
+    """A few numbers with their names, as HTML."""
     return (
         f'<table id="summary" style="font:12px/1.55 system-ui,sans-serif;color:{INK};margin:2px">'
         + "".join(f'<tr><td style="color:{QUIET};padding-right:10px;white-space:nowrap">{html.escape(name)}</td>'
