@@ -15,7 +15,9 @@ from .options import OptionalFloat, OptionalPath, OptionalText
 from .terrain_options import FootholdOptions, TerrainFile, in_options
 
 if TYPE_CHECKING:
+    from stancekit.planners.files.arrays import Array
     from stancekit.planners.problem.course import Course
+    from stancekit.planners.problem.file_terrain import FileTerrain
     from stancekit.planners.robot.contact_robot import Sets
 
 
@@ -61,29 +63,11 @@ class Between:
                     raise InvalidInput(f"--{key.replace('_', '-')}: expected a terrain's file with it, got {name}")
 
     def _laid_out(self, name: str, frames: int | None, robot: str | None, sets: Sets, reach: OptionalPath) -> Course:
-        from dataclasses import asdict
-
-        import numpy as np
-
         from stancekit.planners.problem.course_between import course_between
         from stancekit.planners.problem.course_layout import build_course
-        from stancekit.planners.problem.file_terrain import FileTerrain, FootholdKeys
-        from stancekit.planners.robot.robot_file import named_robot
 
-        assert self.start is not None
-        assert self.goal is not None
-        start, goal = place(self.start, "--start"), place(self.goal, "--goal")
-        if not (np.all(np.isfinite(start)) and np.all(np.isfinite(goal))):
-            raise InvalidInput(f"--start, --goal: expected finite places, got {self.start} and {self.goal}")
-        if self.friction is not None and not 0.0 <= self.friction < np.inf:
-            raise InvalidInput(f"--friction: expected a number from 0 on, got {self.friction:g}")
-        model = None if robot in (None, "hexapod") else named_robot(str(robot))
-        keys = asdict(self.file.options())
-        terrain = FileTerrain(
-            file=str(Path(name).resolve()), footholds=FootholdKeys(**asdict(self.footholds.limits(model))),
-            friction=0.8 if self.friction is None else self.friction,
-            **{**keys, "kind": keys["kind"] or "file"},
-        )  # fmt: skip
+        start, goal = self.places()
+        terrain = self.terrain(name, robot)
         given = None if robot is None else str(Path(robot).resolve()) if Path(robot).suffix else robot
         with in_options():
             try:
@@ -92,3 +76,33 @@ class Between:
             except InvalidInput as error:
                 text = str(error)
                 raise InvalidInput(f"--{text}" if text.startswith(("start:", "goal:")) else text) from None
+
+    def places(self) -> tuple[Array, Array]:
+        """Start and goal, shape (2,) [m]. Raises InvalidInput."""
+        import numpy as np
+
+        assert self.start is not None
+        assert self.goal is not None
+        start, goal = place(self.start, "--start"), place(self.goal, "--goal")
+        if not (np.all(np.isfinite(start)) and np.all(np.isfinite(goal))):
+            raise InvalidInput(f"--start, --goal: expected finite places, got {self.start} and {self.goal}")
+        return start, goal
+
+    def terrain(self, name: str, robot: str | None) -> FileTerrain:
+        """The terrain's file, with footholds for the feet of a robot. Raises InvalidInput."""
+        from dataclasses import asdict
+
+        import numpy as np
+
+        from stancekit.planners.problem.file_terrain import FileTerrain, FootholdKeys
+        from stancekit.planners.robot.robot_file import named_robot
+
+        if self.friction is not None and not 0.0 <= self.friction < np.inf:
+            raise InvalidInput(f"--friction: expected a number from 0 on, got {self.friction:g}")
+        model = None if robot in (None, "hexapod") else named_robot(str(robot))
+        keys = asdict(self.file.options())
+        return FileTerrain(
+            file=str(Path(name).resolve()), footholds=FootholdKeys(**asdict(self.footholds.limits(model))),
+            friction=0.8 if self.friction is None else self.friction,
+            **{**keys, "kind": keys["kind"] or "file"},
+        )  # fmt: skip

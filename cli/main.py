@@ -36,6 +36,7 @@ Key frames over a course, and a gait over curved ground:
   stancekit simulate plan.json --world bullet
   stancekit run plan.json --world mujoco --log run.mcap
   stancekit gait ripple --goal 1.5,1 --out gait.json --picture gait.png
+And on a page, to be dragged while one looks: stancekit play walls
 
 Exit code: 0 done; 1 ran, but a check failed; 2 bad input; 70 a mistake in the
 program itself (STANCEKIT_TRACE=1 shows where).
@@ -48,7 +49,8 @@ TRACE = "STANCEKIT_TRACE"
 VERBS = {
     "sample": "Sample", "solve": "Solve", "verify": "Verify", "label": "LabelPostures", "fit": "Fit", "train": "Train",
     "proposers": "TrainProposers",
-    "evaluate": "Evaluate", "picture": "Picture", "export": "Export", "plan": "PlanCourse", "simulate": "Simulate",
+    "evaluate": "Evaluate", "picture": "Picture", "export": "Export", "plan": "PlanCourse", "play": "Play",
+    "simulate": "Simulate",
     "terrain": "ShowTerrain", "run": "Run", "replay": "Replay", "robot": "Robot", "warp": "Warp", "gait": "Gait",
     "bench": "Bench", "demo": "Demo",
 }  # fmt: skip

@@ -16,7 +16,7 @@ from .console import as_options, complain, emit, out, progress
 from .names import PROJECTION, named
 from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn, check_planner
 from .plan_table import message_of, row, table_of
-from .robot_plan import bent_lines, refuted
+from .robot_plan import bent_lines
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan, PlanOutcome
@@ -121,6 +121,7 @@ class PlanCourse:
         from stancekit.planners.answer.outcome import Status
         from stancekit.planners.answer.proof_file import write_proof
         from stancekit.planners.search.friction_margin import plan_with_reserve
+        from stancekit.planners.search.reach_sets import refuted
 
         self._check()
         planner = self._planner()

@@ -13,6 +13,8 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.rotation import rotation_of
 from stancekit.planners.robot.toes import ToeKinematics
 
+GHOSTS = 3
+"""Key frames beside the one in full, at most."""
 LOAD = 0.25
 """Share of a step in which the load goes from one stance of a frame to the next; the body moves in the rest of it."""
 
@@ -102,14 +104,18 @@ class PlanMotion:
             raise InvalidInput("robot: expected one that has a model, got balls of reach")
         return ToeKinematics(model)
 
-    def swing(self, foothold: int, part: float) -> Array:
-        """Where a toe is on its way to a foothold: off its old patch, over, and onto the new one, shape (3,) [m]."""
+    def swing(self, foothold: int, part: float | Array) -> Array:
+        """Where a toe is on its way to a foothold: off its old patch, over, and onto the new one.
+
+        part: of the way, or several, shape (K,). Returns shape (3,) or (K, 3) [m].
+        """
         course, toes = self.plan.course, self.plan.toes_m
         put = course.footholds[foothold]
         old = int(course.holds[put.frame - 1, self._names.index(put.limb)])
         lift = sum(course.patch(p, self.plan.choice).normal for p in (old, foothold))
-        way = (1.0 - part) * toes[old] + part * toes[foothold]
-        return np.asarray(way + self._clearance_m * np.sin(np.pi * part) * 0.5 * lift)
+        share = np.asarray(part)[..., None]
+        way = (1.0 - share) * toes[old] + share * toes[foothold]
+        return np.asarray(way + self._clearance_m * np.sin(np.pi * share) * 0.5 * lift)
 
     @cached_property
     def _names(self) -> tuple[str, ...]:
@@ -139,3 +145,9 @@ class PlanMotion:
 def smooth(share: float) -> float:
     """From 0 to 1 without a jolt: 3 s² − 2 s³."""
     return share * share * (3.0 - 2.0 * share)
+
+
+def ghosts(plan: Plan, shown: int) -> list[int]:
+    """Key frames to show beside one, evenly spread and the first among them."""
+    others = np.linspace(0, plan.course.frames - 1, GHOSTS + 1).round().astype(int).tolist()
+    return sorted(set(others) - {shown})[:GHOSTS]

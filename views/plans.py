@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import to_rgb as rgb
 from matplotlib.figure import Figure
 
 from stancekit.planners.answer.plan import Plan
@@ -20,9 +19,9 @@ from stancekit.planners.terrain import Patch
 from .camera import Camera, best_view
 from .film import film_frames
 from .legend import Entry, draw_legend, force_entry
-from .plan_motion import Moment, PlanMotion
+from .plan_motion import Moment, PlanMotion, ghosts
 from .robots import RobotShape, climber, cone, cone_body, limb_of_three
-from .scene import ON_M, Body, Colour, Facet, Label, Layer, Motion, Path, Scene
+from .scene import ON_M, Body, Colour, Label, Layer, Motion, Path, Scene
 from .shapes import Mesh, Sphere, dashed, hull, polyline, ring, unit
 from .sheet import (
     ACCENT,
@@ -41,8 +40,6 @@ from .terrain import ICE, ICE_EDGE, ICY, patches, tint
 from .video import Frame
 
 GOAL = "#e8a317"
-GHOST, GHOSTS = "#5c6b7a", 3
-"""Of key frames beside the one in full: their colour, and how many there are at most."""
 LONGEST = 0.6
 """Length of the arrow of the largest force, in units of the mean reach."""
 MARGIN_M = 0.08
@@ -54,9 +51,13 @@ FPS, STEP_S, HOLD_S = 20.0, 1.2, 0.5
 
 @dataclass(frozen=True, eq=False)
 class PlanView:
-    """A plan as something to look at, with the viewpoint and the colours of its pictures."""
+    """A plan as something to look at, with the viewpoint and the colours of its pictures.
+
+    drawn_as: what its robot looks like, where that is known already.
+    """
 
     plan: Plan
+    drawn_as: RobotShape | None = field(default=None, kw_only=True)
 
     @cached_property
     def motion(self) -> PlanMotion:
@@ -73,7 +74,7 @@ class PlanView:
     @cached_property
     def shape(self) -> RobotShape:
         """What the robot looks like."""
-        return climber(self.plan.course.robot)
+        return self.drawn_as or climber(self.plan.course.robot)
 
     @cached_property
     def chosen(self) -> list[Patch]:
@@ -113,7 +114,12 @@ class PlanView:
 
     @cached_property
     def fixed(self) -> Scene:
-        """Terrain, and the path of the centre of mass with a dot at every key frame, and the goal."""
+        """Terrain, and the way over it."""
+        return patches(self.plan.course.terrain, self.bounds_m, self.friction) + self.way
+
+    @cached_property
+    def way(self) -> Scene:
+        """The path of the centre of mass with a dot at every key frame, chosen patches in outline, and the goal."""
         course, com, size = self.plan.course, self.plan.com_m, self.shape.size_m
         path = Path(pieces_m=polyline(com), colour=INK, width=1.8, layer=Layer.TOP, lift_m=60.0, halo=True)
         sizes = [(f"com {k}", at, 0.022, INK) for k, at in enumerate(com)] + [("goal", course.goal_m, 0.06, GOAL)]
@@ -127,12 +133,11 @@ class PlanView:
                  layer=Layer.TERRAIN, lift_m=8.0)
             for patch, colour in zip(self.chosen, self.colours, strict=True)
         ]  # fmt: skip
-        ground = patches(self.plan.course.terrain, self.bounds_m, self.friction)
-        return ground + Scene(paths=[*outlines, path], bodies=marks)
+        return Scene(paths=[*outlines, path], bodies=marks)
 
     def chosen_at(self, frame: int) -> list[Body]:
         """The chosen patches under the robot at a frame in full colour; of the others ``fixed`` has the outlines."""
-        return [self._windows[int(p)] for p in sorted(set(self.plan.course.holds[frame].tolist()))]
+        return [self._window(int(p)) for p in sorted(set(self.plan.course.holds[frame].tolist()))]
 
     @cached_property
     def colours(self) -> list[str]:
@@ -140,15 +145,19 @@ class PlanView:
         names = self.plan.course.robot.limb_names
         return [leg_colour(names.index(put.limb)) for put in self.plan.course.footholds]
 
-    @cached_property
-    def _windows(self) -> list[Body]:
-        """Every chosen patch, framed in the colour of its limb."""
-        return [
-            Body(name=f"chosen {p}", shape=hull(np.vstack([patch.vertices_m, patch.vertices_m + ON_M * patch.normal])),
-                 position_m=np.zeros(3), colour=self.friction.to_rgba(np.array(patch.friction))[:3],
-                 edge=self.colours[p], opacity=0.55, layer=Layer.TERRAIN, lift_m=9.0)
-            for p, patch in enumerate(self.chosen)
-        ]  # fmt: skip
+    def _window(self, foothold: int) -> Body:
+        """The chosen patch of a foothold, framed in the colour of its limb; made once."""
+        if foothold not in self._windows:
+            patch = self.chosen[foothold]
+            self._windows[foothold] = Body(
+                name=f"chosen {foothold}",
+                shape=hull(np.vstack([patch.vertices_m, patch.vertices_m + ON_M * patch.normal])),
+                position_m=np.zeros(3), colour=self.friction.to_rgba(np.array(patch.friction))[:3],
+                edge=self.colours[foothold], opacity=0.55, layer=Layer.TERRAIN, lift_m=9.0,
+            )  # fmt: skip
+        return self._windows[foothold]
+
+    _windows = cached_property(lambda self: dict[int, Body]())
 
     def limbs(self, moment: Moment) -> Sequence[Array]:
         """What moves each limb: angles of a URDF's; else where its joints are, shape (J, 3) [m], the foot last."""
@@ -188,14 +197,7 @@ class PlanView:
 
     def ghost(self, moment: Moment) -> Scene:
         """Trunk and limbs as a drawing in thin lines."""
-        rotation = rotation_of(moment.rotation_rad)
-        trunk = Facet(
-            corners_m=moment.com_m + self.shape.outline_m @ rotation.T, normal=rotation[:, 2], colour=GHOST,
-            edge=(*rgb(GHOST), 0.75), width=1.0, opacity=0.16, layer=Layer.SPACE,
-        )  # fmt: skip
-        limbs = self.shape.lines(moment.com_m, rotation, self.limbs(moment))
-        pieces = np.concatenate([polyline(joints) for joints in limbs])
-        return Scene(facets=[trunk], paths=[Path(pieces_m=pieces, colour=GHOST, opacity=0.5, width=1.6)])
+        return self.shape.ghost(moment.com_m, rotation_of(moment.rotation_rad), self.limbs(moment))
 
     @cached_property
     def tracks(self) -> Scene:
@@ -203,7 +205,7 @@ class PlanView:
         course, paths = self.plan.course, list[Path]()
         for p, put in enumerate(course.footholds):
             if put.frame:
-                line = np.array([self.motion.swing(p, part) for part in np.linspace(0.0, 1.0, 26)])
+                line = self.motion.swing(p, np.linspace(0.0, 1.0, 26))
                 paths.append(Path(pieces_m=dashed(line), colour=self.colours[p], opacity=0.55))
         return Scene(paths=paths)
 
@@ -291,9 +293,3 @@ def plan_frames(plan: Plan, *, size_px: Size = FILM_PX) -> Iterator[Frame]:
 def frame_count(plan: Plan, *, fps: float = FPS, step_s: float = STEP_S, hold_s: float = HOLD_S) -> int:
     """Pictures of a film of the plan."""
     return round(fps * (step_s * (plan.course.frames - 1) + 2.0 * hold_s)) + 1
-
-
-def ghosts(plan: Plan, shown: int) -> list[int]:
-    """Key frames to show beside one, evenly spread and the first among them."""
-    others = np.linspace(0, plan.course.frames - 1, GHOSTS + 1).round().astype(int).tolist()
-    return sorted(set(others) - {shown})[:GHOSTS]

@@ -14,11 +14,13 @@ from stancekit.planners.robot.robot_model import RobotModel
 from stancekit.planners.robot.single_body import GaitRobot
 
 from .links import Links
-from .scene import UP, Arrow, Body, Colour, between
-from .shapes import Box, Mesh, Shape, Sphere, hull, prism, unit
+from .scene import UP, Arrow, Body, Colour, Facet, Layer, Path, Scene, between
+from .shapes import Box, Mesh, Shape, Sphere, hull, polyline, prism, unit
 from .sheet import ACCENT, leg_colour
 
 STEEL, JOINT, RIM, SHELL = "#5b6b7b", "#8593a1", "#2b3642", "#dfe6ee"
+GHOST = "#5c6b7a"
+"""Colour of a robot in thin lines."""
 PAPER = np.array(rgb("#f4f1ea"))
 
 
@@ -78,6 +80,15 @@ class RobotShape:
                  colour=part.colour, edge=STEEL, opacity=opacity, lift_m=part.lift_m)
             for k, part in enumerate(self.trunk)
         ]  # fmt: skip
+
+    def ghost(self, position_m: Array, rotation: Array, limbs: Sequence[Array]) -> Scene:
+        """Trunk and limbs as a drawing in thin lines."""
+        trunk = Facet(
+            corners_m=position_m + self.outline_m @ rotation.T, normal=rotation[:, 2], colour=GHOST,
+            edge=(*rgb(GHOST), 0.75), width=1.0, opacity=0.16, layer=Layer.SPACE,
+        )  # fmt: skip
+        pieces = np.concatenate([polyline(joints) for joints in self.lines(position_m, rotation, limbs)])
+        return Scene(facets=[trunk], paths=[Path(pieces_m=pieces, colour=GHOST, opacity=0.5, width=1.6)])
 
     def force(self, limb: str, foot_m: Array, vector_m: Array, *, prefix: str = "") -> Arrow:
         """The arrow of a contact force at a foot, as long as drawn."""

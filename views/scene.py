@@ -207,6 +207,19 @@ def borders(facets: Sequence[Facet]) -> list[Path]:
     ]
 
 
+def merged(paths: Sequence[Path]) -> list[Path]:
+    """The same lines, those of one look in one path."""
+    found: dict[tuple[Any, ...], list[Array]] = {}
+    for path in paths:
+        key = (to_rgba(path.colour), path.width, path.opacity, path.layer, path.lift_m, path.halo)
+        found.setdefault(key, []).append(path.pieces_m)
+    return [
+        Path(pieces_m=np.concatenate(pieces), colour=colour[:3], width=width, opacity=opacity, layer=layer,
+             lift_m=lift_m, halo=halo)
+        for (colour, width, opacity, layer, lift_m, halo), pieces in found.items()
+    ]  # fmt: skip
+
+
 def between(name: str, start: Array, end: Array, radii: tuple[float, float], colour: Colour, edge: Colour) -> Body:
     """A capsule from one point to another."""
     return Body(

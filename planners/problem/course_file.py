@@ -55,7 +55,7 @@ def read_course(
             return course_from_json(data)
         except InvalidInput as error:
             raise InvalidInput(str(error) if str(error).startswith(str(course)) else f"{course}: {error}") from None
-    data = _described(course)
+    data = described(course)
     if "surfaces" in data:
         from .scene_file import read_scene
 
@@ -72,11 +72,11 @@ def read_spec(course: str | Path, robot: str | None = None) -> CourseSpec:
 
     Raises InvalidInput with every key that is wrong.
     """
-    return _spec(course, _described(course), robot)
+    return _spec(course, described(course), robot)
 
 
-def _described(course: str | Path) -> Mapping[str, Any]:
-    """The keys of a built-in name or a YAML file."""
+def described(course: str | Path) -> Mapping[str, Any]:
+    """The keys of a built-in name, of FAMILY:LEVEL:SEED or of a YAML file. Raises InvalidInput."""
     name = str(course)
     if family_name(name) and not Path(name).exists():
         return family_keys(name)

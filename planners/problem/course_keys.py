@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -191,10 +192,13 @@ class CourseSpec(_Keys):
     height is that in which the robot stands on the terrain there. stride_m: distance of neighbouring
     frames along it; the last line is then gone on, or cut short, as the number of frames has it, and where that ends is
     the goal. Without it the frames are spread evenly from start to goal.
+
+    mass_kg: of the robot with all that it carries, in place of its own; not for a robot's file, whose links say it.
     """
 
     name: str
     robot: RobotKey = "hexapod"
+    mass_kg: Positive | None = None
     frames: Annotated[int, Field(ge=1, le=MOST_FRAMES)]
     gait: GaitKey = "tripod"
     start_m: StartKey
@@ -240,14 +244,18 @@ class CourseSpec(_Keys):
     def make_robot(self, model: RobotModel | None = None, sets: Sets = "inner") -> Robot:
         """The robot of the course; model: what ``robot_model`` gives; sets: of its legs, see ``contact_robot``."""
         if model is not None:
+            if self.mass_kg is not None:
+                raise InvalidInput(f"mass_kg: expected none with a robot's file, which says it, got {self.mass_kg:g}")
             from ..robot.contact_robot import contact_robot
             from ..robot.workspace_cache import workspaces_of
 
             return contact_robot(model, workspaces_of(model), sets)
         if isinstance(self.robot, str):
-            return hexapod()
-        limbs = tuple(limb.make(name) for name, limb in self.robot.limbs.items())
-        return Robot(name=self.robot.name, mass_kg=self.robot.mass_kg, limbs=limbs)
+            own = hexapod()
+        else:
+            limbs = tuple(limb.make(name) for name, limb in self.robot.limbs.items())
+            own = Robot(name=self.robot.name, mass_kg=self.robot.mass_kg, limbs=limbs)
+        return own if self.mass_kg is None else replace(own, mass_kg=self.mass_kg)
 
     def with_frames(self, frames: int) -> CourseSpec:
         """The same with another number of key frames. Raises InvalidInput."""

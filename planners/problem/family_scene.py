@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -11,6 +12,7 @@ from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..plugins import split_name
 from ..terrain.families import TERRAIN_FAMILIES, FamilyTerrain, family_terrain
+from ..terrain.patch import Patch
 from .terrain_spec import Terrain, TerrainSpec
 
 FRAMES, STRIDE_M, HEIGHT_M = 4, 0.08, 0.20
@@ -74,18 +76,18 @@ def family_keys(name: str) -> dict[str, Any]:
         "body": {"com_radius_m": 0.06, "first_radius_m": 0.02},
         "steps": {"com_m": 0.15, "toe_m": 0.40, "rotation_rad": 0.15, "progress_m": 0.02},
         "candidates": {"everywhere": True, "margin_m": 0.01},
-        "terrain": _polygons(scene) if ".py:" in family
+        "terrain": polygon_keys(scene.patches, scene.footing) if ".py:" in family
         else {"kind": "family", "family": family, "level": level, "seed": seed},
     }  # fmt: skip
 
 
-def _polygons(scene: FamilyTerrain) -> dict[str, Any]:
-    """A drawn scene in keys, surface by surface."""
+def polygon_keys(patches: Sequence[Patch], footing: Sequence[bool]) -> dict[str, Any]:
+    """A terrain in keys, surface by surface. footing: which of them toes may stand on."""
     polygons = [
         {
             "vertices_m": patch.vertices_m.tolist(), "normal": patch.normal.tolist(), "friction": patch.friction,
             "shear_reference": patch.shear_reference.tolist(), "footing": footing,
         }
-        for patch, footing in zip(scene.patches, scene.footing, strict=True)
+        for patch, footing in zip(patches, footing, strict=True)
     ]  # fmt: skip
     return {"kind": "polygons", "polygons": polygons}

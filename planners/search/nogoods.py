@@ -8,6 +8,7 @@ stands in the certificate as the subtree that proves it.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,7 +56,8 @@ class Nogoods:
         return int(covers.argmax()) if covers.any() else None
 
     def learn(self, choice: Index, deadline_s: float) -> bool:
-        """Look at every stance alone on this choice, (P,); whether one is refuted. deadline_s: of working time."""
+        """Look at every stance alone on this choice, (P,); whether one is refuted. deadline_s: of working time, when to
+        stop."""
         layout, chosen = self._scaled.layout, self._scaled.chosen(choice)
         learned = False
         for stance, (frame, _) in enumerate(layout.stances):
@@ -63,14 +65,14 @@ class Nogoods:
             key = (stance, *(int(choice[p]) for p in under))
             if key in self._known:
                 continue
+            if self._clock.working() > deadline_s:
+                break
             self._known.add(key)
-            root = self._refuted(chosen, stance, NODES)
+            root = self._refuted(chosen, stance, NODES, deadline_s)
             if root is None:
                 continue
             learned = True
             self._keep(self._widened(stance, choice, root, deadline_s))
-            if self._clock.working() > deadline_s:
-                break
         return learned
 
     def covering(self, choice: Index, foothold: int) -> Array:
@@ -128,16 +130,17 @@ class Nogoods:
             wider = mask.copy()
             wider[group] = 1.0
             nodes = int(everything[group].sum(axis=1).max()) * len(root.rows()[0]) + WIDER_LEAST
-            found = self._refuted(scaled.only(everything * wider), stance, nodes)
+            found = self._refuted(scaled.only(everything * wider), stance, nodes, deadline_s)
             if found is not None:
                 mask, root = wider, found
         return Nogood(stance=stance, refuted=mask, root=root)
 
-    def _refuted(self, scaled: Scaled, stance: int, nodes: int) -> Node | None:
-        """The root of a search that refutes the stance alone; None where it does not."""
+    def _refuted(self, scaled: Scaled, stance: int, nodes: int, deadline_s: float) -> Node | None:
+        """The root of a search that refutes the stance alone; None where it does not, or not in time."""
+        left_s = max(deadline_s - self._clock.working(), 0.0)
         search = CutSearch(
             self._programs, alone(scaled, stance)[0], gap=PROVABLE, tolerance=0.0, max_nodes=nodes,
-            deadline=float("inf"),
+            deadline=time.perf_counter() + left_s,
         )  # fmt: skip
         search.run()
         self._clock.count(search.solves, search.seconds)

@@ -38,7 +38,8 @@ class TwoStageCoursePlanner:
 
     projection: see ``projection.project``. gap: None takes the first plan that the search finds; else the search goes
     on, and improves plans, until one is proved to be within this relative gap of the best. max_nodes: of each search.
-    time_limit_s: of one course. cuts: whether to cut in space.
+    time_limit_s: of one course. cuts: whether to cut in space. steps: of SCP at most, where the first few bring a point
+    near to a plan; those of one choice are not interrupted by the time limit.
     """
 
     name = "two-stage"
@@ -52,6 +53,7 @@ class TwoStageCoursePlanner:
         max_nodes: int = 2000,
         time_limit_s: float = 60.0,
         cuts: bool = True,
+        steps: int = STEPS,
         programs: Programs | None = None,
     ) -> None:
         PROJECTIONS.get(projection)
@@ -61,6 +63,7 @@ class TwoStageCoursePlanner:
         self.max_nodes = max_nodes
         self.time_limit_s = time_limit_s
         self.cuts = cuts
+        self.steps = steps
         self.programs = programs or Programs()
 
     def solve(self, course: Course) -> PlanOutcome:
@@ -90,7 +93,8 @@ class TwoStageCoursePlanner:
         limits = Limits(max_nodes=self.max_nodes, time_limit_s=self.time_limit_s, gap=self.gap, share=share)
 
         def projected(chosen: Scaled, start: Point, patient: bool) -> Point:
-            point = project(self.programs, self.projection, chosen, start, steps=STEPS if patient else QUICK)
+            steps = self.steps if patient else min(self.steps, QUICK)
+            point = project(self.programs, self.projection, chosen, start, steps=steps)
             clock.count(point.solves, point.seconds)
             if self.gap is None or not point.residual <= SURFACE:
                 return point

@@ -2,20 +2,13 @@
 
 from __future__ import annotations
 
-import base64
-import json
 import re
-import shutil
-import subprocess
 import time
 from contextlib import closing
 from dataclasses import replace
-from io import BytesIO
-from urllib.request import urlopen
 
 import numpy as np
 import pytest
-from matplotlib.image import imread
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.errors import InvalidInput
@@ -31,13 +24,8 @@ from stancekit.views.page import check_page, page, write_page
 from stancekit.views.plans import PlanView
 from stancekit.views.shapes import along
 from stancekit.views.sheet import ACCENT
-
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome"))), None)
-OFFLINE = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
-    "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", "--window-size=800,600", "--remote-debugging-port=0",
-)  # fmt: skip
-PATIENCE_S = 120.0
+from stancekit.views.stage import Stage, quaternion
+from tests.emulators.chromium import CHROMIUM, PATIENCE_S, opened
 
 
 @pytest.fixture(scope="module")
@@ -112,9 +100,9 @@ def test_nodes_follow_the_motion(subject, plan, walk):
     """What a page records of bodies, forces and notes is what the moments have, and what is not there is hidden."""
     motion = PlanView(plan).film(step_s=0.2) if subject == "plan" else walk.film(None, step_s=0.5)
     try:
-        server = page_module._server()
+        server = page_module.viser_server()
         with server as shown:
-            stage = page_module._Stage(shown.scene, motion.camera.distance_m)
+            stage = Stage(shown.scene, motion.camera.distance_m)
             names = set()
             for moment, note in zip(motion.moments, motion.notes or [""] * len(motion.moments), strict=True):
                 stage.pose(moment, note)
@@ -171,24 +159,13 @@ def test_headless_chromium_opens_it_from_disk_without_a_network(subject, is_seen
 
 def pictures_of(address, profile):
     """What Chromium shows of a page, again and again while patience lasts, shape (H, W, 3) in [0, 1]."""
-    connect = pytest.importorskip("websockets.sync.client").connect
-    command = [CHROMIUM, *OFFLINE, f"--user-data-dir={profile}", address]
-    browser = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
-    try:
-        at = next(found for line in browser.stderr if (found := re.search(r"ws://(127\.0\.0\.1:\d+)/", line)))
-        with urlopen(f"http://{at[1]}/json/list") as answer:
-            tab = next(tab for tab in json.load(answer) if tab["type"] == "page")
-        with connect(tab["webSocketDebuggerUrl"], max_size=None) as line:
-            until = time.monotonic() + PATIENCE_S
-            while time.monotonic() < until:
-                line.send(json.dumps({"id": 1, "method": "Page.captureScreenshot"}))
-                said = json.loads(line.recv(timeout=PATIENCE_S))
-                if "result" in said:
-                    yield imread(BytesIO(base64.b64decode(said["result"]["data"])))[..., :3]
-                time.sleep(0.5)
-    finally:
-        browser.kill()
-        browser.communicate()
+    pytest.importorskip("websockets.sync.client")
+    with opened(address, profile) as tab:
+        until = time.monotonic() + PATIENCE_S
+        while time.monotonic() < until:
+            if (seen := tab.picture()) is not None:
+                yield seen
+            time.sleep(0.5)
 
 
 @pytest.mark.parametrize(
@@ -217,7 +194,7 @@ def test_without_viser_the_extra_is_named(plan, monkeypatch, tmp_path):
 def test_quaternions_turn_as_they_should(seed):
     rng = np.random.default_rng(seed)
     rotation = Rotation.from_rotvec(0.3 * rng.normal(size=3)).as_matrix()
-    w, *xyz = page_module._quaternion(rotation)
+    w, *xyz = quaternion(rotation)
     assert Rotation.from_quat([*xyz, w]).as_matrix() == pytest.approx(rotation)
     direction = rng.normal(size=3) if seed else np.array([0.0, 0.0, -2.0])
     assert along(direction)[:, 2] == pytest.approx(direction / np.linalg.norm(direction))

@@ -13,8 +13,8 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_posture
-from stancekit.views.plan_motion import LOAD, PlanMotion
-from stancekit.views.plans import PlanView, draw_plan, frame_count, ghosts, plan_frames
+from stancekit.views.plan_motion import LOAD, PlanMotion, ghosts
+from stancekit.views.plans import PlanView, draw_plan, frame_count, plan_frames
 from stancekit.views.sheet import check_picture, save, to_rgb
 from stancekit.views.terrain import ICE, cells
 

@@ -1,0 +1,134 @@
+"""``stancekit play``: a course on a page, dragged and planned anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from stancekit.planners.errors import InvalidInput
+
+from .between import Between
+from .console import out
+from .gait_options import place
+from .options import OptionalInt
+
+if TYPE_CHECKING:
+    from stancekit.views.playground.scenario import Scenario
+    from stancekit.views.playground.serving import Page
+    from stancekit.views.playground.walk_scenario import WalkScenario
+
+
+@dataclass
+class Play:
+    """Play with a course or a walk on a page: drag goal and walls, slide friction and mass, and see the plan.
+
+    COURSE is a built-in one (stairs, walls, icy-walls, tube, ground-to-wall), FAMILY:LEVEL:SEED, a published scene, a
+    YAML or JSON file, or with --start and --goal a terrain's file, as for `stancekit plan`.
+
+      stancekit play walls
+      stancekit play my-course.yaml --robot hexapod go1.urdf
+      stancekit play rubble.stl --start 0,0 --goal 2,0.5
+      stancekit play ripple
+
+    A terrain of `stancekit gait` (ripple, cone, rough:0.3:7, …) is one to walk over: start and goal are dragged, and
+    the walk is planned beside the page, in seconds to minutes, which says how far it is. --walk takes a file of heights
+    or a name that courses have, too, for one.
+
+    The page shows at once a plan whose contacts hold: forces in their cones, torques, what every limit has in hand, or
+    the sentence that says why there is none and by how much a limit is missed. Once nothing is changed any more the
+    plan is judged as by `stancekit plan`, joints and bodies, too: the page says which of the two it shows. Plan and
+    course are saved in the formats of the other commands. All tabs show the same scene. Ctrl-C ends.
+    """
+
+    course: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="COURSE")]
+    """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, a terrain's file, or a terrain to walk over."""
+    walk: bool = False
+    """Walk over it, as `stancekit gait`."""
+    robot: Annotated[tuple[str, ...], tyro.conf.arg(metavar="FILE|NAME ...")] = ()
+    """Robots of the page's menu, built-in names or .urdf or .yaml files (extra kin); it begins with the first one. Of
+    walks also anymal, with which they begin where none is named."""
+    frames: OptionalInt = None
+    """Number of key frames to begin with, where not the course's own."""
+    between: Annotated[Between, tyro.conf.OmitArgPrefixes] = field(default_factory=Between)
+    """From where to where over a terrain's file."""
+    folder: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path()
+    """Where the page saves."""
+    host: str = "127.0.0.1"
+    """Address to listen at. Whoever can reach it can change the scene and save into the folder."""
+    port: int = 8080
+    """Port to listen at; 0 takes a free one."""
+    browser: bool = True
+    """Open the page in a browser, where there is a desktop; --no-browser does not."""
+
+    def run(self) -> int:
+        """Serve until Ctrl-C."""
+        from stancekit.views.playground.serving import check_port, served, served_walk
+
+        self._check()
+        check_port(self.host, self.port)
+        first = self.robot[0] if self.robot else None
+        if self.walk or self._is_walk():
+            walk = self._walk(first or "anymal")
+            with served_walk(walk, robots=self.robot, folder=self.folder, host=self.host, port=self.port) as walks:
+                return self._show(walks)
+        scenario = self._scenario(first)
+        with served(scenario, robots=self.robot, folder=self.folder, host=self.host, port=self.port) as page:
+            return self._show(page)
+
+    def _show(self, page: Page[Any]) -> int:
+        out.print(f"{page.address} shows {self.course}; Ctrl-C ends", highlight=False)
+        if self.browser:
+            page.open_browser()
+        page.wait()
+        return 0
+
+    def _is_walk(self) -> bool:
+        """Whether it is the name of a terrain to walk over and none of a course."""
+        from stancekit.planners.plugins import split_name
+        from stancekit.planners.problem.family_scene import family_name
+        from stancekit.planners.terrain.reference import FAMILIES, TERRAINS
+
+        family, numbers = split_name(self.course)
+        drawn = bool(numbers) and family in FAMILIES.names() and not family_name(self.course)
+        return drawn or self.course in TERRAINS.names()
+
+    def _walk(self, robot: str) -> WalkScenario:
+        """What a page of walks begins with. Raises InvalidInput."""
+        from stancekit.views.playground.walk_scenario import WalkScenario
+
+        given: dict[str, Any] = {}
+        for key, value in (("start", self.between.start), ("goal", self.between.goal)):
+            if value is not None:
+                x, y = place(value, f"--{key}").tolist()
+                given[f"{key}_m"] = (x, y)
+        if self.between.friction is not None:
+            given["friction"] = self.between.friction
+        return WalkScenario.of(self.between.file.read(self.course), robot, **given)
+
+    def _scenario(self, robot: str | None) -> Scenario:
+        """What the page begins with. Raises InvalidInput."""
+        from stancekit.planners.problem.course_file import described
+        from stancekit.planners.terrain.terrain_file import SUFFIXES
+        from stancekit.views.playground.between_scenario import BetweenScenario
+        from stancekit.views.playground.fixed_scenario import FixedScenario
+        from stancekit.views.playground.keys_scenario import KeysScenario
+
+        suffix = Path(self.course).suffix.lower()
+        if suffix in SUFFIXES and self.between.start is not None and self.between.goal is not None:
+            (x, y), (x_goal, y_goal) = (each.tolist() for each in self.between.places())
+            terrain = self.between.terrain(self.course, robot)
+            return BetweenScenario(
+                terrain=terrain, start_m=(x, y), goal_m=(x_goal, y_goal), robot=robot or "hexapod", frames=self.frames
+            )
+        if suffix in SUFFIXES or suffix == ".json" or self.between != Between() or "surfaces" in described(self.course):
+            return FixedScenario(laid=self.between.course(self.course, self.frames, robot))
+        return KeysScenario.of(self.course, robot, self.frames)
+
+    def _check(self) -> None:
+        if not 0 <= self.port <= 65535:
+            raise InvalidInput(f"--port: expected 0 to 65535, got {self.port}")
+        if not self.folder.is_dir():
+            raise InvalidInput(f"--folder: expected a folder, got {self.folder}")

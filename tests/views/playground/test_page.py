@@ -1,0 +1,96 @@
+"""The playground in headless Chromium: opened, dragged and read; what is saved the other commands accept."""
+
+from __future__ import annotations
+
+import re
+from contextlib import suppress
+
+import pytest
+
+from stancekit.planners.answer.plan_file import check_file
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.views.playground.keys_scenario import KeysScenario
+from stancekit.views.playground.serving import served
+from stancekit.views.scene import UP
+from tests.emulators.chromium import CHROMIUM, opened
+from tests.emulators.playground import middle_of, pixel_of
+
+SIZE_PX = (1400, 900)
+VERDICT = "document.querySelector('#verdict')"
+
+
+def change_of(tab):
+    """The number of the change whose answer is shown."""
+    return int(tab.value(f"{VERDICT} ? {VERDICT}.dataset.change : -1"))
+
+
+@pytest.fixture
+def shown(tmp_path):
+    """A playground over two walls, and the tab that shows it."""
+    if CHROMIUM is None:
+        pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
+    pytest.importorskip("viser")
+    with (
+        served(KeysScenario.of("walls"), folder=tmp_path) as page,
+        opened(page.address, tmp_path / "profile", SIZE_PX) as tab,
+    ):
+        tab.wait_for(f"{VERDICT} !== null")
+        yield page, tab
+
+
+def test_it_is_opened_dragged_and_read(shown, tmp_path):
+    page, tab = shown
+    tab.wait_for(f"{VERDICT}.dataset.patient === '1'")
+    text = tab.text()
+    assert "Accepted" in text
+    assert "friction of all surfaces [μ]" in text
+    assert "force [N]" in text
+    assert "torque [Nm]" in text
+    assert "hexapod, 10 kg (98.1 N)" in text
+
+    goal = page.playground.session.scenario.course().goal_m  # drag it up by its arrow
+    start, end = (pixel_of(page, tab, goal + up * UP) for up in (0.10, 0.16))
+    tab.drag(start, end)
+    tab.wait_for(f"{VERDICT}.dataset.change > 0")
+    scenario = page.playground.session.scenario
+    moved = scenario.course().goal_m - goal
+    assert moved[2] == pytest.approx(0.06, abs=0.015)
+    assert moved[:2] == pytest.approx([0.0, 0.0], abs=1e-3)
+    tab.wait_for(f"{VERDICT}.dataset.patient === '1' && {VERDICT}.dataset.change >= {change_of(tab)}")
+    found = TwoStageCoursePlanner().solve(scenario.course())
+    assert found.plan is not None
+    assert f"after {found.plan.course.frames} key frames" in tab.text()
+
+    for words in ("save plan", "save course"):
+        tab.click(*middle_of(tab, f"[...document.querySelectorAll('button')].find(b => b.innerText === '{words}')"))
+        tab.wait_for(f"document.querySelector('#saved')?.innerText.includes('{words.split()[1]}.')")
+    assert check_file(tmp_path / "played-plan.json").accepted
+    again = read_course(tmp_path / "played-course.yaml")
+    assert again.goal_m == pytest.approx(scenario.course().goal_m, abs=1e-9)
+
+
+def test_a_slider_takes_the_friction_away_and_the_page_says_how_much_is_missing(shown):
+    page, tab = shown
+    x, y = middle_of(tab, "document.querySelector('[role=slider]')")
+    tab.drag((x, y), (x - 400.0, y))
+    tab.wait_for(f"{VERDICT}.innerText.startsWith('No plan')")
+    said = tab.value(f"{VERDICT}.innerText")
+    assert re.search(r"friction .* would have to change from 0 by at least 0\.\d+", said), said
+    assert "in hand" not in tab.text()
+    assert page.playground.session.scenario.sliders()[0].value == 0.0
+
+
+def test_without_viser_the_extra_is_named(monkeypatch):
+    from stancekit.views import page as page_module
+
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(page_module, "import_module", missing)
+    with (
+        suppress(StopIteration),
+        pytest.raises(InvalidInput, match=r"expected viser; install it with pip install 'stancekit\[viz\]'"),
+    ):
+        served(KeysScenario.of("walls")).__enter__()

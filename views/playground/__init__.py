@@ -1,0 +1,1 @@
+"""The playground: a course that is dragged and slid on a page, planned anew while one looks."""

@@ -1,0 +1,104 @@
+"""What is said of a scene: at once from its contacts alone, and, once nobody changes it any more, of the whole body."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.plan import Plan, PlanOutcome
+from stancekit.planners.errors import StancekitError
+from stancekit.planners.problem.course import Course
+from stancekit.planners.search.friction_margin import plan_with_reserve
+from stancekit.planners.search.reach_sets import refuted
+from stancekit.planners.search.replan import replan
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.whole_body_outcome import with_whole_body
+from stancekit.planners.verify import Report, check_plan, explain
+
+from .scenario import Scenario
+
+SHARES = (0.8, 1.0)
+"""Of the friction, that a plan is looked for with while the scene is changed."""
+QUICK_S, QUICK_NODES, QUICK_STEPS = 0.15, 20, 6
+"""Time, nodes and steps of SCP of the search over patches while the scene is changed, for each share."""
+PATIENT_S = 20.0
+"""Time of all searches when nobody changes it any more."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Answer:
+    """What is known of a scene.
+
+    course: what is asked for; None where it makes no sense. plan: accepted by the verifier as far as its contacts go.
+    status: None where there is no course. message: why there is no plan, or what is wrong with it; empty where nothing
+    is. report: on all of the plan, once it was judged. patient: whether all was looked at. seconds: CPU time of the
+    layout and of the search.
+    """
+
+    course: Course | None = None
+    status: Status | None = None
+    plan: Plan | None = None
+    message: str = ""
+    report: Report | None = None
+    patient: bool = False
+    share: float = 1.0
+    seconds: tuple[float, float] = (0.0, 0.0)
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the verifier accepted all of a plan."""
+        return self.report is not None and self.report.accepted and self.status is Status.FEASIBLE
+
+
+def quick_answer(scenario: Scenario) -> Answer:
+    """An answer for the eye, from the contacts alone; undecided where it would take longer. Raises nothing."""
+    begin = time.process_time()
+    try:
+        course = scenario.course()
+        laid = time.process_time()
+        planner = TwoStageCoursePlanner(time_limit_s=QUICK_S, max_nodes=QUICK_NODES, cuts=False, steps=QUICK_STEPS)
+        outcome = replan(None, course, planner=planner, shares=SHARES)
+    except StancekitError as error:
+        return Answer(message=str(error), seconds=(time.process_time() - begin, 0.0))
+    return _answer(course, outcome, (laid - begin, time.process_time() - laid))
+
+
+def patient_answer(scenario: Scenario) -> Answer:
+    """The answer of ``stancekit plan``: with a reserve of friction, joints, torques and bodies. Raises nothing."""
+    begin = time.process_time()
+    try:
+        course = scenario.course()
+        laid = time.process_time()
+        planner = TwoStageCoursePlanner(time_limit_s=PATIENT_S)
+        outcome = plan_with_reserve(planner, course)
+        if outcome.certificate is not None and course.robot.model is not None:
+            around = scenario.course("outer")
+            course, outcome = refuted(course, outcome, around, planner.solve(around))
+        outcome = with_whole_body(outcome)
+        report = None if outcome.plan is None else check_plan(outcome.plan, joints=True)
+    except StancekitError as error:
+        return Answer(message=str(error), patient=True, seconds=(time.process_time() - begin, 0.0))
+    return _answer(course, outcome, (laid - begin, time.process_time() - laid), report, patient=True)
+
+
+def _answer(
+    course: Course,
+    outcome: PlanOutcome,
+    seconds: tuple[float, float],
+    report: Report | None = None,
+    *,
+    patient: bool = False,
+) -> Answer:
+    message = outcome.message
+    if outcome.certificate is not None:
+        message = explain(course, outcome.certificate).message
+        if course.robot.model is not None and not patient:
+            message += ", for what its legs surely reach"
+    elif report is not None and not report.accepted:
+        message = report.message + (f"; {report.failures}" if report.failures else "")
+    share = 1.0 if outcome.plan is None else float(outcome.plan.provenance.get("friction_share", 1.0))
+    return Answer(
+        course=course, status=outcome.status, plan=outcome.plan, message=message, report=report, patient=patient,
+        share=share, seconds=seconds,
+    )  # fmt: skip

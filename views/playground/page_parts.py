@@ -1,0 +1,65 @@
+"""What the playground's pages share: their look, where they are seen from, verdicts, and robots in a menu."""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+
+from ..sheet import INK, QUIET
+
+FOV_RAD = 0.75
+BRAND = (39, 64, 127)
+
+
+def set_up(server: Any) -> None:
+    """Colours and lights."""
+    server.gui.configure_theme(show_logo=False, show_share_button=False, brand_color=BRAND)
+    server.scene.configure_default_lights(cast_shadow=False)
+
+
+def let_camera(server: Any, target_m: Array, away_m: float, towards: Array) -> None:
+    """From where a page is seen first: ``away_m`` from a place, in a direction of shape (3,)."""
+    camera = server.initial_camera
+    camera.look_at, camera.fov = tuple(target_m), FOV_RAD
+    camera.position = tuple(target_m + away_m * towards / np.linalg.norm(towards))
+
+
+def said(colour: str, title: str, text: str, below: str, *, change: int, patient: bool) -> str:
+    """A verdict as HTML: a title in its colour, a sentence, and a quiet line. change: that it answers; patient: whether
+    it is the last word on that."""
+    return (
+        f'<div id="verdict" data-change="{change}" data-patient="{int(patient)}" style="border-left:5px solid '
+        f'{colour};padding:2px 0 4px 10px;margin:6px 2px;font:13px/1.45 system-ui,sans-serif;color:{INK}">'
+        f'<div style="font-size:15px;font-weight:700;color:{colour}">{html.escape(title)}</div>'
+        f"<div>{html.escape(text)}</div>"
+        f'<div style="color:{QUIET};font-size:11.5px">{html.escape(below)}</div></div>'
+    )
+
+
+def told(colour: str, words: str) -> str:
+    """A line on what was saved, as HTML."""
+    return (
+        f'<div id="saved" style="font:12px/1.4 system-ui,sans-serif;color:{colour};margin:4px 2px;'
+        f'overflow-wrap:anywhere">{html.escape(words)}</div>'
+    )
+
+
+def named_in(folder: Path, name: str, ending: str) -> Path:
+    """A file of this name in the folder, and never outside of it, whoever asks. Raises InvalidInput."""
+    name = name.strip()
+    if not name or Path(name).name != name or name.startswith("."):
+        raise InvalidInput(f"name: expected one without a folder, got {name!r}")
+    return folder / f"{name}{ending}"
+
+
+def called(robots: Sequence[str]) -> dict[str, str]:
+    """Robots by what a menu calls them: a file by its name, or by all of its path where two have that name."""
+    short = [Path(robot).name if Path(robot).suffix else robot for robot in robots]
+    return {name if short.count(name) == 1 else robot: robot for name, robot in zip(short, robots, strict=True)}

@@ -1,0 +1,85 @@
+"""What a playground shows of a scene and of the answer to it, in parts that change on their own."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from itertools import pairwise
+
+import numpy as np
+
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem.course import Course
+from stancekit.planners.robot.model import Robot
+
+from ..plan_motion import Moment, ghosts
+from ..plans import GOAL, PlanView
+from ..robots import RobotShape, climber
+from ..scene import Body, Label, Path, Scene
+from ..shapes import Sphere, dashed
+from ..sheet import ACCENT, friction_colours
+from ..terrain import surfaces
+
+STEP_M = 0.25
+AROUND_M = 0.75
+"""Terrain is shown so far beyond the nominal path, at least."""
+
+
+class Pictures:
+    """Draws scenes; what does not change from one to the next is kept."""
+
+    def __init__(self) -> None:
+        self._shape: tuple[Hashable, RobotShape] | None = None
+        self._ground: tuple[Hashable, Scene] | None = None
+
+    def shape(self, robot: Robot) -> RobotShape:
+        """What a robot looks like."""
+        key = (robot.name, robot.identity, tuple((each.name, each.reach_m) for each in robot.limbs))
+        if self._shape is None or self._shape[0] != key:
+            self._shape = (key, climber(robot))
+        return self._shape[1]
+
+    def view(self, plan: Plan) -> PlanView:
+        """A plan as something to look at."""
+        return PlanView(plan, drawn_as=self.shape(plan.course.robot))
+
+    def ground(self, course: Course) -> Scene:
+        """The surfaces about the path, in the tints of their friction."""
+        box = bounds_m(course)
+        key = (box.tobytes(), *((patch.vertices_m.tobytes(), patch.friction) for patch in course.terrain))
+        if self._ground is None or self._ground[0] != key:
+            colours = friction_colours([patch.friction for patch in course.terrain])
+            self._ground = (key, surfaces(course.terrain, box, colours))
+        return self._ground[1]
+
+    def asked(self, course: Course) -> Scene:
+        """Without a plan: where the body was asked to go, from start to goal."""
+        com, size = course.com_nominal_m, 0.02 * self.shape(course.robot).size_m
+        line = dashed(np.concatenate([np.linspace(a, b, 9) for a, b in pairwise(com)] or [com]))
+        marks = [
+            Body(name=f"asked {k}", shape=Sphere(size), position_m=at, colour=ACCENT) for k, at in enumerate(com)
+        ] + [Body(name="goal", shape=Sphere(3.0 * size), position_m=course.goal_m, colour=GOAL)]
+        words = Label(name="asked", position_m=com[0], text="asked for: no plan", colour=ACCENT)
+        return Scene(paths=[Path(pieces_m=line, colour=ACCENT, width=2.0)], bodies=marks, labels=[words])
+
+    def found(self, view: PlanView) -> Scene:
+        """The way of a plan, the tracks of its toes, and its robot at some key frames in thin lines."""
+        scene = view.way + view.tracks
+        for k in ghosts(view.plan, view.plan.course.frames - 1):
+            ghost = view.ghost(view.motion.key(k))
+            scene += Scene(paths=ghost.paths)
+        return scene
+
+    def moment(self, view: PlanView, moment: Moment, limbs: list[Array] | None = None) -> tuple[Scene, Scene]:
+        """The robot and its forces in their cones; and what they are called, in N."""
+        names = Scene(labels=[each for each in view.names(moment).labels if each.name != "goal"])  # its grip has it
+        return view.at(moment, limbs=limbs), names
+
+
+def bounds_m(course: Course) -> Array:
+    """Lowest and highest corner of what is shown, shape (2, 3) [m]: about the path, as far as limbs reach, in steps."""
+    reach = max(limb.reach_m + float(np.linalg.norm(limb.shoulder_m)) for limb in course.robot.limbs)
+    around = max(AROUND_M, 1.2 * reach)
+    com = np.vstack([course.com_nominal_m, course.goal_m[None]])
+    low, high = com.min(axis=0) - around, com.max(axis=0) + around
+    return STEP_M * np.array([np.floor(low / STEP_M), np.ceil(high / STEP_M)])

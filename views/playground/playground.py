@@ -1,0 +1,266 @@
+"""The playground's page: a scene in three dimensions with grips and sliders, its plan, and what that asks of limbs."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stancekit.planners.errors import StancekitError
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem.course import Course
+from stancekit.planners.robot.kinematics import Kinematics
+
+from ..plans import PlanView
+from ..scene import Scene
+from ..stage import Stage
+from .answer import Answer, quick_answer
+from .controls import Controls
+from .files import Files
+from .page_parts import called, let_camera, set_up
+from .pictures import Pictures
+from .player import Player
+from .scenario import Scenario
+from .session import Session
+from .tables import limb_table, loads, solver_of, summary, verdict
+
+log = logging.getLogger(__name__)
+TITLE = "Stancekit playground"
+
+
+class Playground:
+    """A page on a viser server. robots: names and files in its menu; folder: where it saves.
+
+    Raises StancekitError where the scene is no course to begin with.
+    """
+
+    def __init__(self, server: Any, scenario: Scenario, *, robots: Sequence[str], folder: Path) -> None:
+        course = scenario.course()
+        first = quick_answer(scenario)
+        self._server, self._drawing = server, threading.RLock()
+        self._pictures = Pictures()
+        self._answer: Answer = first
+        self._view: PlanView | None = None
+        self._time = float(course.frames - 1)
+        self._solver: tuple[Any, Kinematics | None] | None = None
+        self._set_up(course)
+        self._stage = Stage(server.scene, self._distance_m)
+        self._lay_out(scenario, robots, folder)
+        self._player = Player(self._tick)
+        self.session = Session(scenario, self._draw)
+        self._controls.update(scenario.sliders(), scenario.grips(course))
+        self.session.start()
+
+    def clients(self) -> list[Any]:
+        """Tabs that show the page, as viser knows them."""
+        return list(self._server.get_clients().values())
+
+    def close(self) -> None:
+        """End what works behind the page."""
+        self._player.stop()
+        self.session.close()
+
+    # ------------------------------------------------------------------------------------------------- the page
+
+    def _set_up(self, course: Course) -> None:
+        """Lights, and from where the scene is seen first."""
+        set_up(self._server)
+        path, answer = course.com_nominal_m, self._answer
+        reach = max(limb.reach_m for limb in course.robot.limbs)
+        middle, size = path.mean(axis=0), float(np.linalg.norm(np.ptp(path, axis=0))) + 2.0 * reach
+        towards = np.array([-0.75, -0.45, 0.35])
+        if answer.plan is not None:
+            self._view = self._pictures.view(answer.plan)
+            towards = self._view.camera.axes[2]
+        self._distance_m = 2.0 * size
+        let_camera(self._server, middle, self._distance_m, towards)
+
+    def _lay_out(self, scenario: Scenario, robots: Sequence[str], folder: Path) -> None:
+        """Panels: what may be changed on the left, what comes of it on the right."""
+        gui = self._server.gui
+        gui.set_panel_label(f"{TITLE}: {scenario.name}")
+        gui.main_panel.dock_left()
+        self._robots = called(list(dict.fromkeys(filter(None, (scenario.robot, *robots)))))
+        self._menu: Any = None
+        self._controls = Controls(self._server, self._slid, self._dragged)
+        if scenario.robot:
+            names = tuple(self._robots)
+            self._menu = gui.add_dropdown("robot", names, initial_value=names[0])
+            self._menu.on_update(self._robot_chosen)
+        pick = gui.add_button("pick a surface", hint="The next click on a surface gives it a grip and a friction.")
+        pick.on_click(self._pick)
+        self._files = Files(self._server, folder, lambda: (self.session.scenario, self._answer))
+        panel = gui.add_panel()
+        with panel.add_tab("Plan"):
+            self._verdict = gui.add_html("")
+            self._summary = gui.add_html("")
+            self._play = gui.add_button("play")
+            self._play.on_click(self._play_or_stop)
+            self._slider = gui.add_slider("key frame", min=0.0, max=1.0, step=0.02, initial_value=0.0)
+            self._slider.on_update(self._time_slid)
+            self._limbs = gui.add_html("")
+        panel.dock_right()
+        panel.set_width(380)
+        self._server.on_client_disconnect(lambda _: self._controls.let_go())
+
+    # ----------------------------------------------------------------------------------------------- what changes
+
+    def _slid(self, key: str, value: float) -> None:
+        self._change(lambda scenario: scenario.slid(key, value))
+
+    def _dragged(self, key: str, position_m: Array) -> None:
+        self._change(lambda scenario: scenario.dragged(key, position_m))
+
+    def _robot_chosen(self, event: Any) -> None:
+        if event.client is not None:
+            chosen = self._robots[event.target.value]
+            self._change(lambda scenario: scenario.with_robot(chosen))
+            self._show_robot(self.session.scenario)
+
+    def _show_robot(self, scenario: Scenario) -> None:
+        """Have the menu name the robot that there is."""
+        name = next((name for name, robot in self._robots.items() if _same(robot, scenario.robot)), None)
+        if self._menu is not None and name is not None and self._menu.value != name:
+            self._menu.value = name
+
+    def _pick(self, _event: Any) -> None:
+        """The next click picks a surface."""
+        self._server.scene.on_click()(self._picked)
+
+    async def _picked(self, event: Any) -> None:
+        self._server.scene.remove_click_callback()
+        course = self._answer.course
+        hit = None if course is None else struck(course, event.ray_origin, event.ray_direction)
+        if course is None or hit is None:
+            self._notify("no surface was there; press the button and click once more")
+        else:
+            self._change(lambda scenario: scenario.picked(course, hit))
+
+    def _change(self, edit: Callable[[Scenario], Scenario]) -> None:
+        try:
+            self.session.change(edit)
+        except StancekitError as error:
+            self._notify(str(error))
+
+    def _notify(self, text: str) -> None:
+        for client in self.clients():
+            client.add_notification("Not possible", text, auto_close_seconds=8.0)
+
+    # ------------------------------------------------------------------------------------------------ what is seen
+
+    def _draw(self, number: int, scenario: Scenario, answer: Answer, since: float) -> None:
+        """Show an answer, all of it at once."""
+        with self._drawing:
+            followed = self._answer.course is None or self._time >= self._answer.course.frames - 1.001
+            kept = self._answer.course
+            self._answer = answer
+            course = answer.course
+            with self._server.atomic():
+                if course is not None:
+                    last = float(course.frames - 1)
+                    self._time = last if followed or kept is None else min(self._time, last)
+                    self._stage.show(self._pictures.ground(course), "/ground")
+                    self._controls.update(scenario.sliders(), scenario.grips(course))
+                    if abs(self._slider.max - max(last, 1.0)) > 1e-9:
+                        self._slider.max = max(last, 1.0)
+                    self._set_time()
+                self._view = None if answer.plan is None else self._pictures.view(answer.plan)
+                self._show_plan(course)
+                drawn_ms = 1e3 * (time.perf_counter() - since)
+                self._verdict.content = verdict(answer, number, drawn_ms)
+                self._summary.content = summary(answer)
+            self._server.flush()
+
+    def _show_plan(self, course: Course | None) -> None:
+        if self._view is None:
+            self._stage.show(Scene() if course is None else self._pictures.asked(course), "/way")
+            self._stage.show(Scene(), "/names")
+            self._stage.pose(Scene())
+            self._limbs.content = ""
+        else:
+            self._stage.show(self._pictures.found(self._view), "/way")
+            self._pose(self._view)
+
+    def _pose(self, view: PlanView) -> None:
+        """The robot at the time that is shown, and what its limbs give then."""
+        at = round(self._time)
+        rests = abs(self._time - at) < 0.01
+        moment = view.motion.key(at) if rests else view.motion.at(self._time)
+        scene, names = self._pictures.moment(view, moment)
+        self._stage.pose(scene)
+        self._stage.show(names, "/names")
+        where = f"key frame {at} of {view.plan.course.frames - 1}"
+        title = where if rests else f"between key frames {moment.frame} and {moment.frame + 1}"
+        self._limbs.content = limb_table(loads(view.plan, moment, self._legs(view.plan.course)), title)
+
+    def _legs(self, course: Course) -> Kinematics | None:
+        """The solver for the robot, made once."""
+        robot = course.robot
+        key = (robot.name, robot.identity, robot.mass_kg, robot.limb_names, course.gravity_m_s2)
+        if self._solver is None or self._solver[0] != key:
+            self._solver = (key, solver_of(course))
+        return self._solver[1]
+
+    # ---------------------------------------------------------------------------------------------------- the time
+
+    def _time_slid(self, event: Any) -> None:
+        if event.client is not None:
+            self._go(float(event.target.value))
+
+    def _play_or_stop(self, _event: Any) -> None:
+        if self._player.plays:
+            self._player.stop()
+        else:
+            self._player.start()
+        self._play.label = "stop" if self._player.plays else "play"
+
+    def _tick(self, step: float) -> None:
+        with self._drawing:
+            course = self._answer.course
+            if self._view is not None and course is not None:
+                last = course.frames - 1
+                self._go(0.0 if self._time >= last else min(self._time + step, last))
+                self._set_time()
+
+    def _go(self, at: float) -> None:
+        with self._drawing:
+            if self._view is not None:
+                self._time = min(max(at, 0.0), float(self._view.plan.course.frames - 1))
+                with self._server.atomic():
+                    self._pose(self._view)
+
+    def _set_time(self) -> None:
+        shown = round(self._time, 2)
+        if abs(self._slider.value - shown) > 1e-9 and shown <= self._slider.max:
+            self._slider.value = shown
+
+
+def struck(course: Course, origin: Any, direction: Any) -> int | None:
+    """The patch that a ray from ``origin``, shape (3,) [m], meets first, whichever of its sides; None for none."""
+    start, ray = np.array(origin, dtype=np.float64), np.array(direction, dtype=np.float64)
+    best, found = np.inf, None
+    for index, patch in enumerate(course.terrain):
+        slope = float(ray @ patch.normal)
+        if abs(slope) < 1e-9:
+            continue
+        far = float((patch.centre_m - start) @ patch.normal) / slope
+        if 0.0 < far < best and _inside(patch.vertices_m, patch.normal, start + far * ray):
+            best, found = far, index
+    return found
+
+
+def _inside(corners: Array, normal: Array, point: Array) -> bool:
+    """Whether a point on a convex polygon's plane is in it."""
+    edges = np.roll(corners, -1, axis=0) - corners
+    sides = np.cross(edges, point - corners) @ normal
+    return bool(np.all(sides >= -1e-9) or np.all(sides <= 1e-9))
+
+
+def _same(robot: str, other: str) -> bool:
+    """Whether two names or paths are those of one robot."""
+    return robot == other or bool(Path(robot).suffix and Path(robot).resolve() == Path(other).resolve())

@@ -1,0 +1,203 @@
+"""What a playground says beside its picture: the verdict with its reason, and what every limb gives, against limits."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass
+
+import numpy as np
+
+from stancekit.planners.answer.outcome import Status
+from stancekit.planners.answer.plan import Plan
+from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem.course import Course
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.rotation import rotation_of
+from stancekit.planners.verify import Report
+from stancekit.planners.verify.report import WHOLE_BODY
+
+from ..plan_motion import Moment
+from ..sheet import ACCENT, INK, QUIET, RULE, leg_colour
+from .answer import Answer
+from .page_parts import said
+
+GOOD, UNSURE = "#2c8173", "#c9a227"
+"""Colours of good news, and of what nobody knows yet; bad news is in ACCENT."""
+TIGHT = 0.95
+"""A limit that is used this far is marked."""
+CARRIES_N = 1e-3
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LimbLoad:
+    """What one limb gives. cone: of its friction cone, torque: of a joint's limit, both as shares; NaN where unknown.
+    torque_nm: of the joint that has the least in hand [Nm]."""
+
+    name: str
+    force_n: float
+    cone: float
+    torque_nm: float = float("nan")
+    torque: float = float("nan")
+    in_air: bool = False
+
+
+def loads(plan: Plan, moment: Moment, solver: Kinematics | None) -> list[LimbLoad]:
+    """What every limb gives at a moment. solver: of the plan's robot; without it no torque is known."""
+    course, found = plan.course, list[LimbLoad]()
+    torques, shares = _torques(plan, moment, solver)
+    for i, name in enumerate(course.robot.limb_names):
+        patch = course.patch(int(course.holds[moment.frame, i]), plan.choice)
+        force = moment.forces_n[i]
+        found.append(LimbLoad(
+            name=name, force_n=float(np.linalg.norm(force)), cone=cone_share(force, patch.normal, patch.friction),
+            torque_nm=torques[i], torque=shares[i], in_air=i in moment.moving,
+        ))  # fmt: skip
+    return found
+
+
+def cone_share(force_n: Array, normal: Array, friction: float) -> float:
+    """|tangential force| / (μ · normal force), 1 at the border of the cone; NaN for a force that is none."""
+    pressed = float(force_n @ normal)
+    aside = float(np.linalg.norm(force_n - pressed * normal))
+    if pressed < CARRIES_N:
+        return float("nan")
+    return aside / max(friction * pressed, 1e-9) if aside > 1e-6 * pressed else 0.0
+
+
+def margins(plan: Plan) -> tuple[float, int, str]:
+    """The largest share of a friction cone that any stance uses, its key frame, and its limb."""
+    course, worst = plan.course, (0.0, 0, "")
+    for stance, forces in zip(course.stances, plan.forces_n, strict=True):
+        for i in stance.limbs:
+            patch = course.patch(int(course.holds[stance.frame, i]), plan.choice)
+            share = cone_share(forces[i], patch.normal, patch.friction)
+            if share > worst[0]:
+                worst = (share, stance.frame, course.robot.limb_names[i])
+    return worst
+
+
+def _torques(plan: Plan, moment: Moment, solver: Kinematics | None) -> tuple[list[float], list[float]]:
+    """By limb the torque of the joint that has the least in hand [Nm], and its share of the joint's limit."""
+    count = len(plan.course.robot.limbs)
+    if solver is None:
+        return [float("nan")] * count, [float("nan")] * count
+    normals = [plan.course.patch(int(p), plan.choice).normal for p in plan.course.holds[moment.frame]]
+    turn = rotation_of(moment.rotation_rad)
+    if moment.joints_rad is None or moment.moving:
+        angles = solver.solve(
+            moment.com_m, moment.rotation_rad, moment.toes_m, normals=np.array(normals), seed=moment.joints_rad
+        ).angles
+    else:
+        angles = moment.joints_rad
+    torque = np.abs(solver.torques(angles, turn, moment.forces_n))
+    share = torque / solver.torque_nm
+    worst = [solver.joints_of(i)[int(share[solver.joints_of(i)].argmax())] for i in range(count)]
+    return [float(torque[j]) for j in worst], [float(share[j]) for j in worst]
+
+
+def solver_of(course: Course) -> Kinematics | None:
+    """The legs of a course's robot; None where they are not known, or pinocchio is not installed."""
+    try:
+        return Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
+    except InvalidInput:
+        return None
+
+
+def verdict(answer: Answer, number: int, drawn_ms: float) -> str:
+    """The verdict as HTML. number: of the change that it answers; drawn_ms: since that change."""
+    colour, title, text = _words(answer)
+    took = f"judged in {sum(answer.seconds):.1f} CPU-s" if answer.patient else f"drawn after {drawn_ms:.0f} ms"
+    return said(colour, title, text, f"change {number} · {took}", change=number, patient=answer.patient)
+
+
+def _words(answer: Answer) -> tuple[str, str, str]:
+    """Colour, title and sentence."""
+    if answer.course is None:
+        return ACCENT, "No course", answer.message
+    if answer.status is Status.INFEASIBLE:
+        return ACCENT, "No plan, and that is proved" if answer.patient else "No plan", answer.message
+    if answer.accepted:
+        assert answer.report is not None
+        return GOOD, "Accepted", _accepted(answer.report)
+    if answer.plan is not None and not answer.patient:
+        return UNSURE, "Contacts hold", "Joints, torques and bodies are judged once nothing is changed."
+    if answer.plan is not None:
+        return ACCENT, "Not accepted", answer.message
+    more = "" if answer.patient else "; the search goes on when nothing is changed"
+    return UNSURE, "Undecided", f"{answer.message}{more}"
+
+
+def _accepted(report: Report) -> str:
+    """What was judged, and what could not be."""
+    groups = {name: getattr(report, name)["verdict"] for name in WHOLE_BODY}
+    done = ["contacts", *(name for name in groups if groups[name] == "checked")]
+    words = f"{report.message.removeprefix('accepted: ')}. Judged: {', '.join(done)}."
+    if len(done) <= len(groups):
+        words += f" {report.joints_message}."
+    return words[0].upper() + words[1:]
+
+
+def limb_table(rows: list[LimbLoad], title: str) -> str:
+    """Forces, shares of cones, and torques of limbs as HTML, with bars against the limits."""
+    cell = 'style="text-align:right;white-space:nowrap;padding:1px 4px"'
+    head = "".join(f'<th style="text-align:{side};font-weight:600;padding:1px 4px;color:{QUIET}">{words}</th>'
+                   for side, words in (("left", "limb"), ("right", "force [N]"), ("left", "of its cone"),
+                                       ("right", "torque [Nm]"), ("left", "of its limit")))  # fmt: skip
+    lines = []
+    for k, row in enumerate(rows):
+        dot = f'<span style="display:inline-block;width:9px;height:9px;border-radius:5px;background:{leg_colour(k)}">'
+        force = "in the air" if row.in_air else f"{row.force_n:.1f}"
+        torque = "–" if np.isnan(row.torque_nm) else f"{row.torque_nm:.1f}"
+        lines.append(
+            f"<tr><td style='white-space:nowrap;padding:1px 4px'>{dot}</span> {html.escape(row.name)}</td>"
+            f"<td {cell}>{force}</td><td>{_bar(row.cone)}</td><td {cell}>{torque}</td><td>{_bar(row.torque)}</td></tr>"
+        )
+    return (
+        f'<div id="limbs" style="font:12px/1.5 system-ui,sans-serif;color:{INK};margin:4px 2px;'
+        f'font-variant-numeric:tabular-nums"><b>{html.escape(title)}</b>'
+        f'<table style="border-collapse:collapse;width:100%"><tr style="border-bottom:1px solid {RULE}">{head}</tr>'
+        f"{''.join(lines)}</table></div>"
+    )
+
+
+def summary(answer: Answer) -> str:
+    """The plan in a few numbers, as HTML; empty without one."""
+    plan = answer.plan
+    if plan is None:
+        return ""
+    course = plan.course
+    share, frame, limb = margins(plan)
+    to_goal = 1e3 * float(np.linalg.norm(plan.com_m[-1] - course.goal_m))
+    rows = [
+        ("robot", f"{course.robot.name}, {course.robot.mass_kg:.3g} kg ({course.weight_n:.1f} N)"),
+        ("friction in hand", f"{100 * (1 - share):.0f} % at least" + (f" (frame {frame}, {limb})" if limb else "")),
+        ("planned with", f"{100 * answer.share:.0f} % of the friction"),
+        ("ends", f"{to_goal:.0f} mm from the goal, after {course.frames} key frames"),
+    ]
+    if answer.report is not None and (most := answer.report.torque.get("share")) is not None:
+        rows.insert(2, ("torque in hand", f"{100 * (1 - float(most)):.0f} % at least"))
+    return key_values(rows)
+
+
+def key_values(rows: list[tuple[str, str]]) -> str:
+    """A few numbers with their names, as HTML."""
+    return (
+        f'<table id="summary" style="font:12px/1.55 system-ui,sans-serif;color:{INK};margin:2px">'
+        + "".join(f'<tr><td style="color:{QUIET};padding-right:10px;white-space:nowrap">{html.escape(name)}</td>'
+                  f"<td>{html.escape(words)}</td></tr>" for name, words in rows)
+        + "</table>"
+    )  # fmt: skip
+
+
+def _bar(share: float) -> str:
+    """A share of a limit as a bar with its number; NaN is a dash."""
+    if np.isnan(share):
+        return f'<span style="color:{QUIET}">–</span>'
+    colour = ACCENT if share > 1.0 + 1e-6 else UNSURE if share > TIGHT else GOOD
+    return (
+        f'<div style="display:flex;align-items:center;gap:5px"><div style="flex:1;min-width:34px;height:8px;'
+        f'background:#eceff2;border-radius:4px;overflow:hidden"><div style="width:{100 * min(share, 1.0):.0f}%;'
+        f'height:100%;background:{colour}"></div></div><span style="width:34px;text-align:right">{100 * share:.0f} %'
+        "</span></div>"
+    )

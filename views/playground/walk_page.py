@@ -1,0 +1,262 @@
+"""The page of walks: a terrain with a start and a goal to drag; the walk is planned beside it, and then played."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from stancekit.planners.errors import InvalidInput, StancekitError
+from stancekit.planners.gait.trajectory_file import write_trajectory
+
+from ..gaits import CELLS, GRID, GRID_M, GaitView
+from ..plans import GOAL
+from ..scene import Body, Label, Scene
+from ..scene import Path as Line
+from ..shapes import Sphere
+from ..sheet import ACCENT, INK, leg_colour
+from ..stage import Stage
+from ..terrain import block, on_ground
+from .controls import Controls
+from .page_parts import called, let_camera, named_in, said, set_up, told
+from .player import FPS, Player
+from .tables import GOOD, UNSURE, LimbLoad, cone_share, key_values, limb_table
+from .walk_planning import WalkAnswer, WalkPlanning
+from .walk_scenario import WalkScenario
+
+REST_S = 0.6
+"""A walk that nobody changed for so long is planned."""
+
+
+class WalkPage:
+    """A page on a viser server. robots: names and files in its menu; folder: where it saves."""
+
+    def __init__(self, server: Any, scenario: WalkScenario, *, robots: Sequence[str], folder: Path) -> None:
+        scenario.task()  # says what is wrong with it
+        self._server, self._folder, self._lock = server, folder, threading.RLock()
+        self.scenario, self.number = scenario, 0
+        self.answer: WalkAnswer | None = None
+        self._view: GaitView | None = None
+        self._time_s, self._timer = 0.0, threading.Timer(0.0, lambda: None)
+        size = scenario.walker.stand_height_m
+        self._ground = _ground(scenario, size)
+        way = 0.5 * (scenario.torso_m(scenario.start_m) + scenario.torso_m(scenario.goal_m))
+        far_m = 2.2 * (float(np.hypot(*np.subtract(scenario.goal_m, scenario.start_m))) + 3.0 * size)
+        set_up(server)
+        let_camera(server, way, far_m, np.array([-0.45, -0.75, 0.5]))
+        self._stage = Stage(server.scene, far_m)
+        self._lay_out(robots)
+        self._player, self._planning = Player(self._tick), WalkPlanning(self._told)
+        self._stage.show(self._ground, "/ground")
+        self._ask()
+
+    def close(self) -> None:
+        """End what works behind the page."""
+        self._timer.cancel()
+        self._player.stop()
+        self._planning.end()
+
+    def clients(self) -> list[Any]:
+        """Tabs that show the page, as viser knows them."""
+        return list(self._server.get_clients().values())
+
+    def _lay_out(self, robots: Sequence[str]) -> None:
+        gui = self._server.gui
+        gui.set_panel_label(f"Stancekit playground: {self.scenario.name}")
+        gui.main_panel.dock_left()
+        self._controls = Controls(
+            self._server, lambda key, value: self._change(lambda it: it.slid(key, value)),
+            lambda key, place: self._change(lambda it: it.dragged(key, place)),
+        )  # fmt: skip
+        self._robots = called(list(dict.fromkeys((self.scenario.robot, *robots))))
+        menu = gui.add_dropdown("robot", tuple(self._robots), initial_value=next(iter(self._robots)))
+        menu.on_update(self._robot_chosen)
+        with gui.add_folder("Files"):
+            self._name = gui.add_text("name", "played", hint="Of the file, without a folder or an ending.")
+            gui.add_button("save walk", hint=f"Into {self._folder.resolve()}.").on_click(self._save)
+            self._saved = gui.add_html("")
+        panel = gui.add_panel()
+        with panel.add_tab("Walk"):
+            self._verdict, self._summary = gui.add_html(""), gui.add_html("")
+            self._play = gui.add_button("play")
+            self._play.on_click(self._play_or_stop)
+            self._slider = gui.add_slider("time [s]", min=0.0, max=1.0, step=0.02, initial_value=0.0)
+            self._slider.on_update(self._time_slid)
+            self._limbs = gui.add_html("")
+        panel.dock_right()
+        panel.set_width(380)
+        self._server.on_client_disconnect(lambda _: self._controls.let_go())
+
+    # ----------------------------------------------------------------------------------------------- what changes
+
+    def _robot_chosen(self, event: Any) -> None:
+        if event.client is not None:
+            robot = self._robots[event.target.value]
+            self._change(lambda scenario: scenario.with_robot(robot))
+
+    def _change(self, edit: Callable[[WalkScenario], WalkScenario]) -> None:
+        """Another walk: the planning of the one before ends, and this one's begins once nothing is changed."""
+        with self._lock:
+            try:
+                self.scenario = edit(self.scenario)
+            except StancekitError as error:
+                for client in self.clients():
+                    client.add_notification("Not possible", str(error), auto_close_seconds=8.0)
+                return
+            self.number += 1
+            self._planning.end()
+            self._ask()
+
+    def _ask(self) -> None:
+        """Show what is asked for, and plan it when it rests."""
+        self._timer.cancel()
+        self.answer, self._view = None, None
+        try:
+            self.scenario.task()
+        except StancekitError as error:
+            self._say(ACCENT, "No walk to plan", str(error), "")
+        else:
+            self._say(UNSURE, "To be planned", "The walk is planned once nothing is changed.", "")
+            self._timer = threading.Timer(REST_S, self._begin, (self.number,))
+            self._timer.daemon = True
+            self._timer.start()
+        with self._server.atomic():
+            self._controls.update(self.scenario.sliders(), self.scenario.grips())
+            self._stage.show(self._asked(), "/way")
+            self._stage.show(Scene(), "/names")
+            self._stage.pose(Scene())
+            self._limbs.content = self._summary.content = ""
+
+    def _begin(self, number: int) -> None:
+        with self._lock:
+            if number == self.number:
+                self._planning.begin(number, self.scenario.task())
+
+    def _told(self, number: int, answer: WalkAnswer) -> None:
+        with self._lock:
+            if number != self.number:
+                return
+            self.answer = answer
+            took = f"{'planned in' if answer.done else 'for'} {answer.seconds:.1f} s"
+            if not answer.done:
+                self._say(UNSURE, "Walk is being planned", answer.message, took)
+                return
+            self._say(GOOD if answer.accepted else ACCENT, "Accepted" if answer.accepted else "No walk",
+                      answer.message.removeprefix("accepted: "), took)  # fmt: skip
+            if answer.trajectory is not None:
+                self._view, self._time_s = GaitView(answer.trajectory), 0.0
+                self._slider.max, self._slider.value = answer.trajectory.duration_s, 0.0
+                self._summary.content = self._numbers()
+                with self._server.atomic():
+                    self._stage.show(Scene(paths=self._view.fixed.paths[1:]), "/way")
+                    self._pose()
+
+    # ------------------------------------------------------------------------------------------------ what is seen
+
+    def _say(self, colour: str, title: str, text: str, took: str) -> None:
+        done = self.answer is not None and self.answer.done
+        below = " · ".join(filter(None, (f"change {self.number}", took)))
+        self._verdict.content = said(colour, title, text, below, change=self.number, patient=done)
+
+    def _asked(self) -> Scene:
+        """A straight line on the ground from start to goal, and the goal."""
+        scenario, size = self.scenario, self.scenario.walker.stand_height_m
+        line = np.linspace(scenario.start_m, scenario.goal_m, 81)
+        low, high = np.array(scenario.terrain.domain_m).T
+        laid = on_ground(np.column_stack([line, 0.0 * line[:, :1]]), scenario.terrain, low, high)
+        ball = Body(name="goal", shape=Sphere(0.06 * size), position_m=scenario.torso_m(scenario.goal_m), colour=GOAL)
+        return Scene(paths=[Line(pieces_m=laid[::2], colour=INK, width=2.0, lift_m=0.01)], bodies=[ball])
+
+    def _pose(self) -> None:
+        """The robot at the time that is shown, and what its feet give then."""
+        view = self._view
+        assert view is not None
+        trajectory = view.trajectory
+        sample = int(np.argmin(np.abs(trajectory.times_s - trajectory.times_s[0] - self._time_s)))
+        self._stage.pose(view.at(sample) + Scene(bodies=[body for k, body in view.footholds if k <= sample]))
+        feet, forces = trajectory.feet_m[sample], trajectory.forces_n[sample]
+        rows, labels = list[LimbLoad](), list[Label]()
+        for k, limb in enumerate(view.shape.limbs):
+            down = bool(trajectory.contact[sample, k])
+            normal = trajectory.terrain.normal(feet[k, :2])
+            share = cone_share(forces[k], normal, trajectory.friction) if down else float("nan")
+            size_n = float(np.linalg.norm(forces[k]))
+            rows.append(LimbLoad(name=limb, force_n=size_n, cone=share, in_air=not down))
+            if down:
+                labels.append(Label(name=limb, position_m=feet[k], text=f"{limb} {size_n:.0f} N", colour=leg_colour(k)))
+        self._stage.show(Scene(labels=labels), "/names")
+        self._limbs.content = limb_table(rows, f"{self._time_s:.2f} s of {trajectory.duration_s:g} s")
+
+    def _numbers(self) -> str:
+        """The walk in a few numbers."""
+        assert self._view is not None
+        trajectory = self._view.trajectory
+        length = float(np.linalg.norm(np.diff(trajectory.torso_m, axis=0), axis=1).sum())
+        robot = trajectory.robot
+        rows = [("robot", f"{robot.name}, {robot.mass_kg:.3g} kg"),
+                ("way", f"{length:.2f} m in {trajectory.duration_s:g} s"),
+                ("chart", str(trajectory.provenance.get("chart", "–")))]  # fmt: skip
+        return key_values(rows)
+
+    # -------------------------------------------------------------------------------------------- time, and files
+
+    def _time_slid(self, event: Any) -> None:
+        if event.client is not None:
+            self._go(float(event.target.value))
+
+    def _play_or_stop(self, _event: Any) -> None:
+        if self._player.plays:
+            self._player.stop()
+        else:
+            self._player.start()
+        self._play.label = "stop" if self._player.plays else "play"
+
+    def _tick(self, _step: float) -> None:
+        with self._lock:
+            if self._view is not None:
+                last = self._view.trajectory.duration_s
+                self._go(0.0 if self._time_s >= last else min(self._time_s + 1.0 / FPS, last))
+                self._slider.value = round(self._time_s, 2)
+
+    def _go(self, at_s: float) -> None:
+        with self._lock:
+            if self._view is not None:
+                self._time_s = at_s
+                with self._server.atomic():
+                    self._pose()
+
+    def save(self) -> Path:
+        """Write the walk that is shown; where it is. Raises InvalidInput where none was accepted."""
+        answer = self.answer
+        if answer is None or answer.trajectory is None or answer.report is None or not answer.accepted:
+            raise InvalidInput("walk: expected one that is accepted, got none to save")
+        path = named_in(self._folder, str(self._name.value), "-walk.json")
+        write_trajectory(path, answer.trajectory, answer.report)
+        return path
+
+    def _save(self, _event: Any) -> None:
+        try:
+            path = self.save()
+            colour, words = GOOD, f"wrote {path}; stancekit verify {path} reads it"
+        except StancekitError as error:
+            colour, words = ACCENT, str(error)
+        self._saved.content = told(colour, words)
+
+
+def _ground(scenario: WalkScenario, size_m: float) -> Scene:
+    """All of the terrain, with lines of constant x and y, ``GRID_M`` apart."""
+    field = scenario.terrain
+    low, high = np.array(field.domain_m).T
+    sheets = block(field, low, high, facets=2 * CELLS, depth_m=0.25 * size_m, relief_m=0.5 * size_m)
+    pieces = []
+    for axis in (0, 1):
+        along = np.linspace(low[1 - axis], high[1 - axis], 8 * CELLS)
+        for value in GRID_M * np.arange(np.ceil(low[axis] / GRID_M), np.floor(high[axis] / GRID_M) + 1.0):
+            points = np.zeros((len(along), 3))
+            points[:, axis], points[:, 1 - axis] = value, along
+            pieces.append(on_ground(points, field, low, high))
+    grid = Line(pieces_m=np.concatenate(pieces), colour=GRID, opacity=0.35, width=0.35, lift_m=0.006)
+    return Scene(sheets=sheets, paths=[grid])

@@ -1,0 +1,105 @@
+"""Walks are planned in a process of their own, which is ended when something else is asked for."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from stancekit.planners.errors import StancekitError
+from stancekit.planners.gait.method.attempt import Attempt
+from stancekit.planners.gait.method.portfolio import Caps, plan_gait
+from stancekit.planners.gait.task import GaitSettings, GaitTask
+from stancekit.planners.gait.trajectory import Trajectory
+from stancekit.planners.verify.trajectories import GaitReport
+
+ITERATIONS, TOTAL_S = 80, 120.0
+"""Of a solve, and CPU time of all solves of a walk [s]."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WalkAnswer:
+    """What is known of a walk: how far its planning is, or what came of it. seconds: since it was begun."""
+
+    done: bool
+    message: str
+    seconds: float
+    trajectory: Trajectory | None = None
+    report: GaitReport | None = None
+
+    @property
+    def accepted(self) -> bool:
+        """Whether the verifier accepts it."""
+        return self.report is not None and self.report.accepted
+
+
+Told = Callable[[int, WalkAnswer], None]
+
+
+class WalkPlanning:
+    """Plans one walk at a time. on_answer(number, answer): in a thread of its own, for every step and at the end."""
+
+    def __init__(self, on_answer: Told) -> None:
+        self._on_answer = on_answer
+        self._process: Any = None
+        self._lock = threading.Lock()
+
+    def begin(self, number: int, task: GaitTask) -> None:
+        """Plan this walk, and no other any more."""
+        self.end()
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe()
+        process = context.Process(target=_serve, args=(there, task), daemon=True)
+        with self._lock:
+            self._process = process
+        process.start()
+        there.close()
+        threading.Thread(target=self._listen, args=(number, here, time.monotonic()), daemon=True).start()
+
+    def end(self) -> None:
+        """Stop planning."""
+        with self._lock:
+            process, self._process = self._process, None
+        if process is not None:
+            process.kill()
+            process.join()
+
+    def _listen(self, number: int, pipe: Any, begun_s: float) -> None:
+        done = False
+        with suppress(EOFError, OSError):
+            while not done:
+                done, message, *found = pipe.recv()
+                trajectory, report = found or (None, None)
+                took_s = time.monotonic() - begun_s
+                self._on_answer(number, WalkAnswer(
+                    done=done, message=message, seconds=took_s, trajectory=trajectory, report=report,
+                ))  # fmt: skip
+
+
+def _serve(pipe: Any, task: GaitTask) -> None:
+    """The process's whole life; its own children end with it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    last = [0.0]
+
+    def progress(attempt: Attempt, iteration: int, violation: float, cost: float, phase: str) -> bool:
+        if time.monotonic() - last[0] > 0.15:
+            last[0] = time.monotonic()
+            words = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}"
+            with suppress(OSError):
+                pipe.send((False, words))
+        return os.getppid() == 1
+
+    try:
+        settings, caps = GaitSettings(max_iterations=ITERATIONS), Caps(iterations=ITERATIONS, total_s=TOTAL_S)
+        plan = plan_gait(task, settings, progress, caps=caps)
+        best = plan.best if plan.best is not None and plan.best.solution.success else None
+        pipe.send((True, plan.message, best and best.trajectory, best and best.report))
+    except StancekitError as error:
+        with suppress(OSError):
+            pipe.send((True, str(error), None, None))
