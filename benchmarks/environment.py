@@ -6,8 +6,9 @@ Fresh scenes, drawn in blocks as by default, and scenes drawn one by one take tu
 and actions (the heuristic box, moved by normal noise of .05); every observation, reward and ``info`` is compared, bit
 for bit. The pool is a folder of `stancekit label`, or, without one, the fresh scenes once more. A yardstick, cold
 solves of one fixed cone program of a posture's size in which nothing is ours, is timed between the turns, and so is P1
-alone, loaded and solved cold, on the scenes of the run. --against: the same steps in another checkout, in which
-`python setup.py links` was run; both digests of all that the environment said are printed.
+alone, loaded and solved cold, on the scenes of the run. --digest: only play, so many fresh steps and so many of a pool
+of the first fresh scenes, and print the digests of all that the environment said. --against: the same here and in
+another checkout, in which `python setup.py links` was run.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class Arguments(Options):
     pool: Path | None = None
     against: Path | None = None
     digest: bool = False
-    """Only play, and print the digest of what was said."""
+    """Only play, and print the digests of what was said."""
 
 
 def main(arguments: Arguments) -> None:
@@ -68,11 +69,18 @@ def digest_of(folder: Path, arguments: Arguments) -> str:
 
 
 def digest(arguments: Arguments) -> str:
-    """SHA-256 of all observations, rewards and infos."""
-    found = hashlib.sha256()
-    for said in played(EnvelopeSelectionEnv(arguments.problem), arguments):
-        found.update(said)
-    return found.hexdigest()
+    """SHA-256 of all observations, rewards and infos of fresh steps, and of steps of a pool."""
+    from stancekit.envs.distributions.postures import distribution
+    from stancekit.envs.sampling import SampledScenes
+
+    kept, found = Kept(SampledScenes(distribution(arguments.problem))), []
+    for of_pool in (False, True):
+        env = pool_env(arguments, kept.scenes) if of_pool else EnvelopeSelectionEnv(arguments.problem, scenes=kept)
+        sha = hashlib.sha256()
+        for said in played(env, arguments):
+            sha.update(said)
+        found.append(sha.hexdigest())
+    return f"fresh {found[0]} pool {found[1]}"
 
 
 def played(env: EnvelopeSelectionEnv, arguments: Arguments) -> Iterator[bytes]:

@@ -1,9 +1,10 @@
 """Scenes drawn from a distribution and labelled by the exact planner: ahead, in blocks, and yet one after the other.
 
 What a scene is depends on the generator alone, so scenes can be drawn before they are asked for. A block of problems is
-sampled at once; of each the search's claim is enough to pass it over where another label is wanted, and only what is
-kept is verified, all scenes of a block together. The draws, labels, witnesses and bounds are those of ``OneByOne`` to
-the last bit.
+sampled at once. To pass one over it is enough that it cannot have the label that is wanted, which is often seen before a
+lift is solved (``search.screen``), or before a search has come to its end; only what is kept is searched to the end and
+verified, all scenes of a block together. The draws, labels, witnesses and bounds are those of ``OneByOne`` to the last
+bit.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from stancekit.planners.problem import PostureBatch, PostureProblem
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.cuts import CutSearch
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.witness import witnesses
+from stancekit.planners.search.screen import stands, unsupported
 from stancekit.planners.verify import check_certificates, check_postures
 
 from .distributions.postures import Distribution, Repeatable
@@ -37,9 +38,6 @@ MOST_AHEAD = 32
 """Scenes that are drawn together, at most."""
 BLOCK = 16
 """Problems that are sampled together."""
-RARE, RARE_BLOCK, STEPS = 8, 32, 48
-"""Where only one in so many problems is hard and infeasible, so many are sampled together, and those for which so many
-steps of an iteration find a posture (``search.witness``) are passed over: no certificate of them would be accepted."""
 
 
 class OneByOne:
@@ -93,7 +91,7 @@ class SampledScenes:
         self._source = distribution if isinstance(distribution, Repeatable) else None
         self._most, self._count = ahead, 1
         self._ahead: deque[_Drawn] = deque()
-        self._draws, self._came = 1, 1  # of the problems looked at for a hard infeasible one, and of those
+        self._like: tuple[PostureProblem, Scaled] | None = None  # of the last batch, and its numbers
         self._last: Any = None  # state of the generator after the scene that was handed out last
 
     def __copy__(self) -> SampledScenes:
@@ -136,8 +134,7 @@ class SampledScenes:
         """The claim of the next scene; the generator is left behind its draw."""
         left, alone = MAX_DRAWS, not self._balanced
         while left:
-            begin, rare = rng.bit_generator.state, self._balanced and not wanted and self._draws > RARE * self._came
-            count = min(left, 1 if alone else RARE_BLOCK if rare else BLOCK)
+            begin, count = rng.bit_generator.state, min(left, 1 if alone else BLOCK)
             try:
                 batch = source.batch(rng, count)
             except InvalidInput:
@@ -145,30 +142,30 @@ class SampledScenes:
                     raise
                 rng.bit_generator.state, alone = begin, True  # the draw that fails may not come to its turn
                 continue
-            scaled = ScaledBatch.of(batch)
-            passed = self._feasible(batch, scaled) if rare else set()
+            scaled = self._scaled(batch)
+            hopeless = unsupported(scaled).tolist() if self._balanced else [False] * count  # none is wanted
             for k in range(count):
-                claim = None if k in passed else self._claimed(batch, scaled, k, wanted)
-                self._draws += not wanted
+                claim = None if hopeless[k] else self._claimed(batch, scaled, k, wanted)
                 if claim is not None:
-                    self._came += not wanted
                     rng.bit_generator.state = begin
                     source.skip(rng, k + 1)
                     return claim
             left -= count
         raise _never(self._distribution)
 
-    def _feasible(self, batch: PostureBatch, scaled: ScaledBatch) -> set[int]:
-        """Problems of a block that a short iteration finds a posture of."""
-        index, points = witnesses(scaled, STEPS)
-        chosen = index.tolist()
-        worst = check_postures([batch.problem(k) for k in chosen], scaled.select(index).postures(points))
-        return {k for k, off in zip(chosen, worst.tolist(), strict=True) if off <= self._expert.acceptance.tolerance}
+    def _scaled(self, batch: PostureBatch) -> ScaledBatch:
+        """Numbers of a batch; what problems of one ``like`` share is worked out once."""
+        if self._like is None or self._like[0] is not batch.like:
+            self._like = batch.like, ScaledBatch.of(batch).like
+        return ScaledBatch.of(batch, self._like[1])
 
     def _claimed(self, batch: PostureBatch, scaled: ScaledBatch, k: int, wanted: bool) -> _Claim | None:
         """What the search claims of the k-th problem; None where it cannot become the scene that is wanted."""
         begin, numbers = time.perf_counter(), scaled.problem(k)
-        search = self._expert.search(numbers)
+        sought = (Status.FEASIBLE if wanted else Status.INFEASIBLE) if self._balanced else None
+        if sought is Status.INFEASIBLE and stands(self._expert.programs, numbers):
+            return None
+        search = self._expert.search(numbers, wanted=sought)
         feasible = search.found is not None
         if (search.stopped and not feasible) or (self._balanced and (feasible != wanted or search.trivial)):
             return None

@@ -90,7 +90,8 @@ class PostureDistribution:
         offset, (lean, towards, radius, turn, friction) = drawn[..., :3], np.moveaxis(drawn[..., 3:], -1, 0)
         normals = leaning(stance.normal, lean, towards)
         vertices = (stance.centre_m + offset)[:, :, None] + triangle(normals, radius, turn)
-        return PostureBatch(like=self._plain, vertices_m=vertices, normals=normals, friction=friction)
+        convex = stance.circumradius_m[0] >= LEAST_M
+        return PostureBatch(like=self._plain, vertices_m=vertices, normals=normals, friction=friction, convex=convex)
 
     def skip(self, rng: np.random.Generator, count: int) -> None:
         """Leave the generator as ``batch`` of so many leaves it."""
@@ -116,6 +117,8 @@ class PostureDistribution:
         return plain_problem(self.robot, self.legs, self._about[0], shear=shear)
 
 
+LEAST_M = 1e-3
+"""Triangles of this circumradius [m] and more are patches, however they are turned."""
 GROUND_FRICTION, WALL_FRICTION = (0.1, 0.8), (0.1, 1.2)
 GROUND_3 = PostureDistribution(name="ground-3", terrain="ground", legs=THREE_LEGS, friction=GROUND_FRICTION)
 WALL_3 = PostureDistribution(name="wall-3", terrain="wall", legs=THREE_LEGS, friction=WALL_FRICTION)
