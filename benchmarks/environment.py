@@ -78,35 +78,44 @@ def digest(arguments: Arguments) -> str:
         env = pool_env(arguments, kept.scenes) if of_pool else EnvelopeSelectionEnv(arguments.problem, scenes=kept)
         sha = hashlib.sha256()
         for said in played(env, arguments):
-            sha.update(said)
+            sha.update(as_bytes(said))
         found.append(sha.hexdigest())
     return f"fresh {found[0]} pool {found[1]}"
 
 
-def played(env: EnvelopeSelectionEnv, arguments: Arguments) -> Iterator[bytes]:
-    """Everything that the environment says of each step, as bytes."""
+Said = list[tuple[str, Any]]
+"""Everything that an environment says of a step, by names."""
+
+
+def played(env: EnvelopeSelectionEnv, arguments: Arguments) -> Iterator[Said]:
+    """Play, and tell what the environment says of each step."""
     rng, base = np.random.default_rng(arguments.seed), actions_for(arguments.problem, 1)[0]
     for step in range(arguments.steps):
         observation, _ = env.reset(seed=arguments.seed if step == 0 else None)
         moved = base + NOISE * rng.standard_normal(len(base))
         after, reward, _, _, info = env.step(np.clip(moved, -1.0, 1.0).astype(np.float32))
-        parts = [*observation.items(), *after.items(), ("reward", reward), *info.items()]
-        yield b"".join(name.encode() + np.asarray(value).tobytes() for name, value in parts)
+        yield [*observation.items(), *after.items(), ("reward", reward), *info.items()]
+
+
+def as_bytes(said: Said) -> bytes:
+    """The same to the last bit."""
+    return b"".join(name.encode() + np.asarray(value).tobytes() for name, value in said)
 
 
 @dataclass
 class Way:
     """Steps of one way so far, and what they took [s]."""
 
-    said: Iterator[bytes]
+    said: Iterator[Said]
     seconds: float = 0.0
     last: list[bytes] = field(default_factory=list)
 
     def turn(self, steps: int) -> None:
         """Some more steps."""
         begin = time.process_time()
-        self.last = [next(self.said) for _ in range(steps)]
+        said = [next(self.said) for _ in range(steps)]
         self.seconds += time.process_time() - begin
+        self.last = [as_bytes(each) for each in said]
 
 
 def rates(arguments: Arguments) -> dict[str, float]:

@@ -62,6 +62,11 @@ class ScaledBatch:
         return found
 
     @cached_property
+    def middles(self) -> Array:
+        """The means of the patches' vertices, shape (B, N, 3)."""
+        return np.asarray(self.vertices.mean(axis=2))
+
+    @cached_property
     def _shared(self) -> dict[str, Any]:
         """What is the same in every problem."""
         return {each.name: getattr(self.like, each.name) for each in fields(Scaled)} | {"numbers": self.like.numbers}

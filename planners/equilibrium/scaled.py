@@ -266,11 +266,13 @@ class Scaled:
 
 def skew(vectors: Array) -> Array:
     """[v]×, so that [v]× w = v × w; shape (..., 3) to (..., 3, 3)."""
-    out = np.zeros((*vectors.shape, 3))
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
-    return out
+    numbers = np.zeros((*vectors.shape[:-1], 7))
+    numbers[..., :3] = vectors
+    np.negative(vectors, out=numbers[..., 3:6])
+    return numbers.take(_SKEW, axis=-1).reshape(*vectors.shape, 3)
+
+
+_SKEW = np.array([6, 5, 1, 2, 6, 3, 4, 0, 6])  # of (x, y, z, −x, −y, −z, 0), by rows
 
 
 def cones_met(low: Array, high: Array, friction: Sequence[float] | Array) -> tuple[Array, Array]:

@@ -148,8 +148,10 @@ class CutSearch:
     def _project(self, node: Node) -> bool:
         """Look for a point from the node's toes. The whole problem's pieces and boxes hold, not only the node's."""
         choice, start = node.lift.rounded()
-        worth = float("inf") if node is self.root else WORTH * node.lift.bound + WORTH_LEAST
-        point = scp(self._programs, self._whole.chosen(choice), start, steps=STEPS, worth=worth)
+        worth, steps = float("inf") if node is self.root else WORTH * node.lift.bound + WORTH_LEAST, STEPS
+        if self._wanted is Status.INFEASIBLE:  # a point only saves the rest of the search
+            steps = STEPS // 2 if node is self.root else 0
+        point = scp(self._programs, self._whole.chosen(choice), start, steps=steps, worth=worth)
         self.solves += point.solves
         self.seconds += point.seconds
         self._least = min(self._least, point.residual)

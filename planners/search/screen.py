@@ -13,7 +13,8 @@ from ..equilibrium.batch import ScaledBatch
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
-from ..projection.project import SURFACE, project
+from ..projection.held import FixToes
+from ..projection.project import SURFACE
 
 CLEAR = 1e-3
 """Contacts have to lack this share of the weight, so that a solver's tolerance has no say."""
@@ -38,9 +39,8 @@ def unsupported(scaled: ScaledBatch) -> NDArray[np.bool_]:
     return np.asarray((pushed < scaled.like.weight * (DIRECTIONS[:, 2] - CLEAR)).any(axis=1))
 
 
-def stands(programs: Programs, scaled: Scaled) -> bool:
-    """Whether a posture problem has a posture with every toe in the middle of its patch; one candidate a foothold."""
-    toes: Array = scaled.patches.mean(axis=1)
+def stands(programs: Programs, scaled: Scaled, toes: Array) -> bool:
+    """Whether a posture problem has a posture with these toes, shape (N, 3), non-dimensional."""
     nothing = np.zeros((1, 3))
-    start = Point(com=nothing, rotation=nothing, toes=toes, forces=np.zeros_like(toes), residual=float("inf"))
-    return project(programs, "fix-toes", scaled, start).residual <= SURFACE
+    start = Point(com=nothing, rotation=nothing, toes=toes, forces=toes, residual=float("inf"))
+    return programs.get(FixToes, scaled.layout, False, True).solve(scaled, start).residual <= SURFACE
