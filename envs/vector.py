@@ -108,7 +108,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         return _joined(self._last), rewards, ended, not_cut, infos
 
     def _of_all(self, info: Mapping[str, Any]) -> dict[str, Any]:
-        """What Gymnasium's ``_add_info`` makes of what every sub-environment has: each beside the mask of who has it."""
+        """What Gymnasium's ``_add_info`` makes of what all sub-environments have: each beside the mask of who has it."""
         return {name: each for key, value in info.items() for name, each in (
             (key, value), (f"_{key}", np.ones(self.num_envs, dtype=np.bool_)))}  # fmt: skip
 
