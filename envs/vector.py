@@ -108,9 +108,11 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         return _joined(self._last), rewards, ended, not_cut, infos
 
     def _of_all(self, info: Mapping[str, Any]) -> dict[str, Any]:
-        """What Gymnasium's ``_add_info`` makes of what all sub-environments have: each beside the mask of who has it."""
-        return {name: each for key, value in info.items() for name, each in (
-            (key, value), (f"_{key}", np.ones(self.num_envs, dtype=np.bool_)))}  # fmt: skip
+        """What Gymnasium's ``_add_info`` makes of what all sub-environments have: each beside the mask of who has."""
+        masked = {}
+        for name, values in info.items():
+            masked |= {name: values, f"_{name}": np.ones(self.num_envs, dtype=np.bool_)}
+        return masked
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the processes."""
