@@ -7,8 +7,9 @@ same scenes and actions through P1, fix-p and the verifier; both decide one prob
 (`benchmarks/environment.py` has what drawing in blocks saves). Sampling these problems, which a loop over given scenes
 would not have to do, is timed apart. All take turns in one process; processor times are compared. Then all ways of
 batching take turns, with the same seeds and actions: wall clock, which says little where others compute, too, and
-processor time, of the process that steps and of its children. "two cores": time of one process ÷ (of the one that steps
-+ half of what its children take, or all where there is one), which is what two idle cores would say.
+processor time, of the process that steps and of its children. "two cores": time of one process ÷ what two idle cores
+would take: of ours in two, of which one is the process that steps, what the busier one does; of Gymnasium's
+asynchronous ones, which only wait for each other, what the one that steps does and half of what its children do.
 --pool: a folder of `stancekit label` that all of these draw from; the bare loop is left out.
 """
 
@@ -183,7 +184,8 @@ def rates(arguments: Arguments) -> dict[str, float]:
         led, apart = turn.cpu_s
         found[f"{name} [steps/s, wall]"] = steps / float(np.median(turn.wall_s))
         found[f"{name} [steps a CPU-second]"] = arguments.rounds * steps / (led + apart)
-        found[f"{name} ÷ {ONE}, two cores"] = alone / (led + apart / min(CORES, max(len(turn.children), 1)))
+        both = led + apart / CORES if len(turn.children) > 1 else max(led, apart)
+        found[f"{name} ÷ {ONE}, two cores"] = alone / both
     return found | {"load on this machine, before": load, "after": os.getloadavg()[0]}
 
 

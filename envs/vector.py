@@ -40,9 +40,9 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     through exactly what the single environment does after ``reset(seed=s + i)``, whatever ``workers`` is.
 
     scenes: a source that keeps count of what it drew is copied for every sub-environment; a folder is read once a
-    process. workers: processes that draw
-    and judge, each for an equal part of the batch; 1 works in this process. More need a main module that can be
-    imported (``if __name__ == "__main__"``). The other arguments are those of ``EnvelopeSelectionEnv``.
+    process. workers: processes that draw and judge, each for an equal part of the batch, this one among them: with
+    more than 1 the others need a main module that can be imported (``if __name__ == "__main__"``). The other arguments
+    are those of ``EnvelopeSelectionEnv``.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 — Gymnasium's convention
@@ -70,9 +70,8 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         self._ready, self._last = False, list[Observation]()  # by part, what was seen last
         self._cuts = [round(k * num_envs / workers) for k in range(workers + 1)]
         sizes = np.diff(self._cuts).tolist()
-        self._parts: list[_Batch | _Worker] = (
-            [_Batch(task, num_envs)] if workers == 1 else [_Worker(problem, options, size) for size in sizes]
-        )
+        others = [_Worker(problem, options, size) for size in sizes[1:]]
+        self._parts: list[_Batch | _Worker] = [_Batch(task, sizes[0]), *others]
 
     def reset(
         self, *, seed: int | Seeds | None = None, options: dict[str, Any] | None = None
@@ -124,7 +123,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
 
     def _each(self, method: str, arguments: Sequence[Any]) -> list[Any]:
         """Let all parts do this, at the same time; an error of one is raised after all have ended."""
-        for part, argument in zip(self._parts, arguments, strict=True):
+        for part, argument in reversed(list(zip(self._parts, arguments, strict=True))):  # this process is the first
             part.begin(method, argument)
         answers = [part.end() for part in self._parts]
         for answer in answers:
