@@ -6,8 +6,9 @@ Fresh scenes, drawn in blocks as by default, and scenes drawn one by one take tu
 and actions (the heuristic box, moved by normal noise of .05); every observation, reward and ``info`` is compared, bit
 for bit. The pool is a folder of `stancekit label`, or, without one, the fresh scenes once more. A yardstick, cold
 solves of one fixed cone program of a posture's size in which nothing is ours, is timed between the turns, and so is P1
-alone, loaded and solved cold, on the scenes of the run. --against: the same steps in another checkout, in which
-`python setup.py links` was run; both digests of all that the environment said are printed.
+alone, loaded and solved cold, on the scenes of the run. --digest: only play, so many fresh steps and so many of a pool
+of the first fresh scenes, and print the digests of all that the environment said. --against: the same here and in
+another checkout, in which `python setup.py links` was run.
 """
 
 from __future__ import annotations
@@ -44,7 +45,7 @@ class Arguments(Options):
     pool: Path | None = None
     against: Path | None = None
     digest: bool = False
-    """Only play, and print the digest of what was said."""
+    """Only play, and print the digests of what was said."""
 
 
 def main(arguments: Arguments) -> None:
@@ -68,37 +69,53 @@ def digest_of(folder: Path, arguments: Arguments) -> str:
 
 
 def digest(arguments: Arguments) -> str:
-    """SHA-256 of all observations, rewards and infos."""
-    found = hashlib.sha256()
-    for said in played(EnvelopeSelectionEnv(arguments.problem), arguments):
-        found.update(said)
-    return found.hexdigest()
+    """SHA-256 of all observations, rewards and infos of fresh steps, and of steps of a pool."""
+    from stancekit.envs.distributions.postures import distribution
+    from stancekit.envs.sampling import SampledScenes
+
+    kept, found = Kept(SampledScenes(distribution(arguments.problem))), []
+    for of_pool in (False, True):
+        env = pool_env(arguments, kept.scenes) if of_pool else EnvelopeSelectionEnv(arguments.problem, scenes=kept)
+        sha = hashlib.sha256()
+        for said in played(env, arguments):
+            sha.update(as_bytes(said))
+        found.append(sha.hexdigest())
+    return f"fresh {found[0]} pool {found[1]}"
 
 
-def played(env: EnvelopeSelectionEnv, arguments: Arguments) -> Iterator[bytes]:
-    """Everything that the environment says of each step, as bytes."""
+Said = list[tuple[str, Any]]
+"""Everything that an environment says of a step, by names."""
+
+
+def played(env: EnvelopeSelectionEnv, arguments: Arguments) -> Iterator[Said]:
+    """Play, and tell what the environment says of each step."""
     rng, base = np.random.default_rng(arguments.seed), actions_for(arguments.problem, 1)[0]
     for step in range(arguments.steps):
         observation, _ = env.reset(seed=arguments.seed if step == 0 else None)
         moved = base + NOISE * rng.standard_normal(len(base))
         after, reward, _, _, info = env.step(np.clip(moved, -1.0, 1.0).astype(np.float32))
-        parts = [*observation.items(), *after.items(), ("reward", reward), *info.items()]
-        yield b"".join(name.encode() + np.asarray(value).tobytes() for name, value in parts)
+        yield [*observation.items(), *after.items(), ("reward", reward), *info.items()]
+
+
+def as_bytes(said: Said) -> bytes:
+    """The same to the last bit."""
+    return b"".join(name.encode() + np.asarray(value).tobytes() for name, value in said)
 
 
 @dataclass
 class Way:
     """Steps of one way so far, and what they took [s]."""
 
-    said: Iterator[bytes]
+    said: Iterator[Said]
     seconds: float = 0.0
     last: list[bytes] = field(default_factory=list)
 
     def turn(self, steps: int) -> None:
         """Some more steps."""
         begin = time.process_time()
-        self.last = [next(self.said) for _ in range(steps)]
+        said = [next(self.said) for _ in range(steps)]
         self.seconds += time.process_time() - begin
+        self.last = [as_bytes(each) for each in said]
 
 
 def rates(arguments: Arguments) -> dict[str, float]:

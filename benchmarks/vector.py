@@ -5,9 +5,11 @@
 The bare loop labels the very problems that the environment drew (those that balancing threw away, too) and puts the
 same scenes and actions through P1, fix-p and the verifier; both decide one problem after the other
 (`benchmarks/environment.py` has what drawing in blocks saves). Sampling these problems, which a loop over given scenes
-would not have to do, is timed apart. All take turns in one process; processor times are compared. The rest is wall
-clock, in turns, with the same seeds and actions, but for what two processes save by processor time, which says what two
-idle cores would: time of one process ÷ (of the one that steps the two + half of what the two take).
+would not have to do, is timed apart. All take turns in one process; processor times are compared. Then all ways of
+batching take turns, with the same seeds and actions: wall clock, which says little where others compute, too, and
+processor time, of the process that steps and of its children. "two cores": time of one process ÷ what two idle cores
+would take: of ours in two, of which one is the process that steps, what the busier one does; of Gymnasium's
+asynchronous ones, which only wait for each other, what the one that steps does and half of what its children do.
 --pool: a folder of `stancekit label` that all of these draw from; the bare loop is left out.
 """
 
@@ -42,6 +44,10 @@ from stancekit.planners.search.answer import Acceptance, Claim
 from stancekit.planners.search.exact import ExactPlanner
 
 NAME = "stancekit.envs:stancekit/EnvelopeSelection-v0"
+ONE = "ours, 1 process"
+CORES = 2
+WARM = 31
+"""Steps before anything is timed: scenes are then drawn 32 at a time."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -150,47 +156,66 @@ class BareLoop:
 
 
 def rates(arguments: Arguments) -> dict[str, float]:
-    """Wall-clock steps per second, a step being one of one sub-environment; median of the rounds."""
+    """Steps a second and a CPU-second, a step being one of one sub-environment; the ways take turns."""
     given: dict[str, Any] = {"problem": arguments.problem, "num_envs": arguments.envs}
     given |= {} if arguments.pool is None else {"scenes": str(arguments.pool)}
     same = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    envs: dict[str, VectorEnv] = {
-        "Gymnasium Sync": gymnasium.make_vec(NAME, **given, vectorization_mode="sync", vector_kwargs=same),
-        "Gymnasium Async": gymnasium.make_vec(NAME, **given, vectorization_mode="async", vector_kwargs=same),
-        "ours, 1 process": gymnasium.make_vec(NAME, **given),
-        "ours, 2 processes": gymnasium.make_vec(NAME, **given, workers=2),
-    }
-    actions = actions_for(arguments.problem, arguments.envs)
-    first: dict[str, float] = {}
-    for name, env in envs.items():
-        begin = time.perf_counter()
-        env.reset(seed=arguments.seed)
-        env.step(actions)
-        first[f"{name}: first step with compiling [s]"] = time.perf_counter() - begin
-    seconds: dict[str, list[float]] = {name: [] for name in envs}
-    own = dict.fromkeys(envs, 0.0)
-    children = [process.pid for process in multiprocessing.active_children() if process.name.startswith("Spawn")]
-    before = cpu_of(children)
+    ways: dict[str, dict[str, Any]] = {
+        "Gymnasium Sync": {"vectorization_mode": "sync", "vector_kwargs": same},
+        "Gymnasium Async": {"vectorization_mode": "async", "vector_kwargs": same},
+        ONE: {}, "ours, 2 processes": {"workers": 2},
+    }  # fmt: skip
+    actions, known = actions_for(arguments.problem, arguments.envs), set[int | None]()
+    turns: dict[str, Turns] = {}
+    for name, options in ways.items():
+        turns[name] = Turns(gymnasium.make_vec(NAME, **given, **options))
+        children = {process.pid for process in multiprocessing.active_children()}
+        turns[name].children, known = sorted(children - known), known | children
+        turns[name].warm(actions, arguments.seed)
+    load = os.getloadavg()[0]
     for _ in range(arguments.rounds):
-        for name, env in envs.items():
-            begin, cpu = time.perf_counter(), time.process_time()
-            for _ in range(arguments.steps):
-                env.step(actions)
-            seconds[name].append(time.perf_counter() - begin)
-            own[name] += time.process_time() - cpu
-    apart = cpu_of(children) - before
-    for env in envs.values():
-        env.close()
+        for turn in turns.values():
+            turn.take(actions, arguments.steps)
     steps = arguments.steps * arguments.envs
-    rate = {f"{name} [steps/s]": steps / float(np.median(taken)) for name, taken in seconds.items()}
-    one, two = (float(np.median(seconds[f"ours, {count}"])) for count in ("1 process", "2 processes"))
-    alone, led = own["ours, 1 process"], own["ours, 2 processes"]
-    cpu = {
-        "ours, 1 process [steps a CPU-second]": arguments.rounds * steps / alone,
-        "ours, 2 processes [steps a CPU-second]": arguments.rounds * steps / (led + apart),
-        "1 to 2 processes, by processor time": alone / (led + apart / 2.0),
-    }
-    return first | rate | {"1 to 2 processes": one / two} | cpu
+    found = {f"{name}: first step with compiling [s]": turn.first_s for name, turn in turns.items()}
+    alone = sum(turns[ONE].cpu_s)
+    for name, turn in turns.items():
+        turn.env.close()
+        led, apart = turn.cpu_s
+        found[f"{name} [steps/s, wall]"] = steps / float(np.median(turn.wall_s))
+        found[f"{name} [steps a CPU-second]"] = arguments.rounds * steps / (led + apart)
+        both = led + apart / CORES if len(turn.children) > 1 else max(led, apart)
+        found[f"{name} ÷ {ONE}, two cores"] = alone / both
+    return found | {"load on this machine, before": load, "after": os.getloadavg()[0]}
+
+
+@dataclass
+class Turns:
+    """One way, and what its turns took: wall clock each, and processor time in all, of its own and of its children."""
+
+    env: VectorEnv
+    children: Sequence[int | None] = ()
+    first_s: float = 0.0
+    wall_s: list[float] = field(default_factory=list)
+    cpu_s: tuple[float, float] = (0.0, 0.0)
+
+    def warm(self, actions: np.ndarray, seed: int) -> None:
+        """Compile, and draw until blocks have their size."""
+        begin = time.perf_counter()
+        self.env.reset(seed=seed)
+        self.env.step(actions)
+        self.first_s = time.perf_counter() - begin
+        for _ in range(WARM):
+            self.env.step(actions)
+
+    def take(self, actions: np.ndarray, steps: int) -> None:
+        """Some more steps."""
+        begin, own, apart = time.perf_counter(), time.process_time(), cpu_of(self.children)
+        for _ in range(steps):
+            self.env.step(actions)
+        self.wall_s.append(time.perf_counter() - begin)
+        own, apart = time.process_time() - own, cpu_of(self.children) - apart
+        self.cpu_s = self.cpu_s[0] + own, self.cpu_s[1] + apart
 
 
 def cpu_of(processes: Sequence[int | None]) -> float:

@@ -1,9 +1,10 @@
 """Scenes drawn from a distribution and labelled by the exact planner: ahead, in blocks, and yet one after the other.
 
 What a scene is depends on the generator alone, so scenes can be drawn before they are asked for. A block of problems is
-sampled at once; of each the search's claim is enough to pass it over where another label is wanted, and only what is
-kept is verified, all scenes of a block together. The draws, labels, witnesses and bounds are those of ``OneByOne`` to
-the last bit.
+sampled at once. To pass one over it is enough that it cannot have the label that is wanted, which is often seen before
+a lift is solved (``search.screen``), or before a search has come to its end; only what is kept is searched to the end
+and verified, all scenes of a block together. The draws, labels, witnesses and bounds are those of ``OneByOne`` to the
+last bit.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 
 from stancekit.planners.answer.outcome import Certificate, Posture, Status
 from stancekit.planners.equilibrium.batch import ScaledBatch
+from stancekit.planners.equilibrium.features import observe_batch
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput, PlanningFailed, StancekitError
@@ -25,7 +27,7 @@ from stancekit.planners.problem import PostureBatch, PostureProblem
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.cuts import CutSearch
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.witness import witnesses
+from stancekit.planners.search.screen import stands, unsupported
 from stancekit.planners.verify import check_certificates, check_postures
 
 from .distributions.postures import Distribution, Repeatable
@@ -37,9 +39,6 @@ MOST_AHEAD = 32
 """Scenes that are drawn together, at most."""
 BLOCK = 16
 """Problems that are sampled together."""
-RARE, RARE_BLOCK, STEPS = 8, 32, 48
-"""Where only one in so many problems is hard and infeasible, so many are sampled together, and those for which so many
-steps of an iteration find a posture (``search.witness``) are passed over: no certificate of them would be accepted."""
 
 
 class OneByOne:
@@ -91,9 +90,11 @@ class SampledScenes:
         self._expert = ExactPlanner(programs=programs)
         self._one_by_one = OneByOne(distribution, balanced=balanced, programs=programs)
         self._source = distribution if isinstance(distribution, Repeatable) else None
+        self._whole = bool(getattr(distribution, "whole_words", False))
         self._most, self._count = ahead, 1
         self._ahead: deque[_Drawn] = deque()
-        self._draws, self._came = 1, 1  # of the problems looked at for a hard infeasible one, and of those
+        self._like: tuple[PostureProblem, Scaled] | None = None  # of the last batch, and its numbers
+        self._rest: _Block | None = None
         self._last: Any = None  # state of the generator after the scene that was handed out last
 
     def __copy__(self) -> SampledScenes:
@@ -134,46 +135,70 @@ class SampledScenes:
 
     def _next(self, rng: np.random.Generator, source: Repeatable, wanted: bool) -> _Claim:
         """The claim of the next scene; the generator is left behind its draw."""
-        left, alone = MAX_DRAWS, not self._balanced
+        left = MAX_DRAWS
         while left:
-            begin, rare = rng.bit_generator.state, self._balanced and not wanted and self._draws > RARE * self._came
-            count = min(left, 1 if alone else RARE_BLOCK if rare else BLOCK)
-            try:
-                batch = source.batch(rng, count)
-            except InvalidInput:
-                if count == 1:
-                    raise
-                rng.bit_generator.state, alone = begin, True  # the draw that fails may not come to its turn
-                continue
-            scaled = ScaledBatch.of(batch)
-            passed = self._feasible(batch, scaled) if rare else set()
-            for k in range(count):
-                claim = None if k in passed else self._claimed(batch, scaled, k, wanted)
-                self._draws += not wanted
+            block, state = self._block(rng, source, left), rng.bit_generator.state
+            count = min(left, len(block.batch) - block.next)
+            for k in range(block.next, block.next + count):
+                claim = None if block.hopeless[k] else self._claimed(block.batch, block.scaled, k, wanted)
                 if claim is not None:
-                    self._came += not wanted
-                    rng.bit_generator.state = begin
+                    rng.bit_generator.state = {**state, "state": block.begin["state"]} if self._whole else block.begin
                     source.skip(rng, k + 1)
+                    self._rest = replace(block, next=k + 1, at=rng.bit_generator.state["state"])
                     return claim
-            left -= count
+            rng.bit_generator.state = {**state, "state": block.end} if self._whole else state
+            self._rest, left = None, left - count
         raise _never(self._distribution)
 
-    def _feasible(self, batch: PostureBatch, scaled: ScaledBatch) -> set[int]:
-        """Problems of a block that a short iteration finds a posture of."""
-        index, points = witnesses(scaled, STEPS)
-        chosen = index.tolist()
-        worst = check_postures([batch.problem(k) for k in chosen], scaled.select(index).postures(points))
-        return {k for k, off in zip(chosen, worst.tolist(), strict=True) if off <= self._expert.acceptance.tolerance}
+    def _block(self, rng: np.random.Generator, source: Repeatable, most: int) -> _Block:
+        """The problems that come next, what is left of those sampled last or others. Raises what sampling one raises.
+
+        A coin takes half a word of the generator, so every other one leaves the words to come where they were.
+        """
+        rest, begin = self._rest, rng.bit_generator.state
+        if self._whole and rest is not None and rest.at == begin["state"] and rest.next < len(rest.batch):
+            return rest
+        try:
+            batch = source.batch(rng, min(most, BLOCK) if self._balanced else 1)
+        except InvalidInput:  # the draw that fails may not come to its turn
+            rng.bit_generator.state = begin
+            batch = source.batch(rng, 1)
+        scaled, end = self._scaled(batch), rng.bit_generator.state["state"]
+        hopeless = unsupported(scaled).tolist() if self._balanced else [False]  # none of these is wanted
+        return _Block(batch=batch, scaled=scaled, hopeless=hopeless, begin=begin, at=None, end=end)
+
+    def _scaled(self, batch: PostureBatch) -> ScaledBatch:
+        """Numbers of a batch; what problems of one ``like`` share is worked out once."""
+        if self._like is None or self._like[0] is not batch.like:
+            self._like = batch.like, ScaledBatch.of(batch).like
+        return ScaledBatch.of(batch, self._like[1])
 
     def _claimed(self, batch: PostureBatch, scaled: ScaledBatch, k: int, wanted: bool) -> _Claim | None:
         """What the search claims of the k-th problem; None where it cannot become the scene that is wanted."""
         begin, numbers = time.perf_counter(), scaled.problem(k)
-        search = self._expert.search(numbers)
+        sought = (Status.FEASIBLE if wanted else Status.INFEASIBLE) if self._balanced else None
+        if sought is Status.INFEASIBLE and stands(self._expert.programs, numbers, scaled.middles[k]):
+            return None
+        search = self._expert.search(numbers, wanted=sought)
         feasible = search.found is not None
         if (search.stopped and not feasible) or (self._balanced and (feasible != wanted or search.trivial)):
             return None
         seconds = time.perf_counter() - begin
         return _Claim(problem=batch.problem(k), scaled=numbers, search=search, seconds=seconds)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Block:
+    """Problems that were sampled together. next: the first that was not looked at; hopeless: which have not even P̄;
+    begin: state of the generator before the first problem; at, end: its words at the next one and after the last."""
+
+    batch: PostureBatch
+    scaled: ScaledBatch
+    hopeless: list[bool]
+    begin: Any
+    at: Any
+    end: Any
+    next: int = 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -212,6 +237,7 @@ def _verified(claims: Sequence[_Claim], accept: Acceptance) -> list[_Drawn]:
     right = {k for k, off in zip(places, worst.tolist(), strict=True) if off <= accept.tolerance}
     right |= {k for k, value in bound.items() if value > accept.gap}
     share, found = (time.perf_counter() - begin) / len(claims), []
+    seen = observe_batch([claim.scaled for claim in claims])
     for k, claim in enumerate(claims):
         if k not in right:
             break
@@ -220,6 +246,7 @@ def _verified(claims: Sequence[_Claim], accept: Acceptance) -> list[_Drawn]:
             expert_seconds=claim.seconds + share,
         )  # fmt: skip
         vars(scene)["scaled"] = claim.scaled  # known already
+        vars(scene)["observation"] = {name: values[k] for name, values in seen.items()}
         found.append(_Drawn(scene=scene, before=claim.before, after=claim.after))
     return found
 

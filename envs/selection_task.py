@@ -205,7 +205,7 @@ class SelectionTask:
         """What the agent is told of a trial whose postures are the verifier's."""
         scene, answer, envelope, weights = trial.scene, trial.answer, trial.envelope, self._weights
         agree = answer.known and answer.feasible == scene.feasible
-        width = float(np.mean(envelope.high - envelope.low)) / 2.0
+        width = float((envelope.high - envelope.low).mean()) / 2.0
         reached = self._projections[0] in trial.postures
         terms = (weights.agreement * agree, weights.projection * reached, weights.tightness * (1.0 - width))
         clock = self._timing

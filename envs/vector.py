@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 import multiprocessing
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -40,9 +40,9 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
     through exactly what the single environment does after ``reset(seed=s + i)``, whatever ``workers`` is.
 
     scenes: a source that keeps count of what it drew is copied for every sub-environment; a folder is read once a
-    process. workers: processes that draw
-    and judge, each for an equal part of the batch; 1 works in this process. More need a main module that can be
-    imported (``if __name__ == "__main__"``). The other arguments are those of ``EnvelopeSelectionEnv``.
+    process. workers: processes that draw and judge, each for an equal part of the batch, this one among them: with
+    more than 1 the others need a main module that can be imported (``if __name__ == "__main__"``). The other arguments
+    are those of ``EnvelopeSelectionEnv``.
     """
 
     metadata = {"render_modes": [], "autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 — Gymnasium's convention
@@ -67,12 +67,11 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         self.single_action_space = task.action_space
         self.observation_space = batch_space(task.observation_space, num_envs)
         self.action_space = batch_space(task.action_space, num_envs)
-        self._ready = False
+        self._ready, self._last = False, list[Observation]()  # by part, what was seen last
         self._cuts = [round(k * num_envs / workers) for k in range(workers + 1)]
         sizes = np.diff(self._cuts).tolist()
-        self._parts: list[_Batch | _Worker] = (
-            [_Batch(task, num_envs)] if workers == 1 else [_Worker(problem, options, size) for size in sizes]
-        )
+        others = [_Worker(problem, options, size) for size in sizes[1:]]
+        self._parts: list[_Batch | _Worker] = [_Batch(task, sizes[0]), *others]
 
     def reset(
         self, *, seed: int | Seeds | None = None, options: dict[str, Any] | None = None
@@ -85,7 +84,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         if len(seeds) != self.num_envs:
             raise InvalidInput(f"seed: expected one number or {self.num_envs}, got {len(seeds)}")
         found = self._each("reset", [seeds[part] for part in self._slices()])
-        self._ready = True
+        self._ready, self._last = True, found
         return _joined(found), {}
 
     def step(
@@ -98,14 +97,21 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
         if actions.shape != self.action_space.shape:
             raise InvalidInput(f"actions: expected shape {self.action_space.shape}, got {actions.shape}")
         results: list[_Stepped] = self._each("step", [actions[part] for part in self._slices()])
-        final = _joined([result.final for result in results])
-        infos: dict[str, Any] = {}
-        for index, info in enumerate(info for result in results for info in result.infos):
-            row = {name: values[index] for name, values in final.items()}
-            infos = self._add_info(infos, {"final_obs": row, "final_info": info}, index)
+        final, rows = _joined(self._last), np.full(self.num_envs, None, dtype=object)
+        rows[:] = [{name: values[index] for name, values in final.items()} for index in range(self.num_envs)]
+        told = {name: np.array([row for one in results for row in one.info[name]]) for name in results[0].info}
+        infos = self._of_all({"final_obs": rows, "final_info": self._of_all(told)})
         rewards = np.array([reward for result in results for reward in result.rewards])
         ended, not_cut = np.ones(self.num_envs, dtype=np.bool_), np.zeros(self.num_envs, dtype=np.bool_)
-        return _joined([result.observation for result in results]), rewards, ended, not_cut, infos
+        self._last = [result.observation for result in results]
+        return _joined(self._last), rewards, ended, not_cut, infos
+
+    def _of_all(self, info: Mapping[str, Any]) -> dict[str, Any]:
+        """What Gymnasium's ``_add_info`` makes of what all sub-environments have: each beside the mask of who has."""
+        masked = {}
+        for name, values in info.items():
+            masked |= {name: values, f"_{name}": np.ones(self.num_envs, dtype=np.bool_)}
+        return masked
 
     def close_extras(self, **kwargs: Any) -> None:
         """End the processes."""
@@ -117,7 +123,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
 
     def _each(self, method: str, arguments: Sequence[Any]) -> list[Any]:
         """Let all parts do this, at the same time; an error of one is raised after all have ended."""
-        for part, argument in zip(self._parts, arguments, strict=True):
+        for part, argument in reversed(list(zip(self._parts, arguments, strict=True))):  # this process is the first
             part.begin(method, argument)
         answers = [part.end() for part in self._parts]
         for answer in answers:
@@ -128,11 +134,10 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Stepped:
-    """A step of some sub-environments: rewards, infos and observations of the old scenes, observations of the new."""
+    """A step of some sub-environments: rewards and info of the old scenes, a row each, observations of the new."""
 
     rewards: list[float]
-    infos: list[dict[str, Any]]
-    final: Observation
+    info: dict[str, list[Any]]
     observation: Observation
 
 
@@ -170,12 +175,10 @@ class _Batch:
 
     def step(self, actions: NDArray[Any]) -> _Stepped:
         """Judge, and draw the next scenes."""
-        final = all_seen(self._at)
         verdicts = self._task.judge_all(self._at, actions)
         return _Stepped(
             rewards=[verdict.reward for verdict in verdicts],
-            infos=[verdict.info for verdict in verdicts],
-            final=final,
+            info={name: [verdict.info[name] for verdict in verdicts] for name in verdicts[0].info},
             observation=self._draw(),
         )
 
@@ -229,5 +232,5 @@ def _serve(pipe: Connection, problem: str | Distribution | SceneKind, options: S
 
 
 def _joined(parts: Sequence[Observation]) -> Observation:
-    """The rows of all parts, in order."""
+    """The rows of all parts, in order, in arrays of their own."""
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

@@ -13,6 +13,7 @@ from stancekit.planners.terrain import Patch
 
 from .stance import Stance
 
+_AXES = np.eye(3)
 FORWARD, UPWARD = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 """Shear references on the ground and on walls."""
 
@@ -40,9 +41,12 @@ def plain_problem(robot: Robot, legs: Sequence[str], stance: Stance, *, shear: S
     )  # fmt: skip
 
 
-def leaning(axis: Array, angle_rad: Array, azimuth_rad: Array) -> Array:
-    """Unit vectors at these angles from axes of shape (..., 3), leaning towards these azimuths."""
-    first, second = _plane(axis)
+def leaning(axis: Array, angle_rad: Array, azimuth_rad: Array, plane: tuple[Array, Array] | None = None) -> Array:
+    """Unit vectors at these angles from axes of shape (..., 3), leaning towards these azimuths.
+
+    plane: ``plane_of`` the axes, where it is known.
+    """
+    first, second = plane or plane_of(axis)
     angle, azimuth = angle_rad[..., None], azimuth_rad[..., None]
     sideways = np.cos(azimuth) * first + np.sin(azimuth) * second
     return _unit(np.cos(angle) * axis + np.sin(angle) * sideways)
@@ -51,13 +55,13 @@ def leaning(axis: Array, angle_rad: Array, azimuth_rad: Array) -> Array:
 def triangle(normals: Array, radius_m: Array, turn_rad: Array) -> Array:
     """Equilateral triangles about the origin in the planes of these normals, shape (..., 3, 3) [m]."""
     angles = (turn_rad[..., None] + 2.0 * np.pi / 3.0 * np.arange(3))[..., None]
-    first, second = (axis[..., None, :] for axis in _plane(normals))
+    first, second = (axis[..., None, :] for axis in plane_of(normals))
     return np.asarray(radius_m[..., None, None] * (np.cos(angles) * first + np.sin(angles) * second))
 
 
-def _plane(normals: Array) -> tuple[Array, Array]:
+def plane_of(normals: Array) -> tuple[Array, Array]:
     """Two unit vectors that make a right-handed frame with each normal, shape (..., 3)."""
-    helper = np.eye(3)[np.argmin(np.abs(normals), axis=-1)]
+    helper = _AXES[np.abs(normals).argmin(axis=-1)]
     first = _unit(cross(normals, helper))
     return first, cross(normals, first)
 

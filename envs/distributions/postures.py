@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Literal, Protocol, cast, runtime_checkable
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, cast, runtime_checkable
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
@@ -22,7 +22,7 @@ from stancekit.planners.problem.posture import MAX_TILT_RAD, THREE_LEGS
 from stancekit.planners.robot import Robot, hexapod
 from stancekit.planners.robot.robot_file import BUILT_IN
 
-from .patches import FORWARD, UPWARD, leaning, plain_problem, triangle
+from .patches import FORWARD, UPWARD, leaning, plain_problem, plane_of, triangle
 from .stance import FIVE_LEGS, LAW, Law, Stance, Standing, paper_stance
 
 if TYPE_CHECKING:
@@ -59,7 +59,10 @@ class Distribution(Protocol):
 
 @runtime_checkable
 class Repeatable(Distribution, Protocol):
-    """A distribution whose draws depend on the generator's state alone: they can be repeated and passed over."""
+    """A distribution whose draws depend on the generator's state alone: they can be repeated and passed over.
+
+    One with ``whole_words = True`` takes whole 64-bit words, so that a half that others left over changes nothing.
+    """
 
     def skip(self, rng: np.random.Generator, count: int) -> None:
         """Leave the generator as ``batch`` of so many leaves it."""
@@ -80,6 +83,7 @@ class PostureDistribution:
     friction: tuple[float, float]
     robot: Robot = field(default_factory=hexapod)
     stance: Stance | None = None
+    whole_words: ClassVar[bool] = True  # every number is a uniform double
 
     def sample(self, rng: np.random.Generator) -> PostureProblem:
         """Draw one posture problem."""
@@ -90,9 +94,10 @@ class PostureDistribution:
         stance, low, high = self._about
         drawn = low + (high - low) * self._shares(rng, count)
         offset, (lean, towards, radius, turn, friction) = drawn[..., :3], np.moveaxis(drawn[..., 3:], -1, 0)
-        normals = leaning(stance.normal, lean, towards)
+        normals = leaning(stance.normal, lean, towards, self._upright)
         vertices = (stance.centre_m + offset)[:, :, None] + triangle(normals, radius, turn)
-        return PostureBatch(like=self._plain, vertices_m=vertices, normals=normals, friction=friction)
+        convex = stance.circumradius_m[0] >= LEAST_M
+        return PostureBatch(like=self._plain, vertices_m=vertices, normals=normals, friction=friction, convex=convex)
 
     def skip(self, rng: np.random.Generator, count: int) -> None:
         """Leave the generator as ``batch`` of so many leaves it."""
@@ -112,12 +117,19 @@ class PostureDistribution:
         return stance, np.hstack([-stance.room_m, low]), np.hstack([stance.room_m, high])
 
     @cached_property
+    def _upright(self) -> tuple[Array, Array]:
+        """The plane of every nominal patch."""
+        return plane_of(self._about[0].normal)
+
+    @cached_property
     def _plain(self) -> PostureProblem:
         """The problem with every patch in its nominal place."""
         shear = FORWARD if self.terrain == "ground" else UPWARD
         return plain_problem(self.robot, self.legs, self._about[0], shear=shear)
 
 
+LEAST_M = 1e-3
+"""Triangles of this circumradius [m] and more are patches, however they are turned."""
 GROUND_FRICTION, WALL_FRICTION = (0.1, 0.8), (0.1, 1.2)
 GROUND_3 = PostureDistribution(name="ground-3", terrain="ground", legs=THREE_LEGS, friction=GROUND_FRICTION)
 WALL_3 = PostureDistribution(name="wall-3", terrain="wall", legs=THREE_LEGS, friction=WALL_FRICTION)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +30,13 @@ class ScaledBatch:
     friction: Array
 
     @classmethod
-    def of(cls, batch: PostureBatch) -> ScaledBatch:
-        """Scale a batch."""
-        like, corners = Scaled.of(batch.like), (batch.vertices_m.shape[2],)
-        layout = replace(like.layout, corners=(corners,) * len(like.friction))
+    def of(cls, batch: PostureBatch, like: Scaled | None = None) -> ScaledBatch:
+        """Scale a batch. like: that of a batch of the same ``like`` and as many corners, where there was one."""
+        if like is None:
+            like, corners = Scaled.of(batch.like), (batch.vertices_m.shape[2],)
+            like = replace(like, layout=replace(like.layout, corners=(corners,) * len(like.friction)))
         return cls(
-            like=replace(like, layout=layout), vertices=batch.vertices_m / like.length_m, frames=batch.frames,
-            friction=batch.friction,
+            like=like, vertices=batch.vertices_m / like.length_m, frames=batch.frames, friction=batch.friction
         )  # fmt: skip
 
     def __len__(self) -> int:
@@ -49,9 +51,33 @@ class ScaledBatch:
         return replace(self, vertices=np.broadcast_to(toes[:, :, None], self.vertices.shape))
 
     def problem(self, index: int) -> Scaled:
-        """One of them; they share one layout."""
-        flat = self.vertices[index].reshape(-1, 3)
-        return replace(self.like, vertices=flat, frames=self.frames[index], friction=self.friction[index])
+        """One of them; they share one layout, and what else they share, or is worked out for all at once."""
+        shared, (implied, bearing, arms) = self._shared, self._of_each
+        found = object.__new__(Scaled)
+        vars(found).update(
+            shared, vertices=self.vertices[index].reshape(-1, 3), frames=self.frames[index],
+            friction=self.friction[index], box_implied=implied[index], bearing_vertices=bearing[index],
+            arms=arms[index],
+        )  # fmt: skip
+        return found
+
+    @cached_property
+    def middles(self) -> Array:
+        """The means of the patches' vertices, shape (B, N, 3)."""
+        return np.asarray(self.vertices.mean(axis=2))
+
+    @cached_property
+    def _shared(self) -> dict[str, Any]:
+        """What is the same in every problem."""
+        return {each.name: getattr(self.like, each.name) for each in fields(Scaled)} | {"numbers": self.like.numbers}
+
+    @cached_property
+    def _of_each(self) -> tuple[list[bool], Array, Array]:
+        """``box_implied``, ``bearing_vertices`` and ``arms`` of every problem."""
+        vertex = self.like.layout.contact_vertices[1]
+        bearing = self.vertices.reshape(len(self), -1, 3)[:, vertex]
+        arms = np.matmul(skew(bearing), self.frames[:, self.like.layout.vertex_candidates[vertex]])
+        return self.like.boxes_implied(self.friction), bearing, arms
 
     def postures(self, points: PointBatch) -> list[Posture]:
         """Give the points of these problems, one each, their units back."""

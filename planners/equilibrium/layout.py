@@ -39,6 +39,14 @@ class Layout:
     points: tuple[int, ...] = ()
     relative: tuple[tuple[int, int, int], ...] = ()
 
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        """Programs are looked up by it at every solve."""
+        return hash((self.holds, self.stances, self.corners, self.reach_rows, self.points, self.relative))
+
     @property
     def frames(self) -> int:
         """M."""

@@ -41,7 +41,8 @@ class Programs:
     def get(self, make: Callable[..., T], *key: Hashable) -> T:
         """``make(*key)``, or what it made last time."""
         name = (make, *key)
-        if name in self._kept:
+        made = self._kept.get(name)
+        if made is not None:
             self._kept.move_to_end(name)
         else:
             made = self._kept[name] = make(*key)
@@ -49,4 +50,4 @@ class Programs:
                 made.rows.solve_instead(made.reference)
             if len(self._kept) > self._most:
                 self._kept.popitem(last=False)
-        return cast(T, self._kept[name])
+        return cast(T, made)

@@ -181,22 +181,24 @@ class Rows(Generic[D]):
         """
         if self._reference is not None:
             return self._reference(data).solve_as(self.columns, self.groups)
-        hessian, q, matrix, b = self.load(data)
         begin = time.perf_counter()
         if self._solver is None or not self._keep:
+            hessian, q, matrix, b = self.load(data)
+            begin = time.perf_counter()
             settings = solver_settings(equilibrate=not self._keep)
             self._solver = clarabel.DefaultSolver(hessian, q, matrix, b, self._cones, settings)
         else:
-            numbers = {"A": matrix.data, "b": b} | ({"q": q} if self._q.constant is None else {})
-            numbers |= {"P": hessian.data} if self._squares else {}
-            self._solver.update(**{name: values.tolist() for name, values in numbers.items()})  # lists are read faster
+            self._update(self._solver, data)
         answer = self._solver.solve()
         said = answer.status
         if said not in STATUS:  # rare: ask again, with refined steps
+            hessian, q, matrix, b = self.load(data)
             careful = solver_settings(equilibrate=True, careful=True)
             answer = clarabel.DefaultSolver(hessian, q, matrix, b, self._cones, careful).solve()
             said = answer.status
-        value, constant = float(answer.obj_val), sum(float(np.sum(fill(data))) for fill in self._constants)
+        value, constant = float(answer.obj_val), 0.0
+        if self._constants:
+            constant = sum(float(np.sum(fill(data))) for fill in self._constants)
         return ConicSolution(
             status=STATUS.get(said, ConicStatus.FAILED),
             answer=answer,
@@ -208,6 +210,16 @@ class Rows(Generic[D]):
             iterations=int(answer.iterations),
             seconds=time.perf_counter() - begin,
         )
+
+    def _update(self, solver: clarabel.DefaultSolver, data: D) -> None:
+        """Load the numbers of a problem into the kept solver, as lists, which are read faster."""
+        numbers = self._numbers.of(data)
+        loaded = {"A": self._a.load(numbers, data).tolist(), "b": self._b.load(numbers, data).tolist()}
+        if self._q.constant is None:
+            loaded["q"] = self._q.load(numbers, data).tolist()
+        if self._squares:
+            loaded["P"] = self._hessian(data).data.tolist()
+        solver.update(**loaded)
 
     def lagrangian(self, data: D, solution: ConicSolution, without: Sequence[str] = ()) -> tuple[float, Array]:
         """The Lagrangian  z'(A x − b)  as a function of x: its constant −b'z and its slope A'z, shape (n,).

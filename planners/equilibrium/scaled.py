@@ -125,15 +125,16 @@ class Scaled:
 
         Then f_n ≥ 0 comes from the cone and λ ≥ 0 from f_n ≤ λ f_max, too.
         """
+        return self.boxes_implied(self.friction[None])[0]
+
+    def boxes_implied(self, frictions: Array) -> list[bool]:
+        """``box_implied`` with other friction, of every row of shape (B, K)."""
         contact, candidate = self.layout.contact_candidates
-        friction, normal = self.friction[candidate], self.force_max[contact, 0]
+        friction, normal = frictions[:, candidate], self.force_max[contact, 0]
         room = np.minimum(self.force_max[:, 1:], -self.force_min[:, 1:]).min(axis=1)[contact]
-        return bool(
-            (friction > 1e-3).all()  # on ice the cone says nothing of f_n
-            and (self.force_min[:, 0] <= 0.0).all()
-            and (normal > 0.0).all()
-            and (friction * normal <= room).all()
-        )
+        implied = (friction > 1e-3) & (friction * normal <= room)  # on ice the cone says nothing of f_n
+        of_all = bool((self.force_min[:, 0] <= 0.0).all() and (normal > 0.0).all())
+        return [of_all and one for one in implied.all(axis=1).tolist()]
 
     @cached_property
     def arms(self) -> Array:
@@ -189,6 +190,8 @@ class Scaled:
 
     def chosen(self, choice: NDArray[np.int_]) -> Scaled:
         """The problem with one candidate a foothold, by its number, shape (P,)."""
+        if len(self.numbers) == len(choice) and (choice is self.numbers or (choice == self.numbers).all()):
+            return self
         opened = np.zeros((self.layout.footholds, self.options))
         opened[np.arange(len(choice)), choice] = 1.0
         return self.only(opened)
@@ -222,7 +225,7 @@ class Scaled:
         away = np.linalg.norm(self.shoulders, axis=1) + turned_most(self.shoulders, self.tilt)
         return np.asarray(self.reach + away)
 
-    @property
+    @cached_property
     def contact_frames(self) -> Array:
         """R_WC of every stance contact; one candidate a foothold; shape (B, 3, 3)."""
         return np.asarray(self.frames[self.layout.contacts[2]])
@@ -263,11 +266,13 @@ class Scaled:
 
 def skew(vectors: Array) -> Array:
     """[v]×, so that [v]× w = v × w; shape (..., 3) to (..., 3, 3)."""
-    out = np.zeros((*vectors.shape, 3))
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -z, y, -x
-    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = z, -y, x
-    return out
+    numbers = np.zeros((*vectors.shape[:-1], 7))
+    numbers[..., :3] = vectors
+    np.negative(vectors, out=numbers[..., 3:6])
+    return numbers.take(_SKEW, axis=-1).reshape(*vectors.shape, 3)
+
+
+_SKEW = np.array([6, 5, 1, 2, 6, 3, 4, 0, 6])  # of (x, y, z, −x, −y, −z, 0), by rows
 
 
 def cones_met(low: Array, high: Array, friction: Sequence[float] | Array) -> tuple[Array, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import InitVar, dataclass
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -24,6 +24,7 @@ class PostureBatch:
 
     like: body, limbs, limits, and the shear references of the patches, N contacts.
     vertices_m: v_u in the world, shape (B, N, U, 3) [m]; normals: unit, shape (B, N, 3); friction: μ ≥ 0, shape (B, N).
+    convex: whether the borders are known to be those of flat convex polygons, and are not looked at again.
     Raises InvalidInput, under the rules of ``Patch``, for the first patch that is none.
     """
 
@@ -31,8 +32,9 @@ class PostureBatch:
     vertices_m: Array
     normals: Array
     friction: Array
+    convex: InitVar[bool] = False
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, convex: bool) -> None:
         count = len(self.like.contacts)
         if any(contact.sole_m is not None for contact in self.like.contacts):
             raise InvalidInput("like: expected point feet in a batch of posture problems, got soles")
@@ -50,6 +52,8 @@ class PostureBatch:
         ):
             if wrong.any():
                 raise InvalidInput(f"{self._where(int(wrong.argmax()))}.{text}")
+        if convex:
+            return
         size = len(self) * count
         defect = polygon_defect(
             self.vertices_m.reshape(size, *self.vertices_m.shape[2:]), self.frames.reshape(size, 3, 3)

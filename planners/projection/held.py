@@ -13,7 +13,7 @@ from ..equilibrium.objective import objective
 from ..equilibrium.rows import ConicSolution, Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Moments
-from ..files.arrays import Array
+from ..files.arrays import Array, cross
 
 MOMENT_PRICE = 30.0
 """Of the moments that a linearised step leaves, in units of the objective: large against its own slopes."""
@@ -150,7 +150,7 @@ def linearised_moments(layout: Layout, body: Body, toes: FreeToes, forces: Force
         """−Σ p̄ × F̄ of every stance."""
         total = np.zeros((len(layout.stances), 3))
         world = given.scaled.in_world(given.held.forces)
-        np.subtract.at(total, stance, np.cross(given.held.toes[foothold], world))
+        np.subtract.at(total, stance, cross(given.held.toes[foothold], world))
         return total
 
     moments.shift(offset)
@@ -173,7 +173,7 @@ def _sole_moments(given: Given) -> Array:
     scaled = given.scaled
     total = np.zeros((len(scaled.layout.stances), 3))
     arms = scaled.bearing_points(np.zeros_like(given.held.toes))
-    np.add.at(total, scaled.layout.contacts[0], np.cross(arms, scaled.in_world(given.held.forces)))
+    np.add.at(total, scaled.layout.contacts[0], cross(arms, scaled.in_world(given.held.forces)))
     return total
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -11,7 +12,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked, read_only
+from ..files.arrays import LARGEST, Array, checked, read_only
 from ..files.validation import validated
 from ..problem import PostureProblem
 from .learned import check_learned, check_robot
@@ -21,6 +22,8 @@ TILT_ROOM_RAD = np.deg2rad(10.0)
 """How much further than in training a patch may lean before an envelope is refused as learned for something else."""
 LOW_LOW, HIGH_HIGH, LOW_HIGH, HIGH_LOW = range(4)
 """The corners of a box in p_j and f_k, in the order of the four envelope rows of m_jk = p_j f_k."""
+P_ENDS, F_ENDS = [0, 1, 0, 1], [0, 1, 1, 0]
+"""Which bounds, of low and high, they are at."""
 SIGNS = np.array([1.0, 1.0, -1.0, -1.0])[:, None, None, None]
 """Of those rows: the first two bound m_jk from below, the others from above."""
 
@@ -68,8 +71,15 @@ class Envelope:
         flat = np.asarray(bounds, dtype=np.float64)
         if flat.ndim != 1 or flat.size == 0 or flat.size % 12:
             raise InvalidInput(f"bounds: expected 12 numbers a contact, got an array of shape {flat.shape}")
-        low, high = flat.reshape(2, -1, 6)
-        return cls(low=np.minimum(low, high), high=np.maximum(low, high))
+        first, second = flat.reshape(2, -1, 6)
+        low, high = np.minimum(first, second), np.maximum(first, second)
+        if not float(abs(flat).max()) <= LARGEST:  # also false for NaN
+            return cls(low=low, high=high)  # which says what is wrong
+        low.setflags(write=False)
+        high.setflags(write=False)
+        envelope = object.__new__(cls)
+        vars(envelope).update(low=low, high=high)
+        return envelope
 
     def to_vector(self) -> Array:
         """All of low and then all of high, shape (12N,)."""
@@ -93,15 +103,16 @@ class Envelope:
     @cached_property
     def corners(self) -> Corners:
         """The numbers of the envelope rows."""
-        (p_low, p_high), (f_low, f_high) = self.position, self.force
-        p = SIGNS * np.array([p_low, p_high, p_low, p_high])[..., None]
-        f = np.array([f_low, f_high, f_high, f_low])[:, :, None]
-        return Corners(p=p, f=SIGNS * f, products=p * f, outward=np.array([-self.low, self.high]))
+        ends = np.array([self.low, self.high])
+        p = SIGNS * ends[P_ENDS, :, :3, None]
+        f = ends[F_ENDS, :, None, 3:]
+        ends[0] *= -1.0
+        return Corners(p=p, f=SIGNS * f, products=p * f, outward=ends)
 
     def log_volume(self) -> float:
         """Sum of the logarithms of the widths; −inf for a box without volume."""
-        with np.errstate(divide="ignore"):
-            return float(np.sum(np.log(self.high - self.low)))
+        widths = self.high - self.low
+        return float(np.log(widths).sum()) if widths.all() else -math.inf
 
     def contains(self, points: Array, *, margin: float = 0.0) -> Array:
         """Which points [p, f], shape (K, N, 6), lie in the box widened by ``margin``; shape (K,)."""

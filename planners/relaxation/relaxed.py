@@ -56,8 +56,9 @@ class Relaxed:
     def rounded(self) -> tuple[Index, Point]:
         """The candidate of the largest share of every foothold, by number, (P,), and a point whose toes are on them."""
         number = self.scaled.numbers
-        if len(number) == self.scaled.layout.footholds and len(self.forces) == len(self.scaled.force_min):
-            return number, self._point(self.toes, self.forces)  # nothing to round
+        if len(number) == self.scaled.layout.footholds:  # nothing to round
+            one = len(self.forces) == len(self.scaled.force_min)
+            return number, self._point(self.toes, self.forces if one else self._added(np.arange(len(number))))
         ends = np.cumsum([len(counts) for counts in self.scaled.layout.corners])
         parts = np.split(self.shares, ends[:-1])
         chosen = np.array([end - len(part) + int(part.argmax()) for end, part in zip(ends, parts, strict=True)])

@@ -19,7 +19,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..answer.outcome import Certificate
+from ..answer.outcome import Certificate, Status
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import Programs
 from ..equilibrium.scaled import Point, Scaled, cones_met
@@ -44,6 +44,10 @@ WIDENED = 5e-6
 """What a proof loses, a unit of its multipliers, since the verifier widens every constraint before it counts."""
 STEPS = 4
 """Most linearised steps of SCP at a node."""
+BENEATH = 0.9
+"""A point that leaves less than this share of the gap says that no proof will be accepted; of the lift's bound at the
+root, in units of what a point may leave, ``ABOVE`` says that no point will."""
+ABOVE = 20.0
 
 
 @dataclass(kw_only=True, eq=False)
@@ -70,7 +74,8 @@ class CutSearch:
 
     gap: moment residual at which a node counts as refuted, or ``PROVABLE``. tolerance: violation that a point may have.
     max_nodes, deadline (``time.perf_counter()``): where to stop. root: the lift of the problem, where it is solved
-    already. found: choice, (P,), and point; stopped: why there is neither.
+    already. wanted: of a search that counts only where it comes to this; it stops when it cannot any more.
+    found: choice, (P,), and point; stopped: why there is neither.
     """
 
     def __init__(
@@ -83,15 +88,17 @@ class CutSearch:
         max_nodes: int,
         deadline: float,
         root: LiftAnswer | None = None,
+        wanted: Status | None = None,
     ) -> None:
-        self._programs, self._gap = programs, gap
+        self._programs, self._gap, self._wanted = programs, gap, wanted
         self._on_surface = max(SURFACE, 0.5 * tolerance)
         self._max_nodes, self._deadline = max_nodes, deadline
-        self._whole = replace(scaled, weights=None)  # it decides, and has no objective
+        self._whole = scaled if scaled.weights is None else replace(scaled, weights=None)  # it has no objective
         self.solves = self.nodes = 0
         self.seconds = 0.0
         self.stopped = ""
         self.found: tuple[Index, Point] | None = None
+        self._least = float("inf")  # residual of a point
         self.root = self._node(self._whole, root)
 
     def run(self) -> None:
@@ -105,7 +112,7 @@ class CutSearch:
             if self.nodes > self._max_nodes or time.perf_counter() > self._deadline or not node.lift.solved:
                 self.stopped = "stopped at the time, node or solver limit"
                 return
-            if self._project(node):
+            if self._project(node) or self._in_vain(node):
                 return
             for child in self._branch(node):
                 node.children.append(child)
@@ -141,13 +148,25 @@ class CutSearch:
     def _project(self, node: Node) -> bool:
         """Look for a point from the node's toes. The whole problem's pieces and boxes hold, not only the node's."""
         choice, start = node.lift.rounded()
-        worth = float("inf") if node is self.root else WORTH * node.lift.bound + WORTH_LEAST
-        point = scp(self._programs, self._whole.chosen(choice), start, steps=STEPS, worth=worth)
+        worth, steps = float("inf") if node is self.root else WORTH * node.lift.bound + WORTH_LEAST, STEPS
+        if self._wanted is Status.INFEASIBLE:  # a point only saves the rest of the search
+            steps = STEPS // 2 if node is self.root else 0
+        point = scp(self._programs, self._whole.chosen(choice), start, steps=steps, worth=worth)
         self.solves += point.solves
         self.seconds += point.seconds
+        self._least = min(self._least, point.residual)
         if point.residual <= self._on_surface:
             self.found = (choice, point)
         return self.found is not None
+
+    def _in_vain(self, node: Node) -> bool:
+        """Whether what is wanted cannot come any more: a bound lies above every point, or a point below all proofs."""
+        beneath = self._gap is not None and self._least <= BENEATH * self._gap
+        above = node is self.root and node.lift.bound > ABOVE * self._on_surface
+        vain = (self._wanted is Status.INFEASIBLE and beneath) or (self._wanted is Status.FEASIBLE and above)
+        if vain:
+            self.stopped = f"{self._wanted} is out of the question"
+        return vain
 
     def _branch(self, node: Node) -> list[Node]:
         """Two children that cover the node."""

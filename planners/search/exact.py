@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..answer.outcome import Outcome
+from ..answer.outcome import Outcome, Status
 from ..answer.plan import PlanOutcome
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
@@ -84,11 +84,16 @@ class ExactPlanner:
         )
         return self.acceptance.outcome(problem, claim, method=self.name, begin=begin, solves=search.solves)
 
-    def search(self, scaled: Scaled, *, root: LiftAnswer | None = None) -> CutSearch:
-        """The search that ``solve`` has the claim of verified, when it has run. root: as for ``solve``."""
+    def search(self, scaled: Scaled, *, root: LiftAnswer | None = None, wanted: Status | None = None) -> CutSearch:
+        """The search that ``solve`` has the claim of verified, when it has run.
+
+        root: as for ``solve``. wanted: where only this answer counts, which is then the same to the last bit; the
+        search ends where it cannot come any more.
+        """
         search = CutSearch(
             self.programs, scaled, gap=self.acceptance.gap, tolerance=self.acceptance.tolerance,
             max_nodes=self.max_nodes, deadline=time.perf_counter() + self.time_limit_s, root=root,
+            wanted=wanted,
         )  # fmt: skip
         search.run()
         return search

@@ -84,15 +84,17 @@ def triangle_distances(triangles: Array, points: Array) -> Array:
     """Distance of points, shape (T, 3), from triangles, shape (T, 3, 3); shape (T,)."""
     edges = triangles[:, FOLLOWING] - triangles
     away = points[:, None] - triangles
-    share = np.vecdot(away, edges) / np.maximum(np.vecdot(edges, edges), 1e-300)
-    to_border = away - np.minimum(np.maximum(share, 0.0), 1.0)[:, :, None] * edges
-    squares = np.vecdot(to_border, to_border).min(axis=1)
     normals = cross(edges[:, 0], edges[:, 1])
     sides = np.vecdot(cross(edges, away), normals[:, None])  # all ≥ 0 above the inside, either way round
     areas = np.vecdot(normals, normals)
     heights = np.vecdot(away[:, 0], normals)
     above = (sides.min(axis=1) >= 0.0) & (areas > 0.0)
-    return np.asarray(np.sqrt(np.where(above, heights * heights / np.maximum(areas, 1e-300), squares)))
+    squares = heights * heights / np.maximum(areas, 1e-300)
+    if not above.all():
+        share = np.vecdot(away, edges) / np.maximum(np.vecdot(edges, edges), 1e-300)
+        to_border = away - np.minimum(np.maximum(share, 0.0), 1.0)[:, :, None] * edges
+        squares = np.where(above, squares, np.vecdot(to_border, to_border).min(axis=1))
+    return np.asarray(np.sqrt(squares))
 
 
 def hull_distance(vertices: Array, point: Array) -> float:
