@@ -79,8 +79,8 @@ class EnvelopeCoursePlanner:
         if search.found is not None:
             choice, point, chosen = search.found
             modes = modes_of_frames(scaled.layout, chosen) if isinstance(self.envelopes, Modes) else None
-            alone = isinstance(learned, EnvelopeSet | StanceBoxes)
-            names = [one.problem_class for one in ((learned,) if alone else learned)]
+            some = (learned,) if isinstance(learned, EnvelopeSet | StanceBoxes) else learned
+            names = [one.problem_class for one in some]
             made = {"planner": self.name, "projection": self.projection, "p1": ", ".join(names)}
             plan = plan_of(course, scaled, choice, point, provenance=made, modes=modes)
         elif search.solved_none and len(boxes) == 1:
