@@ -108,7 +108,7 @@ class EnvelopeSelectionVectorEnv(VectorEnv[Observation, NDArray[Any], NDArray[An
 
     def _of_all(self, info: Mapping[str, Any]) -> dict[str, Any]:
         """What Gymnasium's ``_add_info`` makes of what all sub-environments have: each beside the mask of who has."""
-        masked = {}
+        masked = dict[str, Any]()
         for name, values in info.items():
             masked |= {name: values, f"_{name}": np.ones(self.num_envs, dtype=np.bool_)}
         return masked

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -31,18 +31,32 @@ MIRRORED_BOX = np.array([1.0, -1.0, 1.0, 1.0, -1.0, 1.0])
 """The same for [p, f], f in either axes (see the module)."""
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StanceBoxes:
+    """Boxes that were chosen for the very stances of a course: each over its B stance contacts, as ``boxes_of`` gives
+    them. problem_class: of the problems that whoever chose them learned from."""
+
+    problem_class: str
+    boxes: tuple[Envelope, ...]
+
+
+def mirrored_box(box: Envelope) -> Envelope:
+    """The box of the mirrored stance: p_y and the second force component change their sign (see the module)."""
+    ends = MIRRORED_BOX * box.low, MIRRORED_BOX * box.high
+    return Envelope(low=np.minimum(*ends), high=np.maximum(*ends))
+
+
 def mirrored(envelopes: EnvelopeSet, robot: Robot) -> EnvelopeSet:
     """The same envelopes for the legs on the other side: p_y and f_y change their sign, as normals do.
 
     robot: whose legs are paired by their shoulders. Raises InvalidInput for a robot that is not symmetric.
     """
-    ends = [(MIRRORED_BOX * box.low, MIRRORED_BOX * box.high) for box in envelopes.envelopes]
     return replace(
         envelopes,
         problem_class=f"{envelopes.problem_class} mirrored",
         legs=tuple(_partner(robot, leg) for leg in envelopes.legs),
         normals=envelopes.normals * MIRROR,
-        envelopes=tuple(Envelope(low=np.minimum(*pair), high=np.maximum(*pair)) for pair in ends),
+        envelopes=tuple(map(mirrored_box, envelopes.envelopes)),
     )
 
 

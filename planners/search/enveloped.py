@@ -23,7 +23,7 @@ from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
 from ..problem.course import Course
 from ..projection.project import PROJECTIONS, SURFACE, Projection, project
-from ..relaxation.boxes import boxes_of
+from ..relaxation.boxes import StanceBoxes, boxes_of
 from ..relaxation.envelope import Envelope, EnvelopeSet
 from ..relaxation.mccormick import Axes, McCormick
 from ..relaxation.modes import Modes, allowed_boxes, composed, modes_of_frames
@@ -43,15 +43,15 @@ class EnvelopeCoursePlanner:
     """P1 over one envelope, or over modes, then P2.
 
     envelopes: boxes in contact frames, learned for a stance of the course or its mirror image; with several, one is
-    chosen a stance. Several sets are for stances on different limbs. ``Modes`` are boxes in world axes. max_nodes,
-    time_limit_s: of the search.
+    chosen a stance. Several sets are for stances on different limbs; ``StanceBoxes`` for the stances of one course.
+    ``Modes`` are boxes in world axes. max_nodes, time_limit_s: of the search.
     """
 
     name = "two-stage"
 
     def __init__(
         self,
-        envelopes: EnvelopeSet | Sequence[EnvelopeSet] | Modes,
+        envelopes: EnvelopeSet | Sequence[EnvelopeSet] | StanceBoxes | Modes,
         *,
         projection: Projection = "scp",
         acceptance: Acceptance = Acceptance(),
@@ -71,7 +71,7 @@ class EnvelopeCoursePlanner:
         """Plan one course. Raises InvalidInput that names the stance that the envelopes were not learned for."""
         clock, scaled = Clock.start(), Scaled.of(course)
         learned = self.envelopes.boxes if isinstance(self.envelopes, Modes) else self.envelopes
-        boxes = boxes_of(course, learned, self.axes)
+        boxes = learned.boxes if isinstance(learned, StanceBoxes) else boxes_of(course, learned, self.axes)
         search = _Search(self, course, scaled, boxes, clock)
         search.run()
         details = search.details()
@@ -79,7 +79,8 @@ class EnvelopeCoursePlanner:
         if search.found is not None:
             choice, point, chosen = search.found
             modes = modes_of_frames(scaled.layout, chosen) if isinstance(self.envelopes, Modes) else None
-            names = [one.problem_class for one in ((learned,) if isinstance(learned, EnvelopeSet) else learned)]
+            some = (learned,) if isinstance(learned, EnvelopeSet | StanceBoxes) else learned
+            names = [one.problem_class for one in some]
             made = {"planner": self.name, "projection": self.projection, "p1": ", ".join(names)}
             plan = plan_of(course, scaled, choice, point, provenance=made, modes=modes)
         elif search.solved_none and len(boxes) == 1:

@@ -5,7 +5,8 @@ Where P1 has no plan within the chosen envelopes, the lift plans, which needs no
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any, Protocol
 
@@ -17,7 +18,9 @@ from stancekit.planners.equilibrium.features import observe
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.problem.course import Course
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.problem.course import Course, Stance
+from stancekit.planners.relaxation.boxes import MIRROR, StanceBoxes, boxes_of, mirrored, mirrored_box
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
@@ -25,6 +28,15 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 
 from .closed_loop import Observation
+from .estimation import nearest_on
+
+ROOM = 0.05
+"""By which boxes are widened on every side, non-dimensional: they are learned for one stance, and the stances of a
+window share toes and a body that steps."""
+NODES = 20
+"""Most choices of candidates that are looked at within boxes before the lift is asked, which is quicker."""
+RADIUS = 0.1
+"""Of the triangles that are shown of larger patches, of a course's length scale: about the mean of what is learned."""
 
 
 class Predictor(Protocol):
@@ -50,10 +62,13 @@ class SelectorPolicy:
 
     def __call__(self, observation: Observation) -> CoursePlanner:
         """The planner of the coming key frames."""
-        boxes = chosen(self._selector, self.learned, observation.window)
         within = None
-        if boxes:
-            within = EnvelopeCoursePlanner(replace(self.learned, envelopes=boxes), programs=self._programs)
+        with suppress(InvalidInput):  # legs or patches that nothing was learned of
+            boxes_of(observation.window, self.learned)
+            boxes = chosen(self._selector, self.learned, observation.window)
+            if boxes is not None:
+                boxes = replace(boxes, boxes=tuple(box.widened(ROOM) for box in boxes.boxes))
+                within = EnvelopeCoursePlanner(boxes, max_nodes=NODES, programs=self._programs)
         self.planners.append(EnvelopeOrLift(within, self._lift))
         return self.planners[-1]
 
@@ -72,23 +87,73 @@ class SelectorPolicy:
         return inside, len(planned) - inside
 
 
-def chosen(selector: Predictor, learned: EnvelopeSet, course: Course) -> tuple[Envelope, ...]:
-    """The different envelopes that a selector chooses for the stances of a course by these legs, first candidates."""
-    names, found = course.robot.limb_names, dict[bytes, Envelope]()
-    first = np.zeros(len(course.footholds), dtype=int)
+def chosen(selector: Predictor, learned: EnvelopeSet, course: Course) -> StanceBoxes | None:
+    """The boxes that a selector chooses for every stance of a course; None where one is not by its legs.
+
+    It is asked about the first candidate of every toe that grips, with which a search within boxes begins, too.
+    A stance by the legs on the other side is shown to it in the mirror, and its box mirrored back. What it sees is as
+    what it learned from: from the nominal centre of mass, the legs in its order.
+    """
+    names, (legs, image) = course.robot.limb_names, _sides(learned, course)
+    rows = []
     for stance in course.stances:
-        if {names[limb] for limb in stance.limbs} != set(learned.legs):
-            continue
-        problem = course.posture_problem(stance, first)
-        by_leg = {contact.leg: contact for contact in problem.contacts}
-        contacts = (by_leg[leg] for leg in learned.legs)
-        ordered = replace(
-            problem, contacts=tuple(replace(contact, patch=triangular(contact.patch)) for contact in contacts)
-        )
-        action = np.asarray(selector.predict(observe(Scaled.of(ordered)))[0], dtype=float)
-        for row in action.reshape(-1, 12 * len(learned.legs)):
-            found.setdefault(row.tobytes(), Envelope.from_vector(row))
-    return tuple(found.values())
+        standing = [names[limb] for limb in stance.limbs]
+        own = set(standing) == set(legs)
+        if not own and set(standing) != set(image):
+            return None
+        action = np.asarray(selector.predict(seen(course, stance, legs if own else image, not own))[0], dtype=float)
+        boxes = [Envelope.from_vector(row) for row in action.reshape(-1, 12 * len(legs))]
+        columns = [(legs if own else image).index(name) for name in standing]
+        turned = boxes if own else [mirrored_box(box) for box in boxes]
+        rows.append([(box.low[columns], box.high[columns]) for box in turned])
+    each = [
+        Envelope(**{end: np.concatenate([row[e][k] for row in rows]) for k, end in enumerate(("low", "high"))})
+        for e in range(len(rows[0]))
+    ]
+    return StanceBoxes(problem_class=learned.problem_class, boxes=tuple(each))
+
+
+def seen(course: Course, stance: Stance, legs: Sequence[str], mirror: bool) -> dict[str, NDArray[np.float32]]:
+    """The observation of a stance as ``EnvelopeSelection-v0`` has it, or of its mirror image; legs: in this order."""
+    choice = [int(np.argmax([patch.friction > 0.0 for patch in each.candidates])) for each in course.footholds]
+    problem = course.posture_problem(stance, choice)
+    by_leg, turn = {contact.leg: contact for contact in problem.contacts}, MIRROR if mirror else np.ones(3)
+    contacts, radius = [], RADIUS * course.length_scale_m
+    for leg in legs:
+        contact = by_leg[leg]
+        toe = course.footholds[int(course.holds[stance.frame, course.robot.limb_names.index(leg)])].toe_m
+        corners = about(contact.patch, problem.com_nominal_m + contact.shoulder_m if toe is None else toe, radius)
+        way = -1 if mirror else 1  # in the mirror a border goes round the other way
+        patch = replace(
+            contact.patch, vertices_m=(turn * (corners - problem.com_nominal_m))[::way],
+            normal=turn * contact.patch.normal, shear_reference=turn * contact.patch.shear_reference,
+        )  # fmt: skip
+        contacts.append(replace(contact, patch=patch, shoulder_m=turn * contact.shoulder_m))
+    return observe(Scaled.of(replace(problem, contacts=tuple(contacts), com_nominal_m=np.zeros(3))))
+
+
+def _sides(learned: EnvelopeSet, course: Course) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The legs that were learned for, and those opposite to them in the same order; none of a robot without such."""
+    try:
+        return learned.legs, mirrored(learned, course.robot).legs
+    except InvalidInput:
+        return learned.legs, ()
+
+
+def about(patch: Patch, point_m: Array, radius_m: float) -> Array:
+    """A triangle as selectors learn from, for where on a patch a toe will be, shape (3, 3) [m].
+
+    The largest of the patch's corners, where its circumradius is no larger than radius_m; else an equilateral one of
+    that radius about the point of the patch that is nearest to ``point_m``.
+    """
+    largest = triangular(patch).vertices_m
+    sides = np.linalg.norm(np.roll(largest, -1, axis=0) - largest, axis=1)
+    double = float(np.linalg.norm(np.cross(largest[1] - largest[0], largest[2] - largest[0])))
+    if float(np.prod(sides)) <= 2.0 * double * radius_m:  # R = abc / 4A
+        return largest
+    angles = 2.0 * np.pi / 3.0 * np.arange(3)[:, None]
+    _, across, up = patch.frame.T
+    return np.asarray(nearest_on(patch, point_m) + radius_m * (np.cos(angles) * across + np.sin(angles) * up))
 
 
 def triangular(patch: Patch) -> Patch:

@@ -1,0 +1,184 @@
+"""What a trained selector contributes where it is used: first plans on random ice, and windows of ``Traverse-v0``.
+
+    python benchmarks/in_the_loop.py --selectors gmm.json neural.safetensors [--count 40] [--episodes 20] [--seed 0]
+        [--frames 8] [--regions 4] [--ice 0.5] [--course walls] [--horizon 2] [--json]
+
+The selectors are files of `stancekit fit`, of a class whose legs the courses stand on (wall-3). "lift": the two-stage
+planner, no selector. A selector's box is asked first in every plan, and the lift where there is no plan within it, so
+that it costs time at worst. All ways plan the same courses, after one that nobody counts.
+
+Ice: walls with random panels without friction, planned whole; found: a verified plan. Its median processor time has the
+interval of order statistics, and "÷ lift" that of the courses both found. Windows: episodes of ``Traverse-v0`` over
+perturbed courses, --horizon key frames a window; reached: at the last frame. "by the policy": plans within what the
+selector chose, of all that its way made. Intervals of shares are Wilson's; all are of 95 %.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import comb
+from pathlib import Path
+
+import numpy as np
+from _bench import Options, launch
+
+from stancekit.cli.policy import read_policy
+from stancekit.envs.distributions.courses import icy_walls
+from stancekit.envs.traverse import TraverseEnv
+from stancekit.learners.evaluation.evaluate import Share
+from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.errors import InvalidInput, PlanningFailed
+from stancekit.planners.problem.candidates import NoFooting
+from stancekit.planners.problem.course import Course
+from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.runner.control.closed_loop import Observation
+from stancekit.runner.control.envelope_choice import SelectorPolicy
+
+LIFT = "lift"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arguments(Options):
+    """Which selectors, and on what."""
+
+    selectors: tuple[Path, ...]
+    count: int = 40
+    """Walls with ice."""
+    frames: int = 8
+    regions: int = 4
+    ice: float = 0.5
+    episodes: int = 20
+    """Of Traverse-v0."""
+    course: str = "walls"
+    horizon: int = 2
+
+
+def main(arguments: Arguments) -> None:
+    """Measure and print."""
+    like = read_course("icy-walls")
+    policies = {path.name: read_policy(str(path), like) for path in arguments.selectors}
+    on_ice(arguments, {LIFT: Way(None)} | {name: Way(policy) for name, policy in policies.items()})
+    walked(arguments, {LIFT: Way(None)} | {name: Way(policy) for name, policy in policies.items()})
+
+
+@dataclass
+class Way:
+    """A planner, with a selector's policy or without. seconds: of every plan that was found, by course, CPU [s]."""
+
+    policy: SelectorPolicy | None
+    seconds: dict[int, float] = field(default_factory=dict)
+    name: str = "two-stage"
+
+    def __post_init__(self) -> None:
+        self._lift = TwoStageCoursePlanner()
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin to count."""
+        self.inside = self.plans = 0
+        self.seconds.clear()
+
+    def solve(self, course: Course) -> PlanOutcome:
+        """Plan, and count whose plan it is."""
+        if self.policy is None:
+            outcome = self._lift.solve(course)
+        else:
+            self.policy.planners.clear()
+            window = Observation(window=course, standing=None, state=None, friction_share=1.0, frame=0)
+            outcome = self.policy(window).solve(course)
+            self.inside += self.policy.answers[0]
+        self.plans += outcome.plan is not None
+        return outcome
+
+    @property
+    def share(self) -> str:
+        """Of the plans, those within what the selector chose."""
+        return "" if self.policy is None else shown(Share(hits=self.inside, of=self.plans))
+
+
+def on_ice(arguments: Arguments, ways: dict[str, Way]) -> None:
+    """Time to a first verified plan."""
+    rng = np.random.default_rng(arguments.seed)
+    courses = [course_of(arguments, rng) for _ in range(arguments.count + 1)]
+    for index, course in enumerate(courses):
+        if index == 1:  # the first one compiled
+            for way in ways.values():
+                way.forget()
+        for way in ways.values():
+            begin = time.process_time()
+            if way.solve(course).plan is not None:
+                way.seconds[index] = time.process_time() - begin
+    for name, way in ways.items():
+        both = way.seconds.keys() & ways[LIFT].seconds.keys()
+        ratio = [way.seconds[index] / ways[LIFT].seconds[index] for index in both]
+        arguments.say({
+            "ice": name, "found": shown(Share(hits=len(way.seconds), of=arguments.count)),
+            "CPU s to it": median(list(way.seconds.values())), "÷ lift": median(ratio), "by the policy": way.share,
+        })  # fmt: skip
+
+
+def course_of(arguments: Arguments, rng: np.random.Generator) -> Course:
+    """Walls with ice that have something for every toe."""
+    while True:
+        try:
+            return icy_walls(rng, arguments.frames, arguments.regions, ice=arguments.ice)
+        except (NoFooting, InvalidInput):
+            continue
+
+
+def walked(arguments: Arguments, ways: dict[str, Way]) -> None:
+    """Windows of Traverse-v0."""
+    for name, way in ways.items():
+        env = TraverseEnv((arguments.course,), horizon=arguments.horizon, planners=[way])
+        reached = begun = windows = planned = 0
+        begin = 0.0
+        for episode in range(arguments.episodes + 1):
+            if episode == 1:
+                way.forget()
+                windows = planned = begun = reached = 0
+                begin = time.process_time()
+            try:
+                env.reset(seed=arguments.seed + episode)
+            except PlanningFailed:
+                continue
+            begun, over = begun + 1, False
+            while not over:
+                _, _, ended, cut, info = env.step(np.int64(0))
+                windows, planned, over = windows + 1, planned + info["feasible"], ended or cut
+            reached += info["frame"] == frames_of(env) - 1
+        seconds = time.process_time() - begin
+        arguments.say({
+            "windows": name, "verified": shown(Share(hits=planned, of=windows)),
+            "reached": shown(Share(hits=reached, of=begun)), "CPU s a window": f"{seconds / windows:.3f}",
+            "by the policy": way.share,
+        })  # fmt: skip
+
+
+def frames_of(env: TraverseEnv) -> int:
+    """Key frames of the course that is walked."""
+    assert env._course is not None
+    return env._course.frames
+
+
+def shown(share: Share) -> str:
+    """Counts and interval."""
+    low, high = share.interval
+    return f"{share.hits}/{share.of} [{low:.2f}, {high:.2f}]"
+
+
+def median(values: Sequence[float]) -> str:
+    """The median and the interval of order statistics, 95 %; nothing of nothing."""
+    some, n = np.sort(np.asarray(values)), len(values)
+    if not n:
+        return "–"
+    below = np.cumsum([comb(n, k) * 0.5**n for k in range(n)])
+    low = int((below <= 0.025).sum())  # P(fewer than low below the median) ≤ 2.5 %
+    first, last = (some[low - 1], some[n - low]) if low else (some[0], some[-1])
+    return f"{np.median(some):.3f} [{first:.3f}, {last:.3f}]"
+
+
+if __name__ == "__main__":
+    launch(main, Arguments, __doc__)
