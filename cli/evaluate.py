@@ -53,7 +53,7 @@ class Evaluate:
     """Processes. Times of P1 are honest with as many as there are idle cores."""
     executor: Literal["processes", "ray"] = "processes"
     """Where to work: on this machine, or on a Ray cluster."""
-    address: str | None = None
+    address: OptionalText = None
     """Ray cluster: host:port of its head, auto, or local."""
     json: bool = False
     """One JSON object a row."""

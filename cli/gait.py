@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
@@ -12,7 +11,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 
 from . import gait_options
 from .console import as_options, emit, err, out
-from .options import check_drawn
+from .options import OptionalFloat, OptionalInt, OptionalPath, check_drawn
 from .terrain_options import TerrainFile
 from .watch import interruptible, watching
 
@@ -67,32 +66,32 @@ class Gait:
     """Friction coefficient of the terrain."""
     adhesive: Annotated[str, tyro.conf.arg(metavar="FEET")] = ""
     """Feet that stick, e.g. LF,RF: they may pull."""
-    suction_n: float | None = None
+    suction_n: OptionalFloat = None
     """What a foot that sticks may pull with; its friction cone begins at that pull. Twice the weight where there is
     none [N]."""
     seeds: int = 1
     """How many initial guesses of each chart to try; the smoothest accepted walk is kept."""
     seed: int = 0
     """Seed of the perturbed guesses; the first guess is never perturbed."""
-    max_iterations: int | None = None
+    max_iterations: OptionalInt = None
     """Limit of a solve; 80 in a portfolio and 200 in one chart where there is none."""
     total_s: float = 240.0
     """CPU time of all solves; the best walk until then is the answer [s]."""
     raw: bool = False
     """The first feasible point as it is: no second phase that smooths it, no rows added where the verifier refuses."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None
+    out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
     """Where to write the trajectory."""
     file: Annotated[TerrainFile, tyro.conf.OmitArgPrefixes] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
     unverified: bool = False
     """Write the best trajectory even if the verifier refuses it, marked so."""
-    picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the motion: .png, .pdf or .svg."""
-    convergence: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    convergence: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the violation at every iteration."""
-    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
+    video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
     """Film of the motion (extras mujoco and viz, and a GL library)."""
-    html: Annotated[Path | None, tyro.conf.arg(metavar="FILE.html")] = None
+    html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
     """Page with the motion in 3D, to be opened without a network."""
     json: bool = False
     """One JSON object on standard output."""

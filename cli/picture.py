@@ -12,6 +12,7 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, text_of
 from .names import PROJECTION
+from .options import OptionalPath
 
 
 @dataclass
@@ -26,7 +27,7 @@ class Picture:
     """Which problem of the file, from 0."""
     method: Literal["exact", "lift", "two-stage", "nlp", "none"] = "exact"
     """How to solve it; none draws the scene alone."""
-    envelope: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file: drawn, and used by two-stage."""
     project: Annotated[str, PROJECTION] = "scp"
     """Projection of two-stage."""

@@ -13,7 +13,7 @@ from stancekit.planners.errors import InvalidInput
 from .between import Between
 from .console import out
 from .gait_options import place
-from .options import OptionalInt
+from .options import OptionalInt, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.views.playground.scenario import Scenario
@@ -29,7 +29,7 @@ class Play:
     YAML or JSON file, or with --start and --goal a terrain's file, as for `stancekit plan`.
 
       stancekit play walls
-      stancekit play my-course.yaml --robot hexapod go1.urdf
+      stancekit play my-course.yaml --robot hexapod,go1.urdf
       stancekit play rubble.stl --start 0,0 --goal 2,0.5
       stancekit play ripple
 
@@ -47,9 +47,9 @@ class Play:
     """Built-in name, FAMILY:LEVEL:SEED, YAML or JSON file, a terrain's file, or a terrain to walk over."""
     walk: bool = False
     """Walk over it, as `stancekit gait`."""
-    robot: Annotated[tuple[str, ...], tyro.conf.arg(metavar="FILE|NAME ...")] = ()
-    """Robots of the page's menu, built-in names or .urdf or .yaml files (extra kin); it begins with the first one. Of
-    walks also anymal, with which they begin where none is named."""
+    robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME[,FILE|NAME…]")] = None
+    """Robots of the page's menu with commas between them, built-in names or .urdf or .yaml files (extra kin); it begins
+    with the first one, and walks with anymal where none is named."""
     frames: OptionalInt = None
     """Number of key frames to begin with, where not the course's own."""
     between: Annotated[Between, tyro.conf.OmitArgPrefixes] = field(default_factory=Between)
@@ -69,13 +69,14 @@ class Play:
 
         self._check()
         check_port(self.host, self.port)
-        first = self.robot[0] if self.robot else None
+        robots = tuple(filter(None, (self.robot or "").split(",")))
+        first = robots[0] if robots else None
         if self.walk or self._is_walk():
             walk = self._walk(first or "anymal")
-            with served_walk(walk, robots=self.robot, folder=self.folder, host=self.host, port=self.port) as walks:
+            with served_walk(walk, robots=robots, folder=self.folder, host=self.host, port=self.port) as walks:
                 return self._show(walks)
         scenario = self._scenario(first)
-        with served(scenario, robots=self.robot, folder=self.folder, host=self.host, port=self.port) as page:
+        with served(scenario, robots=robots, folder=self.folder, host=self.host, port=self.port) as page:
             return self._show(page)
 
     def _show(self, page: Page[Any]) -> int:

@@ -11,6 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from .console import emit, out
+from .options import OptionalPath
 
 
 @dataclass
@@ -25,7 +26,7 @@ class Replay:
 
     log: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="LOG")]
     """Log file, as `stancekit run --log` writes it."""
-    picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the tracking, .png, .pdf or .svg."""
     json: bool = False
     """Print everything as one JSON object."""

@@ -15,7 +15,7 @@ from rich.table import Table
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out, progress
-from .options import check_drawn
+from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn
 from .policy import read_policy
 from .run_film import film
 from .run_table import loop_table, run_table, unused
@@ -64,17 +64,17 @@ class Run:
     """Plan file, or gait file; with --policy also a course, by name or file."""
     world: Annotated[str, tyro.conf.arg(metavar="NAME|FILE.py:NAME")] = "mujoco"
     """Where to run it: bullet, mujoco, replay, dynamixel, ros, one of another package, or a class in a file."""
-    setup: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    setup: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """What the world is made from. replay: the log. dynamixel: the calibration file. ros: the set-up file."""
-    policy: Annotated[str | None, tyro.conf.arg(metavar="lift|FILE")] = None
+    policy: Annotated[OptionalText, tyro.conf.arg(metavar="lift|FILE")] = None
     """Who plans on the way: any trained selector's file, or the lift, which needs none."""
-    horizon: Annotated[int | None, tyro.conf.arg(metavar="INT", help_behavior_hint="(default: 0)")] = None
+    horizon: Annotated[OptionalInt, tyro.conf.arg(metavar="INT", help_behavior_hint="(default: 0)")] = None
     """Key frames that a policy plans at once, 0 for all that are left, which is usual."""
-    replan_m: Annotated[float | None, tyro.conf.arg(metavar="M", help_behavior_hint="(default: 0.012 m)")] = None
+    replan_m: Annotated[OptionalFloat, tyro.conf.arg(metavar="M", help_behavior_hint="(default: 0.012 m)")] = None
     """A policy plans anew where body or feet are farther than this from the plan; inf for never."""
     friction_share: float = 1.0
     """Simulations: the terrain has only this share of the friction that the plan counts on."""
-    actuators: Annotated[str | None, tyro.conf.arg(metavar="NAME|FILE")] = None
+    actuators: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
     """What turns the joints: XM540-W270, XM430-W350, or a file that says which joint has which. Without it: what the
     robot's own file says, or the device."""
     blind: bool = False
@@ -87,20 +87,20 @@ class Run:
     """The robot hangs in a stand, off the ground: its feet carry nothing, and torques are checked for that."""
     pace: float = 1.0
     """How fast at most; slower where the joints' limits ask for it."""
-    rate_hz: float | None = None
+    rate_hz: OptionalFloat = None
     """Commands a second, where not the world's own: 200 in simulations, 50 on robots."""
     speed_rad_s: float = 0.4
     """Of the soft start, and of the way home."""
-    log: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mcap")] = None
+    log: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mcap")] = None
     """Log of everything, for `stancekit replay`; readable up to the last message whatever ends the run."""
-    stop_file: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    stop_file: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Stop as soon as this file is there."""
-    stop_topic: Annotated[str | None, tyro.conf.arg(metavar="HOST:PORT/TOPIC")] = None
+    stop_topic: Annotated[OptionalText, tyro.conf.arg(metavar="HOST:PORT/TOPIC")] = None
     """Stop as soon as this topic of std_msgs/Bool, read through a rosbridge, is true, or is lost. (The `estop` of a
     set-up file does the same for world ros.)"""
-    picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the tracking, .png, .pdf or .svg; with --log."""
-    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE.mp4")] = None
+    video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
     """Film of what a simulated world had: the robot's own links, and the forces that its feet felt (extras mujoco and
     viz, and a GL library). A plan's is twice as fast as the world."""
     json: bool = False

@@ -37,7 +37,7 @@ class Sample:
     """How many problems."""
     seed: int = 0
     """Seed of the random stream."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """File to write; standard output where there is none."""
     export: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
     """New or empty folder for the scenes of a family."""

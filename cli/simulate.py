@@ -13,7 +13,7 @@ from rich.text import Text
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out
-from .options import check_drawn
+from .options import OptionalPath, check_drawn
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan
@@ -41,11 +41,11 @@ class Simulate:
     """Press as planned, or with forces shared anew among the limbs of every stance, with a reserve of friction."""
     pace: float = 1.0
     """How fast: 2 takes half the time, as far as the joints can turn."""
-    picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the end, .png, .pdf or .svg."""
-    video: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Film, .mp4, at twice the pace (extras mujoco and viz, and a GL library)."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """File for what was recorded every 5 ms, .npz."""
     json: bool = False
     """Print the report as one JSON object."""

@@ -13,7 +13,7 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, progress
 from .names import ROBOT, TERRAIN
-from .options import OptionalPath, OptionalText
+from .options import OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.learners.training.held_out import Trained
@@ -42,9 +42,9 @@ class Train:
     """Mesh or grid that scenes are cut from, instead of the file's."""
     out: Path = Path("out/train")
     """Folder of the run."""
-    steps: int | None = None
+    steps: OptionalInt = None
     """Steps in all, instead of the file's."""
-    seed: int | None = None
+    seed: OptionalInt = None
     """Seed, instead of the file's."""
     resume: bool = False
     """Go on from the folder's checkpoint."""

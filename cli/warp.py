@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
@@ -12,6 +11,7 @@ from rich.table import Table
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out
+from .options import OptionalPath
 from .terrain_options import TerrainFile, numbers
 
 if TYPE_CHECKING:
@@ -46,9 +46,9 @@ class Warp:
     """Most iterations of the method."""
     file: Annotated[TerrainFile, tyro.conf.OmitArgPrefixes] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
-    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """File for the map, .npz."""
-    picture: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the map: .png, .pdf or .svg."""
     json: bool = False
     """One JSON object on standard output."""

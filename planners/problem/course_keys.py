@@ -193,7 +193,7 @@ class CourseSpec(_Keys):
     frames along it; the last line is then gone on, or cut short, as the number of frames has it, and where that ends is
     the goal. Without it the frames are spread evenly from start to goal.
 
-    mass_kg: of the robot with all that it carries, in place of its own; not for a robot's file, whose links say it.
+    mass_kg: of the robot with all that it carries, in place of its own; of a robot's file the body has the difference.
     """
 
     name: str
@@ -222,9 +222,14 @@ class CourseSpec(_Keys):
         from ..robot.robot_file import named_robot
 
         try:
-            return named_robot(folder / self.robot if Path(self.robot).suffix else self.robot)
+            found = named_robot(folder / self.robot if Path(self.robot).suffix else self.robot)
         except InvalidInput as error:
             raise InvalidInput(f"robot: {str(error).removeprefix('robot: ')}") from None
+        if self.mass_kg is None:
+            return found
+        from ..robot.payload import with_mass
+
+        return with_mass(found, self.mass_kg)
 
     def standing(self, model: RobotModel, robot: Robot) -> CourseSpec:
         """The same with toes where the model has them as it stands, if the file does not say where they should be, and
@@ -244,8 +249,6 @@ class CourseSpec(_Keys):
     def make_robot(self, model: RobotModel | None = None, sets: Sets = "inner") -> Robot:
         """The robot of the course; model: what ``robot_model`` gives; sets: of its legs, see ``contact_robot``."""
         if model is not None:
-            if self.mass_kg is not None:
-                raise InvalidInput(f"mass_kg: expected none with a robot's file, which says it, got {self.mass_kg:g}")
             from ..robot.contact_robot import contact_robot
             from ..robot.workspace_cache import workspaces_of
 

@@ -6,6 +6,8 @@ are (normals, offsets), the points with normals · x ≤ offsets. Clipping only 
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from ..files.arrays import Array, cross
@@ -36,10 +38,12 @@ def signed_area(polygon: Array) -> float:
 
 def clipped(polygon: Array, normals: Array, offsets: Array) -> Array:
     """The part of a convex polygon inside all half-planes, shape (V, 2); (0, 2) where nothing with an area is left."""
-    for normal, offset in zip(normals, offsets, strict=True):
-        if len(polygon) == 0:
-            break
-        polygon = _below(polygon, polygon @ normal - offset)
+    if len(polygon):
+        cuts = (polygon @ normals.T > offsets).any(axis=0)  # what is inside a half-plane stays inside it when it is cut
+        for normal, offset in zip(normals[cuts], offsets[cuts], strict=True):
+            if len(polygon) == 0:
+                break
+            polygon = _below(polygon, polygon @ normal - offset)
     return polygon if len(polygon) >= 3 and width(polygon) > SMALLEST_M else np.zeros((0, 2))
 
 
@@ -98,7 +102,7 @@ def width(polygon: Array) -> float:
 class Surface:
     """A patch of the terrain with its plane coordinates, made once and asked for many toes.
 
-    polygon: the patch in its plane, shape (U, 2); room: what is left of it ``margin_m`` from its border, maybe (0, 2).
+    polygon: the patch in its plane, shape (U, 2).
     """
 
     def __init__(self, patch: Patch, margin_m: float) -> None:
@@ -106,7 +110,12 @@ class Surface:
         self._axes = patch.frame[:, 1:]  # y and z of the contact frame
         self._origin = patch.centre_m
         self.polygon = self._flat(patch.vertices_m)
-        self.room = shrunk(self.polygon, margin_m)
+        self._margin_m = margin_m
+
+    @cached_property
+    def room(self) -> Array:
+        """What is left of the polygon ``margin_m`` from its border, shape (V, 2), maybe (0, 2)."""
+        return shrunk(self.polygon, self._margin_m)
 
     @property
     def empty(self) -> bool:

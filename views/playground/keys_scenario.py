@@ -18,9 +18,8 @@ from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.problem.family_scene import polygon_keys
 from stancekit.planners.robot.contact_robot import Sets
-from stancekit.planners.robot.model import hexapod
 
-from .robot_change import with_robot
+from .robot_change import own_kg, with_robot
 from .scenario import SURFACE, Grip, Slider
 
 MOST_FRAMES = 40
@@ -53,13 +52,15 @@ class KeysScenario:
     """A course in the keys of its file.
 
     keys: as YAML has them. folder: where its relative paths begin. stride_m: of key frames that follow the goal, [m].
-    chosen: which of its polygons has a grip.
+    chosen: which of its polygons has a grip. own_kg: mass of the robot as it is. follows: whether the number of frames
+    follows the goal.
     """
 
     keys: Mapping[str, Any]
     folder: Path = Path()
     stride_m: float = 0.05
     chosen: int | None = None
+    own_kg: float = 10.0
     follows: bool = True
     _built: dict[str, Any] = field(default_factory=dict, repr=False)
 
@@ -77,7 +78,8 @@ class KeysScenario:
         if spec.stride_m is not None:  # the file's goal only says where the way goes; here it is where the way ends
             del keys["stride_m"]
             keys["goal_m"] = laid.goal_m.tolist()
-        found = replace(found, keys=keys, stride_m=max(stride, 1e-3))
+        own = laid.robot.mass_kg if "mass_kg" not in keys else own_kg(spec, found.folder)
+        found = replace(found, keys=keys, stride_m=max(stride, 1e-3), own_kg=own)
         return found if robot is None else found.with_robot(robot)
 
     @property
@@ -104,10 +106,9 @@ class KeysScenario:
             Slider(key="friction", label=whole, unit="μ", low=0.0, high=1.5, step=0.01,
                    value=float(terrain.get("friction", 1.0)))
         ]  # fmt: skip
-        mass = self._mass_kg
-        if mass is not None:
-            found.append(Slider(key="mass_kg", label="mass of the robot", unit="kg", low=0.1, high=4.0 * mass[1],
-                                step=0.1, value=mass[0]))  # fmt: skip
+        mass = float(self.keys.get("mass_kg") or self.own_kg)
+        found.append(Slider(key="mass_kg", label="mass of the robot", unit="kg", low=0.1, high=4.0 * self.own_kg,
+                            step=0.1, value=mass))  # fmt: skip
         frames = int(self.keys["frames"])
         found.append(Slider(key="frames", label="key frames", unit="", low=min(2, frames),
                             high=max(MOST_FRAMES, frames), step=1, value=frames, whole=True))  # fmt: skip
@@ -121,15 +122,6 @@ class KeysScenario:
             found.append(Slider(key=SURFACE, label="friction of the picked surface", unit="μ", low=0.0, high=1.5,
                                 step=0.01, value=value))  # fmt: skip
         return tuple(found)
-
-    @property
-    def _mass_kg(self) -> tuple[float, float] | None:
-        """Of the robot as it is, and without what was changed; None where its file says it."""
-        robot = self.keys.get("robot", "hexapod")
-        if isinstance(robot, str) and robot != "hexapod":
-            return None
-        own = hexapod().mass_kg if isinstance(robot, str) else float(robot["mass_kg"])
-        return float(self.keys.get("mass_kg") or own), own
 
     def grips(self, course: Course) -> tuple[Grip, ...]:
         """The goal; the start where nothing is laid out about it; both walls; the surface that was picked."""
@@ -208,7 +200,7 @@ class KeysScenario:
 
     def with_robot(self, robot: str) -> KeysScenario:
         """The same for another robot, which stands and steps as it does."""
-        return self._with(with_robot(self.keys, self.folder, robot))
+        return self._with(*with_robot(self.keys, self.folder, robot))
 
     def course(self, sets: Sets = "inner") -> Course:
         """The course, laid out once."""
@@ -225,8 +217,8 @@ class KeysScenario:
         """A YAML file."""
         return ".yaml", yaml.safe_dump(_plain(self.keys), sort_keys=False, default_flow_style=None, width=110)
 
-    def _with(self, keys: Mapping[str, Any], **changes: Any) -> KeysScenario:
-        return replace(self, keys=keys, _built={}, **changes)
+    def _with(self, keys: Mapping[str, Any], own_kg: float | None = None, **changes: Any) -> KeysScenario:
+        return replace(self, keys=keys, own_kg=own_kg or self.own_kg, _built={}, **changes)
 
 
 def _with_whole_paths(keys: Mapping[str, Any], folder: Path) -> dict[str, Any]:

@@ -9,15 +9,17 @@ from typing import Any
 import numpy as np
 
 from stancekit.planners.problem.course_file import spec_from
+from stancekit.planners.problem.course_keys import CourseSpec
 from stancekit.planners.robot.contact_robot import standing_toes
+from stancekit.planners.robot.model import hexapod
 from stancekit.planners.robot.robot_file import named_robot
 
 OURS = ("stance", "gait", "robot", "mass_kg")
 """Keys that say how the robot before stood."""
 
 
-def with_robot(keys: Mapping[str, Any], folder: Path, robot: str) -> dict[str, Any]:
-    """The keys for another robot, a built-in name or a file. Raises InvalidInput for none.
+def with_robot(keys: Mapping[str, Any], folder: Path, robot: str) -> tuple[dict[str, Any], float]:
+    """The keys for another robot, a built-in name or a file, and its mass [kg]. Raises InvalidInput for none.
 
     On ground its path is as much higher as it stands higher; between walls it stays.
     """
@@ -39,7 +41,13 @@ def with_robot(keys: Mapping[str, Any], folder: Path, robot: str) -> dict[str, A
             else {"at_m": _raised(each["at_m"], height - down)}
             for each in found.get("via_m", ())
         ]  # fmt: skip
-    return found
+    return found, hexapod().mass_kg if robot == "hexapod" else model.body.mass_kg
+
+
+def own_kg(spec: CourseSpec, folder: Path) -> float:
+    """Mass of a course's robot without what its key mass_kg says [kg]."""
+    plain = spec.model_copy(update={"mass_kg": None})
+    return plain.make_robot(plain.robot_model(folder)).mass_kg
 
 
 def _stands_m(keys: Mapping[str, Any], folder: Path) -> float:

@@ -1,0 +1,117 @@
+"""The playground's verb: what it begins with, and what it says where it cannot; pages are tested with views."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+
+from stancekit.cli.between import Between
+from stancekit.cli.play import Play
+from stancekit.planners.problem.course_file import read_course
+from stancekit.views.playground.fixed_scenario import FixedScenario
+from stancekit.views.playground.keys_scenario import KeysScenario
+
+COMMAND = [sys.executable, "-m", "stancekit.cli.main", "play"]
+
+
+def test_it_serves_on_this_machine_and_ends_with_ctrl_c():
+    served = subprocess.Popen(
+        [*COMMAND, "walls", "--frames", "2", "--port", "0", "--no-browser"], text=True,
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+    )  # fmt: skip
+    assert served.stdout is not None
+    line = served.stdout.readline()
+    address, rest = line.split(" ", 1)
+    assert rest == "shows walls; Ctrl-C ends\n"
+    assert address.startswith("http://127.0.0.1:")
+    with urlopen(address) as answer:
+        assert b"<html" in answer.read().lower()
+    served.send_signal(signal.SIGINT)
+    said = served.communicate(timeout=60)
+    assert served.returncode == 130
+    assert said == ("", "stancekit: interrupted\n")
+
+
+def test_a_port_that_is_taken_is_one_line(stancekit):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        ran = stancekit("play", "walls", "--port", str(port), "--no-browser")
+    assert ran.code == 2
+    assert ran.err == (
+        f"stancekit: error: --port: expected a port to listen at on 127.0.0.1, got {port}: Address already in use; "
+        "--port 0 takes a free one\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("nosuch",), "course: expected one of "),
+        (("walls", "--port", "99999"), "--port: expected 0 to 65535, got 99999"),
+        (("walls", "--folder", "no/such"), "--folder: expected a folder, got no/such"),
+        (("rubble.stl",), "--start: expected --start X,Y and --goal X,Y with the terrain rubble.stl, got none"),
+        (("walls", "--start", "0,0"), "--start: expected --start X,Y and --goal X,Y together, got one of them"),
+        (("walls", "--robot", "nosuch.urdf"), "nosuch.urdf: "),
+        (("ripple", "--goal", "90,0"), "goal_xy_m: expected torso and feet over the terrain"),
+        (("ripple", "--robot", "horse"), "robot: expected "),
+    ],
+)
+def test_what_it_cannot_begin_with_is_one_line(arguments, message, stancekit):
+    ran = stancekit("play", *arguments, "--no-browser", *(() if "--port" in arguments else ("--port", "0")))
+    assert ran.code == 2
+    assert message in ran.err
+    assert ran.err.count("\n") == 1
+
+
+def test_without_viser_the_package_is_named(stancekit, monkeypatch):
+    from stancekit.views import page
+
+    def missing(name):
+        raise ImportError(name)
+
+    monkeypatch.setattr(page, "import_module", missing)
+    ran = stancekit("play", "walls", "--no-browser")
+    assert ran.code == 2
+    assert ran.err == "stancekit: error: page: expected viser; install it with pip install 'stancekit[viz]'\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "walks"),
+    [("walls", False), ("ripple", True), ("rough:0.3:7", True), ("stones:0.3:1", False), ("waves:0.2:1", True)],
+)
+def test_terrains_to_walk_over_are_known_by_their_names(name, walks):
+    assert Play(course=name)._is_walk() is walks
+
+
+def test_courses_are_scenes_of_their_kind(tmp_path: Path):
+    assert isinstance(Play(course="walls")._scenario(None), KeysScenario)
+    published = Play(course="anymal-stairs")._scenario(None)
+    assert isinstance(published, FixedScenario)
+    assert published.course().frames == read_course("anymal-stairs").frames
+    (tmp_path / "walls.json").write_text(FixedScenario(laid=read_course("walls")).text()[1])
+    assert isinstance(Play(course=str(tmp_path / "walls.json"))._scenario(None), FixedScenario)
+
+
+def test_a_terrains_file_is_laid_out_between_two_places(tmp_path: Path):
+    trimesh = pytest.importorskip("trimesh")
+    box = trimesh.creation.box((3.0, 2.0, 0.1), trimesh.transformations.translation_matrix((0.5, 0.0, -0.05)))
+    box.export(tmp_path / "floor.stl")
+    between = Between(start="0,0", goal="0.5,0.1")
+    scenario = Play(course=str(tmp_path / "floor.stl"), between=between)._scenario(None)
+    course = scenario.course()
+    assert course.goal_m[:2] == pytest.approx([0.5, 0.1])
+    moved = scenario.dragged("goal", course.goal_m + np.array([0.0, 0.2, 7.0]))
+    assert moved.course().goal_m == pytest.approx([0.5, 0.3, course.goal_m[2]], abs=1e-3)
+    (tmp_path / "again.yaml").write_text(moved.text()[1])
+    again = read_course(tmp_path / "again.yaml")
+    assert again.com_nominal_m == pytest.approx(moved.course().com_nominal_m, abs=1e-3)
+    assert moved.slid("friction", 0.3).course().terrain[0].friction == 0.3
