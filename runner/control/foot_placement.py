@@ -29,6 +29,10 @@ BORNE, BORNE_S = 0.1, 0.1
 time [s]: what bears nothing pulls no body to its place, it only slides."""
 LEVEL = 0.5
 """Feet that step aside come down between the heights that they should have under the body and in the world."""
+BEYOND = 1.15
+"""They step so much farther than where the body would come to rest over them: it comes back."""
+WITH_FEET = 0.5
+"""A body over feet that stepped aside is pulled to its place, but for this share of what they did."""
 STEP = 0.2
 """Feet step aside by no more than this share of the height at which the robot stands."""
 FADES = 0.9
@@ -59,7 +63,8 @@ class FootPlacement:
     """Of the feet of one motion.
 
     step_s: feet in the air step aside by what the body's velocity error makes in this time; 0 for never. touched: which
-    feet have landed, shape (N,). moved_m: what is added to the planned places of all feet, shape (N, 3).
+    feet have landed, shape (N,). moved_m: what is added to the planned places of all feet, shape (N, 3);
+    shift_m: to that of the body, shape (3,).
     """
 
     def __init__(
@@ -71,6 +76,7 @@ class FootPlacement:
         self._most_step = STEP * kinematics.model.stand_height_m
         self.touched, self._landed, self._planned = np.array(first.foothold) >= 0, first.feet_m, first.feet_m
         self._stepped, self.moved_m, self._drift = (np.zeros_like(first.feet_m) for _ in range(3))
+        self._aside, self.shift_m = np.zeros_like(first.feet_m), np.zeros(3)
         self._depth, self._borne = np.zeros(len(first.feet_m)), np.ones(len(first.feet_m))
 
     def seek(self, now: MotionSample, then: MotionSample, felt_n: Array) -> NDArray[np.bool_]:
@@ -100,11 +106,14 @@ class FootPlacement:
         else:
             found, body = seen
             landed = self._land(now, then, felt_n, found, rolled_m)
-            late = found.velocity[:3] - body.velocity[:3]
-            self._stepped = np.where((stands | self.touched)[:, None], self._stepped, self._step(late, then))
+            self._lean(then, landed)
+            step = self._step(found, body, then)
+            self._stepped = np.where((stands | self.touched)[:, None], self._stepped, step)
             placed = np.where(self.touched[:, None], self._landed, then.feet_m + self._stepped)
-            carried = body.origin_m + (placed - found.position_m) @ found.rotation @ body.rotation.T - placed
-            goal = placed + self._free(carried, felt_n, then) - then.feet_m
+            origin = body.origin_m + self.shift_m
+            carried = origin + (placed - found.position_m) @ found.rotation @ body.rotation.T - placed
+            shift = np.where(self.touched[:, None], self.shift_m, 0.0)
+            goal = placed + self._free(carried, felt_n, then) - then.feet_m - shift
             self._stay(then, early=self.touched & ~stands, landed=landed)
         self._planned = then.feet_m
         away = goal - self._depth[:, None] * then.normals - self.moved_m
@@ -146,8 +155,20 @@ class FootPlacement:
         up = np.einsum("ij,ij->i", carried, then.normals)[:, None] * then.normals
         return np.asarray(np.where(self.touched[:, None], bears, LEVEL * up))
 
-    def _step(self, late: Array, sample: MotionSample) -> Array:
-        """How far feet step aside, along their surfaces, for a body that is so much faster than planned, (N, 3) [m]."""
-        aside = self._step_s * late
+    def _lean(self, then: MotionSample, landed: NDArray[np.bool_]) -> None:
+        """Find ``shift_m``: a body that is pulled to its place over feet that stepped aside tips over them, the other
+        way; one that goes with its feet never comes back."""
+        self._aside = np.where(landed[:, None], self._landed - then.feet_m, self._aside)
+        bear = np.where(self.touched & (np.array(then.foothold) >= 0), then.forces_n[:, 2].clip(0.0), 0.0)
+        if self._step_s > 0.0 and bear.any():
+            self.shift_m = WITH_FEET * (bear @ self._aside) / bear.sum() * [1.0, 1.0, 0.0]
+
+    def _step(self, found: State, body: BodyPose, sample: MotionSample) -> Array:
+        """How far feet that go with the body step aside, along their surfaces, (N, 3) [m]: to where it comes to rest
+        over them, x + v √(h/g) of what it is off, and a little farther."""
+        if self._step_s == 0.0:
+            return np.zeros_like(sample.feet_m)
+        late, away = found.velocity[:3] - body.velocity[:3], found.position_m - body.origin_m
+        aside = BEYOND * self._step_s * late + (BEYOND - 1.0) * away
         aside = aside * min(1.0, self._most_step / max(float(np.linalg.norm(aside)), 1e-9))
         return np.asarray(aside - (sample.normals @ aside)[:, None] * sample.normals)

@@ -176,7 +176,7 @@ class Tracker:
             turn = Rotation.from_matrix(rotation @ placed[1].T).as_rotvec()
             self._velocity = np.concatenate([origin - placed[0], turn]) / self._period_s
         pressed = np.where(self._feet.touched[:, None], pressed, 0.0)
-        wanted = BodyPose(origin_m=origin, rotation=rotation, velocity=self._velocity)
+        wanted = BodyPose(origin_m=origin + self._feet.shift_m, rotation=rotation, velocity=self._velocity)
         seen = BodyPose(origin_m=found.position_m, rotation=found.rotation, velocity=found.velocity)
         arms = found.feet_m - found.position_m - found.rotation @ self._shift
         forces = self._body.forces(self._body.wrench(wanted, seen), sample, arms, pressed, self._feet.touched)
