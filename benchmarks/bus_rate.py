@@ -29,7 +29,8 @@ from stancekit.planners.answer.plan_file import read_plan
 from stancekit.planners.problem.course_file import builtin_courses, read_course
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.runner.control.tracker import ContactFeedback, Tracker
+from stancekit.runner.control.foot_placement import ContactFeedback
+from stancekit.runner.control.tracker import Tracker
 from stancekit.runner.motion.time_parametrization import parametrize
 from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.worlds.dynamixel.calibration import nominal

@@ -38,7 +38,7 @@ from stancekit.planners.search.methods import make_course_planner
 from stancekit.planners.search.whole_body_outcome import with_whole_body
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted, AcceptedGait
-from stancekit.runner.control.tracker import ContactFeedback
+from stancekit.runner.control.foot_placement import ContactFeedback
 from stancekit.runner.execution import Tolerance
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner

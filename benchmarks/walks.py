@@ -1,13 +1,14 @@
 """Walks of robots from files, planned, verified and then run in simulation: do they stand, how well, how do feet hold?
 
     python benchmarks/walks.py --robots FOLDER [--only go1 solo12] [--terrains ripple rough:0.5:7] [--count 20]
-        [--world bullet] [--offset-deg .5 --delay-ms 15 --mass 1.15 --stiffness .7 --friction .8] [--keep FOLDER]
-        [--folder FOLDER] [--json]
+        [--first 0] [--world bullet] [--offset-deg .5 --delay-ms 15 --mass 1.15 --stiffness .7 --friction .8]
+        [--no-fits] [--keep FOLDER] [--folder FOLDER] [--json]
 
 FOLDER: example-robot-data's ``robots``; robots that are not there are left out, and said. A walk of ten seconds over
 3.6 times the robot's height, at μ = .6, is planned once and kept in --keep; with --count others follow, each with a
-heading and a length of its own, up to that, drawn from --seed. It is run as it is, whatever the joints' limits; why the
-runner would have refused it else is said at the end of its row. Rows that are in --folder are not measured again.
+heading and a length of its own, up to that, drawn from --seed; --first: the number of the first, 1 for drawn ones
+alone. It is run as it is, whatever the joints' limits; why the runner would have refused it else is said at the end of
+its row, unless --no-fits. Rows that are in --folder are not measured again.
 Terrains: any name or file that ``stancekit gait`` takes, so also a map of one's own.
 
 body: distance of the body's origin from where it should be, root mean square, worst, and at the end [mm]. slip: of the
@@ -78,6 +79,8 @@ class Arguments(Options):
     only: tuple[str, ...] = tuple(ROBOTS)
     terrains: tuple[str, ...] = TERRAINS
     count: int = 1
+    first: int = 0
+    fits: bool = True
     world: str = "mujoco"
     keep: Path = Path(tempfile.gettempdir()) / "stancekit-walks"
     folder: Path | None = None
@@ -98,7 +101,7 @@ def main(arguments: Arguments) -> None:
             continue
         rows = [
             measured(name, terrain, index, arguments, wrong)
-            for terrain in arguments.terrains for index in range(arguments.count)
+            for terrain in arguments.terrains for index in range(arguments.first, arguments.first + arguments.count)
         ]  # fmt: skip
         ran = [row for row in rows if "rms_mm" in row]
         if not arguments.json and ran:
@@ -118,7 +121,8 @@ def measured(name: str, terrain: str, index: int, arguments: Arguments, wrong: W
 
     def measure() -> dict[str, Any]:
         path = planned(name, arguments.robots, terrain, arguments.keep, (float(heading), float(share)))
-        return {"robot": name, "terrain": terrain, "walk": index} | row(path, arguments.world, wrong)
+        found = row(path, arguments.world, wrong, fits=arguments.fits)
+        return {"robot": name, "terrain": terrain, "walk": index} | found
 
     said = (arguments.offset_deg, arguments.delay_ms, arguments.mass, arguments.stiffness, arguments.friction)
     stem = "-".join([name, terrain, str(arguments.seed), str(index), arguments.world, *map(str, said)])
@@ -172,23 +176,24 @@ def planned(
     return path
 
 
-def row(path: Path | str, world: str, wrong: Wrong) -> dict[str, object]:
-    """One walk, run."""
+def row(path: Path | str, world: str, wrong: Wrong, *, fits: bool = True) -> dict[str, object]:
+    """One walk, run. fits: say why the runner would have refused it."""
     if isinstance(path, str):
         return {"outcome": f"not planned: {path}"}
     accepted = AcceptedGait.from_file(path)
     settings = RunSettings(check_limits=False, tolerance=Tolerance(body_m=0.3, body_rad=0.8, slip_m=SLIP_M))
     with make_world(world, accepted.robot, imperfections=wrong.imperfections) as made:
+        refused = ""
         try:
-            Runner(made).prepare(accepted)
-            fits = ""
+            if fits:
+                Runner(made).prepare(accepted)
         except InvalidInput as error:
-            fits = str(error)
+            refused = str(error)
         report = Runner(made, settings=settings).run(accepted, wrong.ground(accepted))
     run = report.execution
     if run is None:
         return {"outcome": report.message}
-    return {"outcome": "stood" if run.fallen_s is None else f"fell at {run.fallen_s:.1f} s"} | figures(run, fits)
+    return {"outcome": "stood" if run.fallen_s is None else f"fell at {run.fallen_s:.1f} s"} | figures(run, refused)
 
 
 def figures(run: Execution, fits: str) -> dict[str, object]:

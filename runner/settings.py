@@ -8,7 +8,7 @@ from typing import Literal
 from stancekit.planners.files.arrays import checked
 
 from .control.body_feedback import BodyFeedback
-from .control.tracker import ContactFeedback
+from .control.foot_placement import ContactFeedback
 from .execution import Tolerance
 from .motion.timeline import Timing
 from .safety.ending import Ending

@@ -1,8 +1,12 @@
 """Body-pose feedback: what feet push with besides the plan's forces, because the body is not where it should be.
 
-A wrench that pulls the body to its place, w = (m (k_p e_p + k_v ė_p), I (k_R e_R + k_ω ė_R)), is shared among the feet
-that stand by least squares, Σ [1; r×] δf = w, and every foot's force is kept inside a part of its friction cone; what a
-foot could not give the others are asked for again. The position loops of the joints stay beneath it.
+A wrench w = (m (k_p e_p + k_v ė_p), I (k_R e_R + k_ω ė_R)) pulls the body to its place. It and the plan's own are
+shared among the feet that stand, about the centre of mass where it is; their forces are
+
+    argmin ‖Σ [1; r×] f − (w + w_planned)‖² + ε Σ ‖f − f_planned‖²,    every f inside a part of its friction cone,
+
+so that a foot that has not landed is made up for, and one that is near its cone's border is spared. The position loops
+of the joints stay beneath it.
 """
 
 from __future__ import annotations
@@ -13,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.files.arrays import Array, check_numbers
+from stancekit.planners.terrain.patch import contact_frames
 
 from ..motion.motion import MotionSample
 
-ROUNDS = 4
-"""How often what feet inside their cones cannot give is asked for again."""
 EVEN = 1e-3
-"""Weight of small forces against those that give the wrench."""
-TURNING = 2.0
+"""Weight ε of the plan's forces against those that give the wrench."""
+TURNING = 1.5
 """Weight of a moment [1/m] against a force."""
 
 
@@ -34,8 +38,8 @@ class BodyFeedback:
     step aside by what the body's velocity error makes in this time; for walks it is set by how high the robot stands.
     """
 
-    position_s2: float = 80.0
-    velocity_s: float = 18.0
+    position_s2: float = 160.0
+    velocity_s: float = 25.0
     rotation_s2: float = 250.0
     turn_s: float = 30.0
     cone_share: float = 0.8
@@ -65,6 +69,7 @@ class BodyController:
 
     def __init__(self, mass_kg: float, inertia_kgm2: Array, weight_n: float, feedback: BodyFeedback) -> None:
         self._mass, self._inertia, self._weight, self._feedback = mass_kg, inertia_kgm2, weight_n, feedback
+        self._rows: dict[int, Rows[_Asked]] = {}
 
     def wrench(self, wanted: BodyPose, found: BodyPose) -> Array:
         """Force [N] and moment [Nm] on the body in the world, shape (6,)."""
@@ -85,28 +90,62 @@ class BodyController:
         """
         if not stands.any():
             return planned_n
-        arms = np.concatenate([np.concatenate([np.eye(3), TURNING * _skew(arm)]) for arm in arms_m[stands]], axis=1)
-        wanted = wrench * np.array([1.0, 1.0, 1.0, TURNING, TURNING, TURNING])
-        square = arms.T @ arms + EVEN * np.eye(arms.shape[1])
-        planned, force = planned_n[stands], planned_n[stands]
-        for _ in range(ROUNDS):
-            lacks = wanted - arms @ (force - planned).ravel()
-            step = np.linalg.solve(square, arms.T @ lacks).reshape(-1, 3)
-            force = self._inside(force + step, sample, stands)
+        normals = sample.normals[stands]
+        frames = contact_frames(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
+        weights = np.repeat([1.0, TURNING], 3)
+        whole = np.cross(sample.feet_m - sample.com_m, sample.forces_n).sum(axis=0)
+        wanted = weights * (wrench + np.concatenate([sample.forces_n.sum(axis=0), whole])) / self._weight
+        maps = np.concatenate([frames, TURNING * _skew(arms_m[stands]) @ frames], axis=1)
+        planned = np.einsum("nik,ni->nk", frames, planned_n[stands])
+        asked = _Asked(
+            arms=maps.transpose(1, 0, 2).reshape(6, -1), wanted=wanted, planned=planned / self._weight,
+            friction=self._feedback.cone_share * sample.friction[stands],
+        )  # fmt: skip
+        solution = self._program(len(frames)).solve(asked)
+        force = self._weight * solution.value("forces") if solution.solved else planned
         found = np.array(planned_n)
-        found[stands] = force
+        found[stands] = np.einsum("nik,nk->ni", frames, self._inside(force, asked.friction))
         return found
 
-    def _inside(self, force: Array, sample: MotionSample, stands: NDArray[np.bool_]) -> Array:
-        """The forces pressed onto the ground, and their tangential parts shortened into a part of the cones."""
-        normals, friction = sample.normals[stands], sample.friction[stands]
-        along = np.einsum("ni,ni->n", force, normals)
-        across = force - along[:, None] * normals
-        along = np.maximum(along, self._feedback.least_share * self._weight)
-        size = np.maximum(np.linalg.norm(across, axis=1), 1e-9)
-        share = np.minimum(1.0, self._feedback.cone_share * friction * along / size)
-        return np.asarray(along[:, None] * normals + share[:, None] * across)
+    def _program(self, count: int) -> Rows[_Asked]:
+        """The program for so many feet, in their own frames and units of the weight."""
+        if count not in self._rows:
+            self._rows[count] = rows = Rows[_Asked](keep=True)
+            forces, lacks = rows.variable("forces", count, 3), rows.variable("lacks", 6)
+            balance, least = rows.equal("balance", 6), rows.at_most("least", count)
+            cone = rows.cones("cone", count, 3)
+            rows.put(balance[:, None], forces.reshape(1, -1), lambda d: d.arms)
+            rows.put(balance, lacks, 1.0)
+            rows.right(balance, lambda d: d.wanted)
+            rows.put(least, forces[:, 0], -1.0)
+            rows.right(least, -self._feedback.least_share)
+            rows.put(cone[:, 0], forces[:, 0], lambda d: -d.friction)
+            rows.put(cone[:, 1:], forces[:, 1:], -1.0)
+            rows.square(lacks, None, lambda _: 1.0)
+            rows.square(forces, None, lambda _: EVEN)
+            rows.linear(forces, lambda d: -2.0 * EVEN * d.planned)
+        return self._rows[count]
+
+    def _inside(self, force: Array, friction: Array) -> Array:
+        """What the solver left outside of the cones, and of the least force, is taken off; forces: in their frames."""
+        along = np.maximum(force[:, 0], self._feedback.least_share * self._weight)
+        size = np.maximum(np.linalg.norm(force[:, 1:], axis=1), 1e-9)
+        share = np.minimum(1.0, friction * along / size)
+        return np.concatenate([along[:, None], share[:, None] * force[:, 1:]], axis=1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Asked:
+    """arms: maps forces to their sum and moment, (6, 3n); wanted: of these, (6,); planned: (n, 3); friction: (n,)."""
+
+    arms: Array
+    wanted: Array
+    planned: Array
+    friction: Array
 
 
 def _skew(v: Array) -> Array:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+    """[v]×, shape (n, 3) to (n, 3, 3)."""
+    found = np.zeros((len(v), 3, 3))
+    found[:, 0, 1], found[:, 0, 2], found[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]
+    return found - found.transpose(0, 2, 1)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from stancekit.planners.files.arrays import Array, check_numbers
+from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
@@ -26,43 +26,13 @@ from ..worlds.drives import Drives
 from ..worlds.world import State
 from .body_feedback import BodyController, BodyFeedback, BodyPose
 from .command import command
+from .foot_placement import FADES, ContactFeedback, FootPlacement
 from .swing_speed import SwingSpeed
 
 DRAWN_S = 0.1
 """Time constant with which joints come back to the posture chosen for them, where feet that feel led them off it."""
-SMOOTH_HZ = 60.0
-"""How fast [1/s] a foot's target goes to where the foot was found to have landed."""
-EARLY = 0.05
-"""A foot that comes down and feels this share of the weight has landed."""
-BORNE, BORNE_S = 0.1, 0.1
-"""A foot holds its place in the world, not under the body, until it has felt this share of the weight, about for this
-time [s]: what bears nothing pulls no body to its place, it only slides."""
-STEP = 0.2
-"""Feet step aside by no more than this share of the height at which the robot stands."""
 ASIDE_RAD = 0.2
 """A joint in the air that stays so far from its posture on its foot's path goes straight there."""
-FADES = 0.9
-"""What is left after a control period of what a foot that has lifted was lowered, rolled and pressed."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class ContactFeedback:
-    """What feet that feel do.
-
-    touch_n: a foot that presses this hard on its patch touches it. seek_m_s, seek_m: how fast a foot that should touch
-    and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed, on steep surfaces
-    only, 0 for never; press_n: most of them a foot. waits: the motion waits for a foot that should touch.
-    """
-
-    touch_n: float = 1.5
-    seek_m_s: float = 0.02
-    seek_m: float = 0.02
-    press_hz: float = 4.0
-    press_n: float = 40.0
-    waits: bool = True
-
-    def __post_init__(self) -> None:
-        check_numbers(self, "feedback.", least=[name for name in self.__annotations__ if name != "waits"])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -112,14 +82,13 @@ class Tracker:
         self._placed: tuple[Array, Array] | None = None
         self._rates = np.zeros(len(kinematics.joints))
         limbs = len(kinematics.robot.limbs)
-        self._step_s, self._most_step = body.step_s, STEP * model.stand_height_m
         self._velocity = np.zeros(6)
-        self._touched, self._landed = np.array(motion.at(0.0).foothold) >= 0, motion.at(0.0).feet_m
-        self._stepped, self._moved, self._drift = (np.zeros((limbs, 3)) for _ in range(3))
+        self._feet = FootPlacement(
+            motion.at(0.0), kinematics, feedback, weight_n=self._weight, step_s=body.step_s, period_s=self._period_s
+        )
         self._wished = wished or resolved(motion, kinematics)
         self._time_s, self._swing = 0.0, SwingSpeed(kinematics, self._drives.velocity_rad_s, self._period_s)
-        self._borne = np.ones(limbs)
-        self._depth, self._pressed, self._rolled = np.zeros(limbs), np.zeros((limbs, 3)), np.zeros((limbs, 3))
+        self._pressed, self._rolled = np.zeros((limbs, 3)), np.zeros((limbs, 3))
         self._angles = self._wish = self._wished.at(0.0)
         self._drawn = min(1.0, self._period_s / DRAWN_S)
         self._shift = kinematics.com_offset(self._angles)
@@ -146,65 +115,18 @@ class Tracker:
         if self._time_s >= self._motion.seconds:
             return None
         now, then = self._motion.at(self._time_s), self.coming
-        felt, wanted = (np.einsum("ij,ij->i", forces, then.normals) for forces in (forces_n, then.forces_n))
-        stands, lands = np.array(then.foothold) >= 0, np.array(now.foothold) < 0
-        late = lands & stands & self._swing.late & self._feedback.waits
-        missing = stands & ~late & (lands | (wanted > 4.0 * self._feedback.touch_n))
-        missing &= (felt < self._feedback.touch_n) & (self._depth < self._feedback.seek_m)
-        landing = missing & lands & self._feedback.waits
-        self._depth = np.where(missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth)
-        self._depth = np.where(stands, self._depth, FADES * self._depth)
-        self._anchor(now, then, felt)
-        self._press(then, forces_n, stands)
-        if landing.any() or late.any():
+        felt = np.einsum("ij,ij->i", forces_n, then.normals)
+        lands = self._feet.seek(now, then, felt, self._swing.late) & self._feedback.waits
+        seen = None
+        if self._found is not None and self._placed is not None:
+            origin, rotation = self._placed
+            seen = self._found, BodyPose(origin_m=origin, rotation=rotation, velocity=self._velocity)
+        self._feet.follow(now, then, felt, self._rolled, seen)
+        self._press(then, forces_n, np.array(then.foothold) >= 0)
+        if lands.any():
             return self._target(now)
         self._time_s += self._swing.pace * self._period_s
         return self._target(then)
-
-    def _anchor(self, now: MotionSample, then: MotionSample, felt: Array) -> None:
-        """Where the body is measured, feet that have landed, early or late, stay where they are, and not where they
-        should have landed; those that are late are lowered, and those in the air go to their places in the world, or
-        step to where the body falls. What is commanded moves there smoothly."""
-        found, before, stands = self._found, self._touched, np.array(then.foothold) >= 0
-        self._touched, goal = stands, np.zeros_like(self._moved)
-        if found is not None:
-            comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
-            early = comes & (felt >= EARLY * self._weight)
-            self._touched = (stands & (before | (felt >= self._feedback.touch_n))) | (
-                ~stands & comes & (before | early)
-            )
-            feet = found.position_m + self._kinematics.feet(found.angles_rad) @ found.rotation.T
-            landed = self._touched & ~before
-            self._landed = np.where(landed[:, None], feet - self._rolled, self._landed)
-            self._depth = np.where(landed, 0.0, self._depth)
-            self._stepped = np.where((stands | self._touched)[:, None], self._stepped, self._step(found, then))
-            placed = np.where(self._touched[:, None], self._landed, then.feet_m + self._stepped)
-            self._bear(felt)
-            free = 0.0 if self._step_s > 0.0 else 1.0 - self._borne[:, None]
-            goal = placed + free * self._carried(found, placed) - then.feet_m
-        away = goal - self._depth[:, None] * then.normals - self._moved
-        turns = SMOOTH_HZ * self._period_s  # ẍ = ω² (goal − x) − 2 ω ẋ over a period, exactly: whatever ω T is
-        coming, left = self._drift - SMOOTH_HZ * away, np.exp(-turns)
-        self._moved = self._moved + away - left * (away - self._period_s * coming)
-        self._drift = left * (self._drift - turns * coming)
-
-    def _bear(self, felt: Array) -> None:
-        """How far every foot that touches has come to bear, from 0 to 1."""
-        gone = np.clip(felt / (BORNE * self._weight), 0.0, 1.0) - self._borne
-        self._borne = np.where(self._touched, self._borne + gone * self._period_s / BORNE_S, 0.0)
-
-    def _carried(self, found: State, feet_m: Array) -> Array:
-        """From places of feet to those that they have for a body that is taken to be where it should be, (N, 3) [m]."""
-        if self._placed is None:
-            return np.zeros_like(feet_m)
-        origin, rotation = self._placed
-        return np.asarray(origin + (feet_m - found.position_m) @ found.rotation @ rotation.T - feet_m)
-
-    def _step(self, found: State, sample: MotionSample) -> Array:
-        """How far feet step aside, along their surfaces, for a body that moves otherwise than planned, (N, 3) [m]."""
-        late = self._step_s * (found.velocity[:3] - self._velocity[:3])
-        late = late * min(1.0, self._most_step / max(float(np.linalg.norm(late)), 1e-9))
-        return np.asarray(late - (sample.normals @ late)[:, None] * sample.normals)
 
     def _press(self, sample: MotionSample, forces_n: Array, stands: NDArray[np.bool_]) -> None:
         """Sum up what is missing of the forces with which feet press against each other; what of the sum would move or
@@ -213,10 +135,9 @@ class Tracker:
         maps = [np.concatenate([np.eye(3), _skew(arm)]) for arm in arms]
         whole = np.concatenate(maps, axis=1) * np.repeat(stands, 3)
         moving = np.linalg.pinv(whole) @ whole
-        wanted = sample.forces_n
-        if self._found is not None:  # what the plan has outside the cones is not given: it would be summed up for ever
+        hangs, wanted = stands & (stands & sample.steep).any(), sample.forces_n
+        if self._found is not None and hangs.any():  # what is outside the cones would be summed up for ever
             wanted = self._body.forces(np.zeros(6), sample, arms, wanted, stands)
-        hangs = stands & (stands & sample.steep).any()
         gap = np.where(hangs[:, None], wanted - forces_n, 0.0).ravel()
         pressed = np.where(hangs[:, None], self._pressed, FADES * self._pressed).ravel()
         pressed = pressed + self._feedback.press_hz * self._period_s * (gap - moving @ gap)
@@ -254,11 +175,11 @@ class Tracker:
         if placed is not None:
             turn = Rotation.from_matrix(rotation @ placed[1].T).as_rotvec()
             self._velocity = np.concatenate([origin - placed[0], turn]) / self._period_s
-        pressed = np.where(self._touched[:, None], pressed, 0.0)
-        wanted = BodyPose(origin_m=origin, rotation=rotation, velocity=self._velocity)
+        pressed = np.where(self._feet.touched[:, None], pressed, 0.0)
+        wanted = BodyPose(origin_m=origin + self._feet.shift_m, rotation=rotation, velocity=self._velocity)
         seen = BodyPose(origin_m=found.position_m, rotation=found.rotation, velocity=found.velocity)
         arms = found.feet_m - found.position_m - found.rotation @ self._shift
-        forces = self._body.forces(self._body.wrench(wanted, seen), sample, arms, pressed, self._touched)
+        forces = self._body.forces(self._body.wrench(wanted, seen), sample, arms, pressed, self._feet.touched)
         return self._kinematics.torques(found.angles_rad, found.rotation, forces)
 
     def _roll(self, sample: MotionSample, turned: Array) -> None:
@@ -279,7 +200,7 @@ class Tracker:
         rotation = rotation_of(sample.rotation_rad)
         origin = sample.com_m - rotation @ self._shift
         wish = self._wished.at(self._time_s)
-        feet = (sample.feet_m + self._rolled + self._moved - origin) @ rotation
+        feet = (sample.feet_m + self._rolled + self._feet.moved_m - origin) @ rotation
         near = self._angles + (wish - self._wish) + self._drawn * (wish - self._angles)
         self._wish = wish
         angles, error = self._kinematics.reach(feet, near, near)

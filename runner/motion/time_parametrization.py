@@ -17,7 +17,8 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
-from ..control.tracker import ContactFeedback, Target, Tracker
+from ..control.foot_placement import ContactFeedback
+from ..control.tracker import Target, Tracker
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.drives import Drives
 from .motion import Motion, MotionSample

@@ -76,7 +76,7 @@ def test_the_wrench_pulls_back_and_damps_and_is_nothing_where_nothing_is_off() -
     of = controller()
     np.testing.assert_allclose(of.wrench(pose(), pose()), 0.0, atol=1e-12)
     low = of.wrench(pose(), pose(origin=np.array([0.0, 0.0, -0.01])))
-    np.testing.assert_allclose(low, [0.0, 0.0, MASS * 80.0 * 0.01, 0.0, 0.0, 0.0], atol=1e-9)
+    np.testing.assert_allclose(low, [0.0, 0.0, MASS * 160.0 * 0.01, 0.0, 0.0, 0.0], atol=1e-9)
     turning = of.wrench(pose(), pose(speed=np.array([0.0, 0.0, 0.0, 0.0, 0.1, 0.0])))
     np.testing.assert_allclose(turning, [0.0, 0.0, 0.0, 0.0, -30.0 * 0.1 * INERTIA[1, 1], 0.0], atol=1e-9)
     yawed = Rotation.from_rotvec([0.0, 0.0, 0.5 * np.pi])

@@ -1,0 +1,177 @@
+"""Where feet are put down: what is added to their planned places, because of what they feel and where the body is.
+
+Feet that should touch and do not are lowered. Where the body is measured, feet that have landed, early or late, stay
+where they are, and not where they should have landed; those in the air go to their places in the world, or step to
+where the body falls. Until a foot bears it goes with the body as it is, not as it should be: joints that pull a body
+to its place with a foot that has no friction for it only make that foot slide.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stancekit.planners.files.arrays import Array, check_numbers
+from stancekit.planners.robot.kinematics import Kinematics
+
+from ..motion.motion import MotionSample
+from ..worlds.world import State
+from .body_feedback import BodyPose
+
+SMOOTH_HZ = 60.0
+"""How fast [1/s] a foot's target goes to where the foot was found to have landed."""
+EARLY = 0.05
+"""A foot that comes down and feels this share of the weight has landed."""
+BORNE, BORNE_S = 0.1, 0.1
+"""A foot holds its place in the world, not under the body, until it has felt this share of the weight, about for this
+time [s]: what bears nothing pulls no body to its place, it only slides."""
+LEVEL = 0.5
+"""Feet that step aside come down between the heights that they should have under the body and in the world."""
+BEYOND = 1.15
+"""They step so much farther than where the body would come to rest over them: it comes back."""
+WITH_FEET = 0.5
+"""A body over feet that stepped aside is pulled to its place, but for this share of what they did."""
+STEP = 0.2
+"""Feet step aside by no more than this share of the height at which the robot stands."""
+FADES = 0.9
+"""What is left after a control period of what a foot that has lifted was lowered, rolled and pressed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactFeedback:
+    """What feet that feel do.
+
+    touch_n: a foot that presses this hard on its patch touches it. seek_m_s, seek_m: how fast a foot that should touch
+    and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed, on steep surfaces
+    only, 0 for never; press_n: most of them a foot. waits: the motion waits for a foot that should touch.
+    """
+
+    touch_n: float = 1.5
+    seek_m_s: float = 0.02
+    seek_m: float = 0.02
+    press_hz: float = 4.0
+    press_n: float = 40.0
+    waits: bool = True
+
+    def __post_init__(self) -> None:
+        check_numbers(self, "feedback.", least=[name for name in self.__annotations__ if name != "waits"])
+
+
+class FootPlacement:
+    """Of the feet of one motion.
+
+    step_s: feet in the air step aside by what the body's velocity error makes in this time; 0 for never. touched: which
+    feet have landed, shape (N,). moved_m: what is added to the planned places of all feet, shape (N, 3);
+    shift_m: to that of the body, shape (3,).
+    """
+
+    def __init__(
+        self, first: MotionSample, kinematics: Kinematics, feedback: ContactFeedback, *, weight_n: float, step_s: float,
+        period_s: float,
+    ) -> None:  # fmt: skip
+        self._kinematics, self._feedback, self._weight = kinematics, feedback, weight_n
+        self._step_s, self._period_s = step_s, period_s
+        self._most_step = STEP * kinematics.model.stand_height_m
+        self.touched, self._landed, self._planned = np.array(first.foothold) >= 0, first.feet_m, first.feet_m
+        self._stepped, self.moved_m, self._drift = (np.zeros_like(first.feet_m) for _ in range(3))
+        self._aside, self.shift_m = np.zeros_like(first.feet_m), np.zeros(3)
+        self._depth, self._borne = np.zeros(len(first.feet_m)), np.ones(len(first.feet_m))
+
+    def seek(
+        self, now: MotionSample, then: MotionSample, felt_n: Array, late: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
+        """Lower feet that should touch and do not; for which that were in the air just now to wait, shape (N,).
+
+        felt_n: along the normals, shape (N,). late: legs whose joints are not where they should be: they come first.
+        """
+        wanted = np.einsum("ij,ij->i", then.forces_n, then.normals)
+        stands, lands = np.array(then.foothold) >= 0, np.array(now.foothold) < 0
+        late = late & stands & lands & self._feedback.waits
+        missing = stands & ~late & (lands | (wanted > 4.0 * self._feedback.touch_n))
+        missing &= (felt_n < self._feedback.touch_n) & (self._depth < self._feedback.seek_m)
+        self._depth = np.where(missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth)
+        self._depth = np.where(stands, self._depth, FADES * self._depth)
+        return np.asarray((missing & lands) | late)
+
+    def follow(
+        self, now: MotionSample, then: MotionSample, felt_n: Array, rolled_m: Array, seen: tuple[State, BodyPose] | None
+    ) -> None:
+        """Find ``touched`` and ``moved_m``, which goes smoothly to where it should be.
+
+        rolled_m: how far feet have rolled, shape (N, 3). seen: the robot, and where its body should be; None where that
+        is not measured.
+        """
+        stands, goal = np.array(then.foothold) >= 0, np.zeros_like(self.moved_m)
+        if seen is None:
+            self.touched = stands
+        else:
+            found, body = seen
+            landed = self._land(now, then, felt_n, found, rolled_m)
+            self._lean(then, landed)
+            step = self._step(found, body, then)
+            self._stepped = np.where((stands | self.touched)[:, None], self._stepped, step)
+            placed = np.where(self.touched[:, None], self._landed, then.feet_m + self._stepped)
+            origin = body.origin_m + self.shift_m
+            carried = origin + (placed - found.position_m) @ found.rotation @ body.rotation.T - placed
+            shift = np.where(self.touched[:, None], self.shift_m, 0.0)
+            goal = placed + self._free(carried, felt_n, then) - then.feet_m - shift
+            self._stay(then, early=self.touched & ~stands, landed=landed)
+        self._planned = then.feet_m
+        away = goal - self._depth[:, None] * then.normals - self.moved_m
+        turns = SMOOTH_HZ * self._period_s  # ẍ = ω² (goal − x) − 2 ω ẋ over a period, exactly: whatever ω T is
+        coming, left = self._drift - SMOOTH_HZ * away, np.exp(-turns)
+        self.moved_m = self.moved_m + away - left * (away - self._period_s * coming)
+        self._drift = left * (self._drift - turns * coming)
+
+    def _land(
+        self, now: MotionSample, then: MotionSample, felt: Array, found: State, rolled: Array
+    ) -> NDArray[np.bool_]:
+        """Which feet land just now, early or late, shape (N,); where they do is kept."""
+        before, stands = self.touched, np.array(then.foothold) >= 0
+        comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
+        early = comes & (felt >= EARLY * self._weight)
+        self.touched = (stands & (before | (felt >= self._feedback.touch_n))) | (~stands & comes & (before | early))
+        feet = found.position_m + self._kinematics.feet(found.angles_rad) @ found.rotation.T
+        landed = self.touched & ~before
+        self._landed = np.where(landed[:, None], feet - rolled, self._landed)
+        self._depth = np.where(landed, 0.0, self._depth)
+        return np.asarray(landed)
+
+    def _stay(self, then: MotionSample, early: NDArray[np.bool_], landed: NDArray[np.bool_]) -> None:
+        """Feet that have landed early stop at once, although their path goes on: late, they would push the ground."""
+        self.moved_m = np.where(early[:, None], self.moved_m - (then.feet_m - self._planned), self.moved_m)
+        self._drift = np.where((early & landed)[:, None], 0.0, self._drift)
+
+    def _free(self, carried: Array, felt: Array, then: MotionSample) -> Array:
+        """What feet take of the way from their places to those for a body that is where it should be, (N, 3) [m].
+
+        All of it until they bear; of those that step aside with the body, in the air, half of what is along their
+        normals. carried: that way, shape (N, 3).
+        """
+        gone = np.clip(felt / (BORNE * self._weight), 0.0, 1.0) - self._borne
+        self._borne = np.where(self.touched, self._borne + gone * self._period_s / BORNE_S, 0.0)
+        bears = (1.0 - self._borne)[:, None] * carried
+        if self._step_s == 0.0:
+            return np.asarray(bears)
+        up = np.einsum("ij,ij->i", carried, then.normals)[:, None] * then.normals
+        return np.asarray(np.where(self.touched[:, None], bears, LEVEL * up))
+
+    def _lean(self, then: MotionSample, landed: NDArray[np.bool_]) -> None:
+        """Find ``shift_m``: a body that is pulled to its place over feet that stepped aside tips over them, the other
+        way; one that goes with its feet never comes back."""
+        self._aside = np.where(landed[:, None], self._landed - then.feet_m, self._aside)
+        bear = np.where(self.touched & (np.array(then.foothold) >= 0), then.forces_n[:, 2].clip(0.0), 0.0)
+        if self._step_s > 0.0 and bear.any():
+            self.shift_m = WITH_FEET * (bear @ self._aside) / bear.sum() * [1.0, 1.0, 0.0]
+
+    def _step(self, found: State, body: BodyPose, sample: MotionSample) -> Array:
+        """How far feet that go with the body step aside, along their surfaces, (N, 3) [m]: to where it comes to rest
+        over them, x + v √(h/g) of what it is off, and a little farther."""
+        if self._step_s == 0.0:
+            return np.zeros_like(sample.feet_m)
+        late, away = found.velocity[:3] - body.velocity[:3], found.position_m - body.origin_m
+        aside = BEYOND * self._step_s * late + (BEYOND - 1.0) * away
+        aside = aside * min(1.0, self._most_step / max(float(np.linalg.norm(aside)), 1e-9))
+        return np.asarray(aside - (sample.normals @ aside)[:, None] * sample.normals)
