@@ -136,9 +136,7 @@ class RunReport:
 NESTED = ("ended", "execution", "cycle_s", "needs", "loads")
 
 
-def _by_odometry(
-    record: Record, prepared: Prepared[PlannedMotion], world: SafeWorld, settings: RunSettings
-) -> float:
+def _by_odometry(record: Record, prepared: Prepared[PlannedMotion], world: SafeWorld, settings: RunSettings) -> float:
     """How far the body was from the plan at most, where nobody but the joints told the tracker [m]."""
     seen = world.dry or (world.capabilities.has_body_pose and not settings.blind)
     return float("nan") if seen or not record.pairs else odometry_error_m(record, prepared.kinematics)

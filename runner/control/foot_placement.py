@@ -79,9 +79,7 @@ class FootPlacement:
         self._aside, self.shift_m = np.zeros_like(first.feet_m), np.zeros(3)
         self._depth, self._borne = np.zeros(len(first.feet_m)), np.ones(len(first.feet_m))
 
-    def seek(
-        self, now: MotionSample, then: MotionSample, felt_n: Array, late: NDArray[np.bool_]
-    ) -> NDArray[np.bool_]:
+    def seek(self, now: MotionSample, then: MotionSample, felt_n: Array, late: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Lower feet that should touch and do not; for which that were in the air just now to wait, shape (N,).
 
         felt_n: along the normals, shape (N,). late: legs whose joints are not where they should be: they come first.

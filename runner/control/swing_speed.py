@@ -15,7 +15,7 @@ from stancekit.planners.robot.kinematics import Kinematics
 
 SPEED_SHARE = 0.9
 """Of their greatest velocity that joints in the air are led with."""
-RAMP_S, PAUSE_S = 0.07, 0.2
+RAMP_S, PAUSE_S = 0.035, 0.2
 """Times in which such a joint comes to that velocity, and in which a motion that waits for it comes to rest."""
 LATE_RAD = 1e-6
 """A leg with a joint that is farther from where it should be is late."""
