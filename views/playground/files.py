@@ -72,9 +72,11 @@ class Files:
             suffix, text = scenario.text()
         except StancekitError as error:
             suffix, text = "", str(error)
-        with event.client.gui.add_modal(f"course{suffix}", size="lg", show_close_button=True):
+        modal = event.client.gui.add_modal(f"{self._name.value}-course{suffix}")
+        with modal:
             event.client.gui.add_html(
                 f'<pre id="course" style="font:12px/1.45 ui-monospace,monospace;color:{INK};white-space:pre-wrap;'
-                f'user-select:text">{html.escape(text)}</pre>'
+                f'max-height:60vh;overflow:auto;user-select:text">{html.escape(text)}</pre>'
             )
+            event.client.gui.add_button("close").on_click(lambda _: modal.close())
         event.client.send_file_download(f"{self._name.value}-course{suffix or '.txt'}", text.encode())

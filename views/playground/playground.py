@@ -30,7 +30,7 @@ from .session import Session
 from .tables import limb_table, loads, solver_of, summary, verdict
 
 log = logging.getLogger(__name__)
-TITLE = "Stancekit playground"
+TITLE, PICK = "Stancekit playground", "pick a surface"
 
 
 class Playground:
@@ -92,8 +92,8 @@ class Playground:
             names = tuple(self._robots)
             self._menu = gui.add_dropdown("robot", names, initial_value=names[0])
             self._menu.on_update(self._robot_chosen)
-        pick = gui.add_button("pick a surface", hint="The next click on a surface gives it a grip and a friction.")
-        pick.on_click(self._pick)
+        self._picker = gui.add_button(PICK, hint="The next click on a surface gives it a grip and a friction.")
+        self._picker.on_click(self._pick)
         self._files = Files(self._server, folder, lambda: (self.session.scenario, self._answer))
         panel = gui.add_panel()
         with panel.add_tab("Plan"):
@@ -130,10 +130,13 @@ class Playground:
 
     def _pick(self, _event: Any) -> None:
         """The next click picks a surface."""
-        self._server.scene.on_click()(self._picked)
+        if self._picker.label == PICK:
+            self._server.scene.on_click()(self._picked)
+            self._picker.label = "click a surface"
 
     async def _picked(self, event: Any) -> None:
         self._server.scene.remove_click_callback()
+        self._picker.label = PICK
         course = self._answer.course
         hit = None if course is None else struck(course, event.ray_origin, event.ray_direction)
         if course is None or hit is None:

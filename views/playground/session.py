@@ -58,15 +58,24 @@ class Session:
             return self._number
 
     def change(self, edit: Callable[[Scenario], Scenario]) -> int:
-        """Another scene, made of the newest by ``edit``; its number. Raises what ``edit`` raises."""
-        with self._news:
-            self._scenario = edit(self._scenario)
-            self._number += 1
-            self._since = time.perf_counter()
-            if self._judge is not None:
-                self._judge.drop()
-            self._news.notify()
-            return self._number
+        """Another scene, made of the newest by ``edit``; its number. Raises what ``edit`` raises.
+
+        An edit that takes a while, as loading a robot, keeps nobody else from changing the scene: it is done again on
+        what is the newest then, and what others change meanwhile stays.
+        """
+        while True:
+            with self._news:
+                base, number, since = self._scenario, self._number, time.perf_counter()
+            edited = edit(base)
+            with self._news:
+                if number != self._number:
+                    continue
+                self._scenario, self._since = edited, since
+                self._number += 1
+                if self._judge is not None:
+                    self._judge.drop()
+                self._news.notify()
+                return self._number
 
     def close(self) -> None:
         """End thread and process."""

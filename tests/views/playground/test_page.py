@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from contextlib import suppress
 
+import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan_file import check_file
@@ -94,3 +95,21 @@ def test_without_viser_the_extra_is_named(monkeypatch):
         pytest.raises(InvalidInput, match=r"expected viser; install it with pip install 'stancekit\[viz\]'"),
     ):
         served(KeysScenario.of("walls")).__enter__()
+
+
+def test_a_surface_is_picked_by_a_click_and_the_courses_file_is_shown(shown):
+    page, tab = shown
+    tab.wait_for(f"{VERDICT}.dataset.patient === '1'")
+    course = page.playground.session.scenario.course()
+    button = "[...document.querySelectorAll('button')].find(b => b.innerText === '{}')"
+    tab.click(*middle_of(tab, button.format("pick a surface")))
+    tab.wait_for("document.body.innerText.includes('click a surface')")
+    tab.click(*pixel_of(page, tab, course.com_nominal_m[2] + np.array([0.0, 0.38, 0.05])))
+    tab.wait_for("document.body.innerText.includes('friction of the picked surface')")
+    scenario = page.playground.session.scenario
+    assert scenario.kind == "polygons"
+    assert scenario.keys["terrain"]["polygons"][scenario.chosen]["vertices_m"][0][1] == pytest.approx(0.38)
+    tab.click(*middle_of(tab, button.format("show course")))
+    said = tab.wait_for("document.querySelector('#course')?.innerText")
+    assert said.startswith("name: walls\n")
+    assert "kind: polygons" in said

@@ -44,6 +44,25 @@ def test_of_many_changes_during_one_answer_only_the_newest_is_answered(monkeypat
     assert seen == [(0, "0"), (9, "9")]
 
 
+def test_a_slow_edit_keeps_what_others_changed_meanwhile():
+    begun, go_on = threading.Event(), threading.Event()
+    session = Session((), lambda *_: None, judges=False)
+
+    def slow(scenario):
+        begun.set()
+        assert go_on.wait(PATIENCE_S)
+        return (*scenario, "slow")
+
+    waits = threading.Thread(target=session.change, args=(slow,))
+    waits.start()
+    assert begun.wait(PATIENCE_S)
+    session.change(lambda scenario: (*scenario, "quick"))
+    go_on.set()
+    waits.join(PATIENCE_S)
+    assert session.scenario == ("quick", "slow")
+    assert session.number == 2
+
+
 def test_an_edit_that_is_refused_changes_nothing():
     session = Session(KeysScenario.of("walls"), lambda *_: None, judges=False)
 
