@@ -1,8 +1,8 @@
 """P exact for batches of posture problems: what they have in common is done at once, and witnesses are canonical.
 
 A feasible problem is answered with one posture that follows from the problem alone (``canonical``), whoever else is in
-the batch and whatever found the problem feasible. The cheapest goes first: a short iteration, in its course proposed
-proofs, then proposed postures, the lift's certificate, a long iteration, branch and bound.
+the batch and whatever found the problem feasible. The cheapest goes first: a short iteration, proposed proofs and
+postures, the lift's certificate, a long iteration, branch and bound.
 """
 
 from __future__ import annotations
@@ -20,10 +20,7 @@ from ..relaxation.lift import LiftAnswer, solve_lift
 from ..verify import check_certificates
 from .canonical import LONG, SHORT, Index, canonical, relaxed, with_toes
 from .exact import ExactPlanner
-from .proposals import LEAF, Proposer, proved, witnessed
-
-FIRST = 24
-"""Steps of the iteration before proofs are asked for: most of what has a posture is found in fewer."""
+from .proposals import LEAF, proved, witnessed
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +44,8 @@ def decide_all(planner: ExactPlanner, batch: PostureBatch, *, points: bool = Fal
     are a share of what each stage took. Raises InvalidInput where the planner's proposers are for other problems.
     """
     work = _Batch(planner, batch)
-    if planner.proposers is not None:  # what has no posture takes all steps, so that a proof is best asked for before
-        planner.proposers.check_fits(batch.like)
-        work.find(FIRST)
-        work.ask_proofs(planner.proposers)
     work.find(SHORT)
-    if planner.proposers is not None:
-        work.ask_postures(planner.proposers)
+    work.ask()
     work.refute()
     work.find(LONG)
     work.search()
@@ -73,21 +65,22 @@ class _Batch:
         self.relaxed: dict[int, Posture] = {}
         self._proved: dict[int, tuple[Certificate, float]] = {}  # infeasible, but perhaps trivially
 
-    def ask_proofs(self, proposer: Proposer) -> None:
-        """Answer what proposed proofs settle."""
+    def ask(self) -> None:
+        """Answer what proposals settle, proofs first."""
+        proposer, accept = self._planner.proposers, self._accept
+        if proposer is None:
+            return
+        proposer.check_fits(self._batch.like)
         begin, left = time.perf_counter(), self._left()
-        proofs = proved(proposer, self._batch.select(left), self._accept)
+        proofs = proved(proposer, self._batch.select(left), accept)
         self._took(begin, left)
         for k, (certificate, bound) in proofs.items():
             if np.isinf(bound):
                 self._refuted(int(left[k]), certificate, bound, trivial=True)
             else:
                 self._proved[int(left[k])] = (certificate, bound)
-
-    def ask_postures(self, proposer: Proposer) -> None:
-        """Answer what proposed postures settle."""
         begin, left = time.perf_counter(), self._left()
-        postures = witnessed(proposer, self._batch.select(left), self._accept)
+        postures = witnessed(proposer, self._batch.select(left), accept)
         self._took(begin, left)
         for k, (posture, off) in postures.items():
             self._feasible(int(left[k]), posture, off)
