@@ -102,6 +102,11 @@ class Tracker:
         return self._target(self._motion.at(0.0))
 
     @property
+    def kinematics(self) -> Kinematics:
+        """Of the robot."""
+        return self._kinematics
+
+    @property
     def coming(self) -> MotionSample:
         """What should be at the end of the next period."""
         return self._motion.at(self._time_s + self._swing.pace * self._period_s)
