@@ -177,6 +177,7 @@ class Runner:
             began = time.perf_counter()
             state = self.send(target.targets_rad, target.angles_rad, tracked.lean(target))
             record.add(target, state, began)
+            self.log.write("target", {"time_s": state.time_s, **target.entry()})
             felt, seen = state.forces_n, state if told == "the world" else None
             seen = odometry.seen(target, state) if told == "leg odometry" else seen
             self.check_body(target, state)
@@ -208,7 +209,8 @@ class Runner:
 
     def decide(self, what: str, why: str) -> None:
         """Log a decision."""
-        self.log.write("decision", {"what": what, "why": why})
+        when = {} if self.state is None else {"time_s": self.state.time_s}
+        self.log.write("decision", {"what": what, "why": why, **when})
 
     def _finish(self, message: str) -> Ended:
         """Leave the robot as it should be left, and only then say so: a log may be what failed."""
