@@ -79,6 +79,8 @@ class Run:
     robot's own file says, or the device."""
     blind: bool = False
     """Simulations: send what a robot that measures its joints alone is sent."""
+    odometry: bool = False
+    """Plans: feed back where the body is by its joints and the feet that stand, whatever the world measures."""
     arm: bool = False
     """Move something real. Simulations and logs need no arming."""
     ending: Literal["hold", "home", "torque-off"] = "hold"
@@ -219,7 +221,7 @@ class Run:
 
         return RunSettings(
             timing=Timing().at_pace(self.pace), speed_rad_s=self.speed_rad_s, ending=self.ending, hung=self.hung,
-            blind=self.blind,
+            blind=self.blind, odometry=self.odometry,
         )  # fmt: skip
 
     def _actuators(self) -> Actuators | None:

@@ -30,7 +30,9 @@ def run_table(report: RunReport) -> Table:
     for name, given in (("needs", report.needs), ("measured", report.loads)):
         if given is not None:
             table.add_row(name, given.line)
-    if not report.body_measured:
+    if report.body_from == "leg odometry":
+        table.add_row("body", "fed back by leg odometry: the joints, and the feet that stand")
+    elif not report.body_measured:
         table.add_row("body", "not measured: joints alone were followed")
     if math.isfinite(report.odometry_m):
         table.add_row("", f"{1e3 * report.odometry_m:.1f} mm from the plan at most, by leg odometry")

@@ -41,6 +41,7 @@ TOPICS: dict[str, dict[str, str]] = {
     "plan": {"format": "string", "digest": "string", "course": "string", "joints": "array", "rate_hz": "number"},
     "command": {"time_s": "number", "asked_rad": "array", "sent_rad": "array", "planned_rad": "array"},
     "measurement": {"time_s": "number", "angles_rad": "array", "position_m": "array"},
+    "target": {"time_s": "number", "origin_m": "array"},
     "decision": {"what": "string", "why": "string"},
     "verdict": {"succeeded": "boolean", "message": "string"},
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Literal, TypeVar
 
 import numpy as np
 
@@ -45,6 +45,7 @@ from .worlds.world import Ground, Solids, State, Terrain
 
 LOG = logging.getLogger(__name__)
 PlannedMotion = PlanMotion | GaitMotion
+BodyFrom = Literal["the world", "leg odometry", "nothing"]
 WALKING: dict[str, Any] = {"seek_m_s": 0.3, "seek_m": 0.03, "waits": False}
 """A foot of a gait that is late is looked for at once, and not waited for: its body moves on."""
 M_co = TypeVar("M_co", bound=Motion, covariant=True)
@@ -65,7 +66,7 @@ class Tracked(Generic[M_co]):
 
         felt: by the feet just now, (N, 3) [N]. state: the world's, from its last period on.
         """
-        return self.tracker.next(felt, state) if self.sees else self.tracker.next(expected(self.tracker.coming))
+        return self.tracker.next(felt if self.sees else expected(self.tracker.coming), state)
 
     @staticmethod
     def lean(target: Target) -> Array:
@@ -141,6 +142,8 @@ def prepare_plan(
 def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings) -> Prepared[GaitMotion]:
     """A gait for a world that it fits. Raises InvalidInput for one whose joints cannot do it, before anything moves."""
     check_settings(settings, world)
+    if settings.odometry:
+        raise InvalidInput("odometry: expected a plan, got a gait: two feet do not tell how the body is turned")
     trajectory = proven(accepted.trajectory, accepted.digest, accepted.source)
     accepted = replace(accepted, trajectory=trajectory, robot=walker(trajectory.robot))
     check_joints(accepted.source, accepted.robot, world)
@@ -165,6 +168,15 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
 def sees_feet(world: SafeWorld, settings: RunSettings) -> bool:
     """Whether what feet feel comes back, and is used."""
     return world.capabilities.has_contact_forces and not world.dry and not settings.blind
+
+
+def body_from(world: SafeWorld, settings: RunSettings) -> BodyFrom:
+    """Who says where the body is; joints are followed alone where nobody does."""
+    if world.dry:
+        return "nothing"
+    if settings.odometry:
+        return "leg odometry"
+    return "the world" if world.capabilities.has_body_pose and not settings.blind else "nothing"
 
 
 def check_settings(settings: RunSettings, world: SafeWorld) -> None:

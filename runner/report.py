@@ -11,7 +11,7 @@ import numpy as np
 from .control.leg_odometry import odometry_error_m
 from .execution import Execution
 from .needs import JointNeeds
-from .prepared import PlannedMotion, Prepared
+from .prepared import BodyFrom, PlannedMotion, Prepared, body_from
 from .record import Record
 from .safety.ending import Ended
 from .safety.guard import SafeWorld
@@ -28,13 +28,14 @@ class RunReport:
     seconds: of the motion; pace: of that asked for, bound_by what slowed it down. sent, clipped, refused: commands, see
     ``SafeWorld``.
     joint_worst_rad, joint_rms_rad: measured against planned angles, NaN, and joint_worst empty, where the motion never
-    began. body_measured: whether the body's pose was measured. odometry_m: where joints alone were followed, how far it
-    was from the plan at most by ``leg_odometry``, NaN elsewhere and in a dry run. cycle_s: median and 99th percentile
-    of the control period, from one command to the next. execution: planned against measured, where body and forces are
-    measured. replay_rad: largest difference of a command from that in the
-    log which is replayed. needs, loads: of the joints, as planned, and as measured where torques are; None where the
-    motion never began. stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine
-    share, None where it was not; after: commands on their way at that moment, whose write returned up to after_s later.
+    began. body_measured: whether the body's pose was measured; body_from: who told the tracker where it is.
+    odometry_m: where the world did not, how far it was from the plan at most by ``leg_odometry``, NaN elsewhere and
+    in a dry run. cycle_s: median and 99th percentile of the control period, from one command to the next.
+    execution: planned against measured, where body and forces are measured. replay_rad: largest difference of a
+    command from that in the log which is replayed. needs, loads: of the joints, as planned, and as measured where
+    torques are; None where the motion never began. stopped_s: when the latch was tripped, on the monotonic clock
+    that all processes of a machine share, None where it was not; after: commands on their way at that moment, whose
+    write returned up to after_s later.
     """
 
     world: str
@@ -60,6 +61,7 @@ class RunReport:
     wall_s: float
     execution: Execution | None
     odometry_m: float = float("nan")
+    body_from: BodyFrom = "nothing"
     replay_rad: float | None = None
     needs: JointNeeds | None = None
     loads: JointNeeds | None = None
@@ -113,6 +115,7 @@ class RunReport:
             wall_s=wall_s,
             execution=execution,
             odometry_m=_by_odometry(record, prepared, world, settings),
+            body_from=body_from(world, settings),
             replay_rad=world.world.worst_rad if isinstance(world.world, ReplayWorld) else None,
             needs=planned,
             loads=felt if measured else None,
@@ -138,7 +141,7 @@ NESTED = ("ended", "execution", "cycle_s", "needs", "loads")
 
 def _by_odometry(record: Record, prepared: Prepared[PlannedMotion], world: SafeWorld, settings: RunSettings) -> float:
     """How far the body was from the plan at most, where nobody but the joints told the tracker [m]."""
-    seen = world.dry or (world.capabilities.has_body_pose and not settings.blind)
+    seen = world.dry or body_from(world, settings) == "the world"
     return float("nan") if seen or not record.pairs else odometry_error_m(record, prepared.kinematics)
 
 

@@ -22,13 +22,14 @@ from stancekit.planners.robot.urdf import Servo
 from stancekit.planners.terrain import Patch
 
 from .acceptance import Accepted, AcceptedGait
+from .control.leg_odometry import LegOdometry
 from .control.tracker import Target
 from .log import FORMAT, LOADED, Log, NoLog, state_json
 from .motion.gait_motion import GaitMotion
 from .motion.motion import Motion
 from .motion.soft_start import soft_motion, soft_start
 from .motion.timeline import PlanMotion
-from .prepared import PlannedMotion, Prepared, Tracked, prepare_gait, prepare_plan
+from .prepared import PlannedMotion, Prepared, Tracked, body_from, prepare_gait, prepare_plan
 from .record import Record
 from .report import RunReport
 from .safety.ending import Ended, end
@@ -168,13 +169,17 @@ class Runner:
     def follow(self, tracked: Tracked[Motion], record: Record, until: Until = lambda target, state: False) -> bool:
         """The motion to its end, or to where ``until`` says so. Returns whether it ended."""
         assert self.state is not None
-        seen = self.world.capabilities.has_body_pose and not self.world.dry and not self.settings.blind
+        told = body_from(self.world, self.settings)
+        odometry = LegOdometry(tracked.tracker.kinematics, tracked.first, self.world.rate_hz, felt=tracked.sees)
+        seen = self.state if told == "the world" else None
         felt, total = tracked.first.sample.forces_n, 0.0 if self._prepared is None else self._prepared.motion.last_frame
-        while (target := tracked.next(felt, self.state if seen else None)) is not None:
+        while (target := tracked.next(felt, seen)) is not None:
             began = time.perf_counter()
             state = self.send(target.targets_rad, target.angles_rad, tracked.lean(target))
             record.add(target, state, began)
-            felt = state.forces_n
+            self.log.write("target", {"time_s": state.time_s, **target.entry()})
+            felt, seen = state.forces_n, state if told == "the world" else None
+            seen = odometry.seen(target, state) if told == "leg odometry" else seen
             self.check_body(target, state)
             self._progress(int(target.sample.frame), int(total))
             if until(target, state):
@@ -204,7 +209,8 @@ class Runner:
 
     def decide(self, what: str, why: str) -> None:
         """Log a decision."""
-        self.log.write("decision", {"what": what, "why": why})
+        when = {} if self.state is None else {"time_s": self.state.time_s}
+        self.log.write("decision", {"what": what, "why": why, **when})
 
     def _finish(self, message: str) -> Ended:
         """Leave the robot as it should be left, and only then say so: a log may be what failed."""

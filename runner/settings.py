@@ -27,6 +27,8 @@ class RunSettings:
     the limbs of every stance, with a reserve of friction, or as "planned". check_limits: a plan is slowed down to
     what its joints can do, and refused where no pace helps; False, for simulations only, to see what comes of it.
     blind: send what a robot that measures its joints alone is sent, and use nothing else that the world measures.
+    odometry: where the body is is taken from its joints and the feet that stand, and fed back, whatever the world
+    measures.
     """
 
     timing: Timing = field(default_factory=Timing)
@@ -40,6 +42,7 @@ class RunSettings:
     forces: Literal["shared", "planned"] = "shared"
     check_limits: bool = True
     blind: bool = False
+    odometry: bool = False
 
     def __post_init__(self) -> None:
         checked(self.speed_rad_s, "speed_rad_s", above=0.0)

@@ -17,7 +17,12 @@ from stancekit.runner.log import TOPICS, Recorded, table
 
 from .sheet import DEFAULT_STYLE, leg_colour
 
-SIZE_IN = (9.6, 7.2)
+SIZE_IN = (9.6, 8.6)
+TOUCH_N = 1.5
+"""A foot that feels more than this touches."""
+REPLANS = ("plan anew", "stand")
+"""Decisions that are drawn: the rest was planned again, or feet slid and the robot stood."""
+PLANNED: dict[str, Any] = {"linestyle": ":", "linewidth": 0.9}
 
 
 def tracked(recorded: Recorded) -> dict[str, Array]:
@@ -62,17 +67,34 @@ def draw_tracking(recorded: Recorded) -> Figure:
     joints, time_s = _limbs(plan), tracks["time_s"]
     limbs, begins = list(joints), np.cumsum([0, *map(len, joints.values())])[:-1]
     figure = Figure(figsize=SIZE_IN, layout="constrained")
-    top, middle, low, bottom = figure.subplots(4, 1, sharex=True)
+    aims = targets(recorded, len(limbs))
+    top, middle, low, *slid, bottom = figure.subplots(4 if aims is None else 5, 1, sharex=True)
     away = 1e3 * np.abs(tracks["angles_rad"] - tracks["planned_rad"])
     _limb_lines(top, time_s, np.maximum.reduceat(away, begins, axis=1), limbs)
     top.set_ylabel("joints off\nthe plan [mrad]")
     torque = np.maximum.reduceat(np.abs(tracks["torques_nm"]), begins, axis=1)
     _limb_lines(middle, time_s, torque, limbs)
     middle.set_ylabel("largest\ntorque [Nm]")
+    if (limits := plan.get("torque_nm")) is not None:
+        most = float(np.max(table(limits, (len(plan["joints"]),), "log: torque_nm")))
+        middle.axhline(most, color="0.4", linestyle="--", linewidth=0.8)
+        middle.text(time_s[0], most, "limit of the strongest joint", va="top", fontsize="small", color="0.4")
     _limb_lines(low, time_s, np.linalg.norm(tracks["forces_n"], axis=2), limbs)
     low.set_ylabel("force on\nfoot [N]")
+    if aims is not None:
+        slid[0].set_ylabel("feet slid\n[mm]")
+        _limb_lines(low, aims["time_s"], np.linalg.norm(aims["forces_n"], axis=2), limbs, PLANNED)
+        _limb_lines(slid[0], aims["time_s"], 1e3 * slips(recorded, aims), limbs)
+        for axis in range(3):
+            planned = 1e3 * (aims["origin_m"][:, axis] - tracks["position_m"][0, axis])
+            bottom.plot(aims["time_s"], planned, color=f"C{axis}", label="planned" if axis == 2 else None, **PLANNED)
+    for each in recorded.of("decision"):
+        if each["what"] in REPLANS and "time_s" in each:
+            for axes in figure.axes:
+                axes.axvline(each["time_s"], color="0.6", linewidth=0.6)
     for axis, name in enumerate("xyz"):
-        bottom.plot(time_s, 1e3 * (tracks["position_m"][:, axis] - tracks["position_m"][0, axis]), label=name)
+        moved = 1e3 * (tracks["position_m"][:, axis] - tracks["position_m"][0, axis])
+        bottom.plot(time_s, moved, color=f"C{axis}", label=name)
     bottom.set_ylabel("body moved\n[mm]")
     bottom.set_xlabel("time [s]")
     for axes in (top, bottom):
@@ -105,7 +127,41 @@ def _limbs(plan: dict[str, Any]) -> dict[str, list[str]]:
     return parts
 
 
-def _limb_lines(axes: Axes, time_s: Array, values: Array, limbs: list[str]) -> None:
-    """One line a limb; values: shape (T, N)."""
+def targets(recorded: Recorded, limbs: int) -> dict[str, Array] | None:
+    """Times, planned body and forces, what feet stood on and should have rolled, as far as the log has them; shape
+    (T,), (T, 3), (T, N, 3), (T, N), (T, N, 3). None of a log that does not say."""
+    found = recorded.of("target")
+    shapes = {"time_s": (), "origin_m": (3,), "forces_n": (limbs, 3), "foothold": (limbs,), "rolled_m": (limbs, 3)}
+    if not found:
+        return None
+    return {
+        name: table([each.get(name) for each in found], (len(found), *shape), f"log: {name}")
+        for name, shape in shapes.items()
+    }
+
+
+def slips(recorded: Recorded, aims: dict[str, Array]) -> Array:
+    """How far every foot has slid from where it touched, 0 in the air, shape (T, N) [m]."""
+    (rows, limbs), states = aims["foothold"].shape, {each["time_s"]: each for each in recorded.of("measurement")}
+    felt, feet = (
+        table([states.get(time, {}).get(name) for time in aims["time_s"]], (rows, limbs, 3), f"log: {name}")
+        for name in ("forces_n", "feet_m")
+    )
+    feet, touches = feet - aims["rolled_m"], np.linalg.norm(felt, axis=2) > TOUCH_N
+    found, place = np.zeros(touches.shape), np.full((limbs, 3), np.nan)
+    before = np.full(limbs, np.nan)
+    for row, holds in enumerate(aims["foothold"]):
+        place[(holds < 0) | (holds != before)] = np.nan
+        lands = (holds >= 0) & touches[row] & np.isnan(place[:, 0])
+        place[lands], before = feet[row, lands], holds
+        found[row] = np.nan_to_num(np.linalg.norm(feet[row] - place, axis=1))
+    return found
+
+
+def _limb_lines(
+    axes: Axes, time_s: Array, values: Array, limbs: list[str], style: dict[str, Any] | None = None
+) -> None:
+    """One line a limb; values: shape (T, N). style: of planned ones, which no legend names."""
     for index, limb in enumerate(limbs):
-        axes.plot(time_s, values[:, index], label=limb, color=leg_colour(index), linewidth=0.9)
+        drawn: dict[str, Any] = {"linewidth": 0.9, "label": limb} if style is None else style
+        axes.plot(time_s, values[:, index], color=leg_colour(index), **drawn)

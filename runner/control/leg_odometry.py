@@ -2,10 +2,13 @@
 
 Feet that stand are taken to stay where they were put down, but for what they roll: of the rigid motions of the body the
 one is taken that brings the feet, as the joints have them, nearest to those places (Kabsch). With fewer than three
-feet on the ground the body is taken to turn no farther. What feet slide is not seen.
+feet on the ground the body is taken to turn no farther. What feet slide is not seen. Feet stand where the plan has it,
+and where they feel forces only those that do.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,10 +16,45 @@ from scipy.spatial.transform import Rotation
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 
-from ..record import Record
+from ..record import TOUCH_N, Record
+from ..worlds.world import State
+from .tracker import Target
 
 LEAST = 3
 """So many feet tell how the body is turned."""
+SMOOTH_S = 0.03
+"""Time constant of the body's velocity."""
+
+
+class LegOdometry:
+    """Of one motion. first: what is sent first; the first body is where it should be. felt: feet feel forces."""
+
+    def __init__(self, kinematics: Kinematics, first: Target, rate_hz: float, *, felt: bool = False) -> None:
+        self._kinematics, self._rate_hz, self._felt = kinematics, rate_hz, felt
+        self.origin_m, self.rotation = first.origin_m, rotation_of(first.sample.rotation_rad)
+        limbs = len(first.sample.foothold)
+        self._before, self._places = np.full(limbs, -1), np.zeros((limbs, 3))
+        self._velocity: Array | None = None
+
+    def seen(self, target: Target, state: State) -> State:
+        """A state with the body's pose, velocity and feet by odometry. target: what this state came of."""
+        feet, stood = self._kinematics.feet(state.angles_rad), np.array(target.sample.foothold)
+        if self._felt:
+            stood = np.where(np.linalg.norm(state.forces_n, axis=1) > TOUCH_N, stood, -1)
+        held, (origin, rotation) = (stood >= 0) & (stood == self._before), (self.origin_m, self.rotation)
+        if held.any():
+            self.origin_m, self.rotation = _body(feet[held], (self._places + target.rolled_m)[held], rotation)
+        now = self.origin_m + feet @ self.rotation.T
+        self._places = np.where(held[:, None], self._places, now - target.rolled_m)
+        self._before = stood
+        turned = Rotation.from_matrix(self.rotation @ rotation.T).as_rotvec()
+        moved = self._rate_hz * np.concatenate([self.origin_m - origin, turned])
+        share = 1.0 - np.exp(-1.0 / (SMOOTH_S * self._rate_hz))
+        before = moved if self._velocity is None else self._velocity
+        self._velocity = before + share * (moved - before)
+        return replace(
+            state, position_m=self.origin_m, rotation=self.rotation, velocity=self._velocity, feet_m=now
+        )  # fmt: skip
 
 
 def leg_odometry(record: Record, kinematics: Kinematics) -> tuple[Array, Array]:
@@ -24,20 +62,9 @@ def leg_odometry(record: Record, kinematics: Kinematics) -> tuple[Array, Array]:
 
     The first body is where it should be. Which feet stand is the plan's to say.
     """
-    first = record.pairs[0][0]
-    origin, rotation = first.origin_m, rotation_of(first.sample.rotation_rad)
-    before = np.full(len(first.sample.foothold), -1)
-    places, origins, rotations = np.zeros((len(before), 3)), list[Array](), list[Array]()
-    for target, state in record.pairs:
-        feet, stood = kinematics.feet(state.angles_rad), np.array(target.sample.foothold)
-        held = (stood >= 0) & (stood == before)
-        if held.any():
-            origin, rotation = _body(feet[held], (places + target.rolled_m)[held], rotation)
-        places = np.where(held[:, None], places, origin + feet @ rotation.T - target.rolled_m)
-        before = stood
-        origins.append(origin)
-        rotations.append(rotation)
-    return np.array(origins), np.array(rotations)
+    odometry = LegOdometry(kinematics, record.pairs[0][0], 1.0)
+    states = [odometry.seen(target, state) for target, state in record.pairs]
+    return np.array([state.position_m for state in states]), np.array([state.rotation for state in states])
 
 
 def odometry_error_m(record: Record, kinematics: Kinematics) -> float:

@@ -11,6 +11,7 @@ body where it is.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,12 @@ class Target:
     torques_nm: Array
     rolled_m: Array
     error_m: Array
+
+    def entry(self) -> dict[str, Any]:
+        """What a log keeps of it beside the command: the planned body and forces, and what every foot stands on."""
+        sample = self.sample
+        return {"origin_m": self.origin_m, "forces_n": sample.forces_n, "foothold": list(sample.foothold),
+                "rolled_m": self.rolled_m}  # fmt: skip
 
 
 class Tracker:
@@ -100,6 +107,11 @@ class Tracker:
     def start(self) -> Target:
         """Where the robot should be before the first period."""
         return self._target(self._motion.at(0.0))
+
+    @property
+    def kinematics(self) -> Kinematics:
+        """Of the robot."""
+        return self._kinematics
 
     @property
     def coming(self) -> MotionSample:

@@ -89,7 +89,7 @@ class Drives:
         """What a log keeps of the loops, so that a replay sends the same."""
         return {
             "stiffness_nm_rad": self.stiffness_nm_rad, "damping_nms_rad": self.damping_nms_rad,
-            "rotor_kg_m2": self.rotor_kg_m2, "yields": self.yields,
+            "rotor_kg_m2": self.rotor_kg_m2, "yields": self.yields, "torque_nm": self.torque_nm,
         }  # fmt: skip
 
     def sendable(self, targets: Array, before: Array, period_s: float) -> Array:

@@ -111,6 +111,24 @@ def test_no_foot_leaves_its_share_of_the_cone_or_pulls_or_carries_in_the_air() -
     assert bound > 20
 
 
+def test_a_foot_that_has_not_landed_is_made_up_for() -> None:
+    now, three = sample(friction=2.0), np.array([True, True, True, False])
+    given = np.where(three[:, None], now.forces_n, 0.0)
+    lost = total(now.forces_n) - total(given)
+    assert lost[2] == pytest.approx(0.25 * WEIGHT)
+    assert np.linalg.norm(lost[3:]) > 10.0
+    forces = controller().forces(np.zeros(6), now, FEET, given, three)
+    np.testing.assert_allclose(total(forces), total(now.forces_n), atol=0.02 * WEIGHT)
+
+
+def test_a_body_beside_its_place_is_not_tipped_by_forces_planned_for_it_there() -> None:
+    now, away = sample(friction=2.0), np.array([0.02, -0.01, 0.0])
+    tips = np.cross(FEET - away, now.forces_n).sum(axis=0) - total(now.forces_n)[3:]
+    np.testing.assert_allclose(tips, -np.cross(away, [0.0, 0.0, WEIGHT]))
+    forces = controller().forces(np.zeros(6), now, FEET - away, now.forces_n, ALL)
+    np.testing.assert_allclose(np.cross(FEET - away, forces).sum(axis=0), total(now.forces_n)[3:], atol=0.03)
+
+
 @pytest.fixture(scope="module")
 def walked() -> Attempted:
     """A small quadruped, two seconds over low waves."""

@@ -11,13 +11,18 @@ import pytest
 pytest.importorskip("pinocchio")
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from stancekit.planners.search.friction_margin import plan_with_reserve
+from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.whole_body_outcome import with_whole_body
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.leg_odometry import leg_odometry, odometry_error_m
 from stancekit.runner.motion.time_parametrization import joint_profile
 from stancekit.runner.motion.timeline import PlanMotion
 from stancekit.runner.record import Record
-from stancekit.runner.run import Runner
+from stancekit.runner.report import RunReport
+from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.world import State
@@ -79,3 +84,32 @@ def test_it_says_what_a_world_measures_where_a_blind_run_goes(step: Callable[[st
     assert np.linalg.norm(measured - wanted, axis=1).max() > 1e-4
     shorter = Record(pairs=[(target, replace(state, angles_rad=target.angles_rad)) for target, state in kept.pairs[:5]])
     assert odometry_error_m(shorter, prepared.kinematics) < 5e-4
+
+
+@pytest.fixture(scope="module")
+def climbed() -> dict[bool, RunReport]:
+    """Two walls, the body's measurement withheld: by joints alone, and with what they and the feet say fed back."""
+    outcome = with_whole_body(plan_with_reserve(TwoStageCoursePlanner(), read_course("walls")))
+    assert outcome.plan is not None
+
+    def run(odometry: bool) -> RunReport:
+        settings = RunSettings(check_limits=False, blind=True, odometry=odometry)
+        return simulate(outcome.plan, settings=settings)
+
+    return {odometry: run(odometry) for odometry in (False, True)}
+
+
+def test_fed_back_it_keeps_the_body_nearer_to_its_plan_than_joints_alone(climbed: dict[bool, RunReport]) -> None:
+    alone, fed = climbed[False].execution, climbed[True].execution
+    assert climbed[False].succeeded
+    assert climbed[True].succeeded
+    assert alone is not None
+    assert fed is not None
+    assert fed.body_rms_m < 0.7 * alone.body_rms_m
+    assert fed.body_worst_m < 0.005 < alone.body_worst_m
+
+
+def test_a_report_says_who_told_where_the_body_is(climbed: dict[bool, RunReport]) -> None:
+    assert climbed[False].body_from == "nothing"
+    assert climbed[True].body_from == "leg odometry" == climbed[True].to_json()["body_from"]
+    assert climbed[True].odometry_m < climbed[False].odometry_m

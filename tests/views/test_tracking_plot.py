@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,30 @@ def test_each_limb_is_one_line_of_the_worst_of_its_joints() -> None:
     for axes, values in ((away, (2.0, 4.0)), (torque, (5.0, 0.5)), (force, (9.0, 5.0))):
         for line, value in zip(axes.lines, values, strict=True):
             np.testing.assert_allclose(line.get_ydata(), value)
+
+
+def test_what_was_planned_slid_and_planned_anew_is_drawn_where_the_log_says_it() -> None:
+    log = recorded(limbs={"A": JOINTS[:3], "B": JOINTS[3:]}, torque_nm=[6.0, 6.0, 6.0, 4.0, 4.0])
+    aim = {"origin_m": [0.1, 0.0, 0.0], "forces_n": [[0.0, 0.0, 8.0], [0.0, 0.0, 5.0]], "foothold": [0, 1]}
+    feet = [[[0.001 * k, 0.0, 0.0], [0.0, 0.002 * k, 0.0]] for k in range(4)]
+    states = [replace(each, content=each.content | {"feet_m": feet[k]})
+              for k, each in enumerate(m for m in log.messages if m.topic == "measurement")]  # fmt: skip
+    rest = [each for each in log.messages if each.topic != "measurement"]
+    said: list[tuple[str, dict[str, Any]]] = [
+        ("target", aim | {"time_s": 0.1 * k, "rolled_m": [[0.0005 * k, 0.0, 0.0], [0.0] * 3]}) for k in range(1, 4)
+    ]
+    said.append(("decision", {"what": "plan anew", "why": "feet slid", "time_s": 0.2}))
+    said.append(("decision", {"what": "armed", "why": "asked", "time_s": 0.3}))
+    more = [Message(time_ns=0, topic=topic, content=content) for topic, content in said]
+    figure = draw_tracking(Recorded(messages=(*rest[:1], *states, *rest[1:], *more), whole=True))
+    away, torque, force, slid, body = figure.axes
+    assert [line.get_xdata() for line in away.lines[2:]] == [[0.2, 0.2]]
+    assert list(torque.lines[2].get_ydata()) == [6.0, 6.0]
+    for line, value in zip(force.lines[2:4], (8.0, 5.0), strict=True):
+        np.testing.assert_allclose(line.get_ydata(), value)
+    for line, rate in zip(slid.lines[:2], (0.5, 2.0), strict=True):  # what a foot rolls is no slip
+        np.testing.assert_allclose(line.get_ydata(), [0.0, rate, 2.0 * rate])
+    np.testing.assert_allclose(body.lines[0].get_ydata(), 100.0)
 
 
 def test_a_limb_without_a_foot_that_was_felt_is_refused() -> None:

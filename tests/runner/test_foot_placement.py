@@ -1,0 +1,109 @@
+"""Where feet are put down, for a small quadruped whose body is not where it should be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("pinocchio")
+
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.robot_model import model_of
+from stancekit.planners.robot.walker import walker_of
+from stancekit.runner.acceptance import walker
+from stancekit.runner.control.body_feedback import BodyPose
+from stancekit.runner.control.foot_placement import WITH_FEET, ContactFeedback, FootPlacement
+from stancekit.runner.motion.motion import MotionSample
+from stancekit.runner.worlds.world import State
+from tests.planners.robot.small_urdfs import quadruped
+
+PERIOD_S, BESIDE = 0.005, np.array([0.02, -0.01, 0.0])
+NONE = np.zeros((4, 3))
+UP = np.array([0.0, 0.0, 0.01])
+
+
+@pytest.fixture(scope="module")
+def kinematics() -> Kinematics:
+    return Kinematics(walker(walker_of(model_of(quadruped(), posture_rad={"*_HAA": 0.0, "*_HFE": 0.7, "*_KFE": -1.3}))))
+
+
+def standing(kinematics: Kinematics) -> tuple[Array, MotionSample]:
+    """Joints, and what should be: the body at the origin, all feet on level ground."""
+    angles = np.concatenate([leg.stance_rad for leg in kinematics.model.legs])
+    up = np.tile([0.0, 0.0, 1.0], (4, 1))
+    forces = 0.25 * kinematics.robot.mass_kg * kinematics.gravity_m_s2 * up
+    return angles, MotionSample(
+        com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=kinematics.feet(angles), forces_n=forces,
+        foothold=(0, 1, 2, 3), normals=up, friction=np.full(4, 0.6),
+    )  # fmt: skip
+
+
+def state(angles: Array, position: Array, velocity: Array | None = None) -> State:
+    return State(
+        time_s=0.0, position_m=position, rotation=np.eye(3), velocity=np.zeros(6) if velocity is None else velocity,
+        angles_rad=angles, rates_rad_s=np.zeros(12), torques_nm=np.zeros(12), feet_m=NONE, forces_n=NONE, bump_n=0.0,
+        sent_rad=angles,
+    )  # fmt: skip
+
+
+def of(kinematics: Kinematics, first: MotionSample, step_s: float = 0.0) -> FootPlacement:
+    weight = kinematics.robot.mass_kg * kinematics.gravity_m_s2
+    return FootPlacement(
+        first, kinematics, ContactFeedback(), weight_n=weight, step_s=step_s, period_s=PERIOD_S
+    )  # fmt: skip
+
+
+PLACE = BodyPose(origin_m=np.zeros(3), rotation=np.eye(3), velocity=np.zeros(6))
+
+
+def test_a_foot_that_does_not_bear_pulls_no_body_and_one_that_bears_does(kinematics: Kinematics) -> None:
+    angles, now = standing(kinematics)
+    up = replace(now, foothold=(-1, 1, 2, 3), feet_m=now.feet_m + UP)
+    feet = of(kinematics, up)
+    seen = state(angles, BESIDE), PLACE
+    for felt in (np.array([2.0, 50.0, 50.0, 50.0]), np.full(4, 50.0)):
+        for _ in range(400):
+            feet.follow(now, now, felt, NONE, seen)
+        under_the_body = now.feet_m + feet.moved_m
+        if felt[0] < 10.0:  # as the joints have it
+            share = 2.0 / (0.1 * kinematics.robot.mass_kg * kinematics.gravity_m_s2)
+            np.testing.assert_allclose(under_the_body[0], now.feet_m[0] + share * BESIDE, atol=1e-5)
+        else:  # the body is beside its place: a foot that holds pushes it back by so much
+            np.testing.assert_allclose(under_the_body[0], now.feet_m[0] + BESIDE, atol=1e-5)
+
+
+def test_feet_in_the_air_step_where_the_body_falls(kinematics: Kinematics) -> None:
+    angles, now = standing(kinematics)
+    air = replace(now, foothold=(-1, 1, 2, -1))
+    feet = of(kinematics, air, step_s=0.15)
+    late = np.array([0.0, 0.1, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(400):
+        feet.follow(air, air, np.zeros(4), NONE, (state(angles, np.zeros(3), late), PLACE))
+    assert feet.moved_m[0, 1] == feet.moved_m[3, 1] == pytest.approx(1.15 * 0.15 * 0.1)
+    np.testing.assert_allclose(feet.moved_m[[0, 3]][:, [0, 2]], 0.0, atol=1e-12)
+
+
+def test_a_foot_that_lands_early_stops_at_once(kinematics: Kinematics) -> None:
+    angles, now = standing(kinematics)
+    heights = np.array([0.005, 0.0, -0.005, -0.01])  # the ground is higher than was planned
+    first = np.eye(4)[:, :1] * [0.0, 0.0, 1.0]
+    path = [replace(now, foothold=(-1, 1, 2, 3), feet_m=now.feet_m + height * first) for height in heights]
+    feet, seen = of(kinematics, path[0]), (state(angles, np.zeros(3)), PLACE)
+    feet.follow(path[0], path[1], np.array([60.0, 50.0, 50.0, 50.0]), NONE, seen)
+    assert feet.touched[0]
+    commanded = [path[1].feet_m[0, 2] + feet.moved_m[0, 2]]
+    for k in (1, 2):
+        feet.follow(path[k], path[k + 1], np.array([60.0, 50.0, 50.0, 50.0]), NONE, seen)
+        commanded.append(path[k + 1].feet_m[0, 2] + feet.moved_m[0, 2])
+    assert np.ptp(commanded) < 0.001 < np.ptp(heights[1:])
+
+
+def test_a_body_is_pulled_half_way_over_feet_that_stepped_aside(kinematics: Kinematics) -> None:
+    angles, now = standing(kinematics)
+    feet = of(kinematics, replace(now, foothold=(-1, -1, -1, -1), feet_m=now.feet_m + UP), step_s=0.15)
+    for _ in range(2):
+        feet.follow(now, now, np.full(4, 50.0), NONE, (state(angles, BESIDE), PLACE))
+    np.testing.assert_allclose(feet.shift_m, WITH_FEET * BESIDE, atol=1e-9)
