@@ -45,7 +45,10 @@ def checked(verb: Callable[P, R]) -> Callable[P, R]:
 
     @functools.wraps(verb)
     def held(*args: P.args, **kwargs: P.kwargs) -> R:
-        hints, given = _hints(verb), signature.bind(*args, **kwargs).arguments
+        try:
+            hints, given = _hints(verb), signature.bind(*args, **kwargs).arguments
+        except TypeError as error:
+            raise TypeError(f"stancekit.{verb.__name__}: {error}; it takes {', '.join(signature.parameters)}") from None
         for name in single:
             if name in given and not _fits(given[name], hints[name]):
                 raise InvalidInput(f"{name}: expected {_expected(hints[name])}, got {_came(given[name])}")

@@ -28,6 +28,7 @@ def plan(
     planner: str | CoursePlanner = "two-stage",
     *,
     frames: int | None = None,
+    robot: str | Path | None = None,
     reserve: bool = True,
     relaxation: Relaxation | None = None,
     envelopes: EnvelopeSet | Modes | None = None,
@@ -47,6 +48,8 @@ def plan(
             "decoupled" (a baseline that fails on ice). Or a planner that was made before, the name of one that a
             package registered under ``stancekit.course_planners``, or "FILE.py:NAME".
         frames: number of key frames M, where not the course's own; of a name or a YAML file only.
+        robot: in place of the course's: a built-in one, or a ``.urdf`` or ``.yaml`` file (extra kin); of a name or a
+            YAML file only.
         reserve: plan with 80 % of the friction where that has a plan, else 90 %, else all of it; two-stage only.
         relaxation, envelopes: first stage of two-stage: the lift, or learned boxes, or modes that it switches between.
         projection: second stage of two-stage and micp: "scp", "fix-p", "fix-toes", "fix-f", "nlp", the name of one that
@@ -62,7 +65,8 @@ def plan(
         infeasible with a certificate, or undecided, also with a plan whose joints cannot do it or whose bodies collide.
         ``bound`` is a proved lower bound on the objective of any plan.
     Raises:
-        InvalidInput: for a course that is none, an unknown planner, or envelopes that are missing or have no use.
+        InvalidInput: for a course or a robot that is none, an unknown planner, or envelopes that are missing or have
+            no use.
     Source:
         Paper E §IV-B, E11, E1-E10 in every stance.
     Example:
@@ -74,7 +78,9 @@ def plan(
     if isinstance(course, PostureProblem):
         course = Course.of_posture(course)
     if not isinstance(course, Course):
-        course = read_course(course, frames)
+        course = read_course(course, frames, None if robot is None else str(robot))
+    elif robot is not None:
+        raise InvalidInput(f"robot: expected none with a course that is laid out, got {robot}")
     elif frames not in (None, course.frames):
         raise InvalidInput(f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}")
     limits = WholeBodyLimits(torque_nm=torque_nm, share=torque_share, clearance_m=clearance_m)

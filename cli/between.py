@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -31,7 +32,7 @@ class Between:
     goal: Annotated[OptionalText, tyro.conf.arg(metavar="X,Y")] = None
     """Of a terrain's file: where its centre of mass is to end [m]."""
     friction: OptionalFloat = None
-    """Friction coefficient of a terrain's file; 0.8 unless given."""
+    """Friction coefficient of a terrain's file; 0.8 unless given. A course has its own, in its file."""
     file: Annotated[TerrainFile, tyro.conf.OmitArgPrefixes] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
     footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(default_factory=FootholdOptions)
@@ -60,7 +61,8 @@ class Between:
         for of, plain in ((self, Between()), (self.file, TerrainFile()), (self.footholds, FootholdOptions())):
             for key, value in vars(plain).items():
                 if not hasattr(value, "__dataclass_fields__") and getattr(of, key) != value:
-                    raise InvalidInput(f"--{key.replace('_', '-')}: expected a terrain's file with it, got {name}")
+                    said = f"--{key.replace('_', '-')}: expected a terrain's file with it, got {name}"
+                    raise InvalidInput(said + (_where_friction_is(name) if key == "friction" else ""))
 
     def _laid_out(self, name: str, frames: int | None, robot: str | None, sets: Sets, reach: OptionalPath) -> Course:
         from stancekit.planners.problem.course_between import course_between
@@ -106,3 +108,13 @@ class Between:
             friction=0.8 if self.friction is None else self.friction,
             **{**keys, "kind": keys["kind"] or "file"},
         )  # fmt: skip
+
+
+def _where_friction_is(name: str) -> str:
+    """Of a course that comes with the package: which file to copy."""
+    from stancekit.planners.problem.course_file import builtin_courses
+
+    if name not in builtin_courses():
+        return "; a course has its friction in its file" if name.endswith((".yaml", ".yml")) else ""
+    path = resources.files("stancekit.configs.courses") / f"{name}.yaml"
+    return f"; its own friction is in its file: copy {path}, change it, and plan the copy"

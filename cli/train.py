@@ -11,7 +11,7 @@ from rich.table import Table
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import emit, out, progress
+from .console import emit, out, stages
 from .names import ROBOT, TERRAIN
 from .options import OptionalInt, OptionalPath, OptionalText
 
@@ -28,12 +28,15 @@ class Train:
 
     The folder gets policy.safetensors (loaded without pickle), checkpoint.safetensors, curve.jsonl (held-out figures
     after every segment) and the labelled scenes. A run that is stopped, however hard, goes on with --resume and ends
-    with the policy that it would have ended with. See configs/train-selection.yaml and
-    configs/train-paired.yaml for the keys.
+    with the policy that it would have ended with.
+
+      stancekit train configs/train-selection.yaml --out out/ppo
+      stancekit train configs/train-selection.yaml --out out/ppo --resume --steps 200000
     """
 
     config: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
-    """YAML file; its keys are those of `TrainConfig` in learners/training/train_config.py."""
+    """YAML file: environment, problem, steps, seed, train and held_out scenes, ppo; configs/train-selection.yaml is
+    one, and "Training" in the reference of keys has all."""
     problem: Annotated[OptionalText, tyro.conf.arg(metavar="NAME")] = None
     """Distribution, instead of the file's."""
     robot: Annotated[OptionalText, ROBOT] = None
@@ -64,7 +67,7 @@ class Train:
             "terrain": None if self.terrain is None else str(self.terrain),
         }  # fmt: skip
         config = TrainConfig.from_yaml(self.config, {name: value for name, value in given.items() if value is not None})
-        with progress(f"train {config.problem}") as bar:
+        with stages(f"train {config.problem}") as bar:
             trained = train(config, self.out, resume=self.resume, progress=bar)
         if self.json:
             for point in trained.curve:

@@ -32,6 +32,8 @@ from stancekit.planners.search.proposals import Proposer
 
 BLOCK = 512
 """Samples that are decided together, at most."""
+BARREN = 10_000
+"""After so many draws without a single row of a label that is wanted, a shard gives up."""
 
 log = logging.getLogger(__name__)
 
@@ -64,10 +66,12 @@ def label_shard(
     labeller = _Labeller(plan, shard, proposers)
     limit, rng = draws_per_row * labeller.wanted, _stream(plan, shard)
     while labeller.missing:
-        if len(labeller.drawn) >= limit:
-            lacks = f"lacks {labeller.missing} rows after {limit} draws"
+        most = min(limit, BARREN) if labeller.barren else limit
+        if len(labeller.drawn) >= most:
+            came = ", ".join(f"{count} {kind}" for kind, count in sorted(Counter(labeller.drawn).items()))
+            lacks = f"lacks {labeller.missing} rows after {most} draws: {came}"
             raise LabellingFailed(f"{plan.distribution}: shard {shard} {lacks}")
-        labeller.take(source.batch(rng, min(labeller.expected, BLOCK, limit - len(labeller.drawn))))
+        labeller.take(source.batch(rng, min(labeller.expected, BLOCK, most - len(labeller.drawn))))
     undecided = [sample for sample, kind in enumerate(labeller.drawn) if kind == "undecided"]
     if undecided:
         drawn = len(labeller.drawn)
@@ -110,6 +114,12 @@ class _Labeller:
         if self._plan.natural:
             return f"{self.wanted - len(self.kept)}" if len(self.kept) < self.wanted else ""
         return " and ".join(f"{count} {kind}" for kind, count in self._room.items() if count > 0)
+
+    @property
+    def barren(self) -> bool:
+        """Whether rows of some kind are wanted and none has come yet."""
+        came = {row.kind for row in self.kept}
+        return not self._plan.natural and any(count > 0 and kind not in came for kind, count in self._room.items())
 
     @property
     def expected(self) -> int:

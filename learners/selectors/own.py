@@ -6,8 +6,11 @@ import inspect
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from stancekit.envs.memoryless import Observation
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.validation import shown
 from stancekit.planners.plugins import Registry, made_or_class
 
 from .selector import Learned
@@ -59,7 +62,18 @@ class OwnSelector:
         found = self._found.predict(observation, **asked)
         if not isinstance(found, tuple) or len(found) != 2:
             raise InvalidInput(f"selector {self._name}: expected (action, state), got a {type(found).__name__}")
+        self._check(observation, found[0])
         return found
+
+    def _check(self, observation: Observation, action: Any) -> None:
+        """Raise InvalidInput for what is no box. How much a library or a point adds, the environment knows."""
+        bounds = np.asarray(action)
+        if bounds.dtype.kind == "f" and not np.all(np.isfinite(bounds)):
+            raise InvalidInput(f"selector {self._name}: action: expected finite numbers, got {shown(action)}")
+        expected = 12 * np.shape(observation["friction"])[-1]
+        if self.relaxation == "p1" and self.boxes == 1 and np.shape(action)[-1:] != (expected,):
+            wanted = f"shape ({expected},), all lower bounds, then all upper"
+            raise InvalidInput(f"selector {self._name}: action: expected {wanted}, got shape {np.shape(action)}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return OwnSelector, (self._name,)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ from stancekit.envs.selection import EnvelopeSelectionEnv
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 
-from ..data.labelling import label
+from ..data.labelling import Progress, label
 from ..selectors.neural import NeuralSelector
 from ..selectors.policy import TrainedPolicy, bounds_of
 from ..selectors.selector import Selector
@@ -64,14 +65,22 @@ class TrainingScenes:
         return {} if self.rows is None else self.rows.origin
 
     @classmethod
-    def label(cls, config: TrainConfig, folder: Path, *, workers: int = 1) -> TrainingScenes:
-        """Make both data sets in a folder, or use those that are there."""
+    def label(
+        cls,
+        config: TrainConfig,
+        folder: Path,
+        *,
+        workers: int = 1,
+        progress: Callable[[str, int, int], None] | None = None,
+    ) -> TrainingScenes:
+        """Make both data sets in a folder, or use those that are there. progress: told the stage, rows done and all."""
         sets = []
         for name, quota in (("train", config.train), ("held-out", config.held_out)):
             plan = LabelPlan(
                 distribution=config.problem, robot=config.robot, terrain=config.terrain, shard_size=125, **asdict(quota)
             )  # fmt: skip
-            label(plan, folder / name, workers=workers)
+            told = None if progress is None else partial(_tell, progress, f"label {name}", plan.rows)
+            label(plan, folder / name, workers=workers, progress=told)
             sets.append(Dataset.open(folder / name))
         scenes = [scenes_of(dataset) for dataset in sets]
         if config.shape.selects:
@@ -83,6 +92,10 @@ class TrainingScenes:
                 asked = quota.feasible + quota.infeasible
                 raise InvalidInput(f"{name}: expected scenes that need cuts, found none among {asked}: ask for more")
         return cls(train=cut[0], held_out=cut[1], base=np.zeros(0), rows=sets[0])
+
+
+def _tell(progress: Callable[[str, int, int], None], stage: str, rows: int, state: Progress) -> None:
+    progress(f"{stage}: {rows} rows", state.rows, rows)
 
 
 def evaluator(config: TrainConfig, scenes: Sequence[Scene]) -> Callable[[Selector], tuple[float, Figures]]:

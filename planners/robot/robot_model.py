@@ -185,7 +185,7 @@ def model_of(
     except InvalidInput as error:
         raise InvalidInput(f"{where}: {error}") from None
     doubts = [*found.doubts, *_torque_doubts(legs, body)]
-    doubts += [(f"mesh {each}", "no such file, not drawn") for each in missing]
+    doubts += [(f"mesh {each}", _not_there(each)) for each in missing]
     return RobotModel(
         name=called, urdf=text, legs=legs, body=body, shapes=shapes, mounts=_mounts(model, legs, rest),
         disabled_pairs=frozenset() if semantics is None else disabled_pairs(semantics),
@@ -265,6 +265,12 @@ def _mounts(model: Any, legs: Sequence[Leg], rest: Array) -> dict[str, Mount]:
             leg=leg, joint=joint, rotation=np.array(place.rotation), origin_m=np.array(place.translation)
         )
     return found
+
+
+def _not_there(mesh: str) -> str:
+    """What is said of a mesh that is not there."""
+    hint = "; a YAML file's packages: say where package:// leads" if mesh.startswith("package:") else ""
+    return f"no such file, not drawn{hint}"
 
 
 def _joined(doubts: Sequence[tuple[str, str]]) -> list[str]:

@@ -72,7 +72,7 @@ def mesh_file(name: str, folder: Path, packages: Sequence[Path] = ()) -> Path | 
     """The file of a mesh, or None where there is none.
 
     ``package://NAME/rest`` is looked for in ``packages``, in the URDF's folder and those above it, and where ROS has
-    its packages; other names from the URDF's folder.
+    its packages, and then from a folder above the URDF that ``rest`` names; other names from the URDF's folder.
     """
     try:
         return next((path for path in _places(name, folder, packages) if path.is_file()), None)
@@ -95,6 +95,10 @@ def _places(name: str, folder: Path, packages: Sequence[Path]) -> Iterator[Path]
         if place.name == package:
             yield place / inside
         yield place / package / inside
+    folders = Path(inside).parts[:-1]  # the URDF's folder was copied out of its package: from a folder it still has
+    for place in (here, *here.parents):
+        if place.name in folders and ".." not in folders:
+            yield place.joinpath(*Path(inside).parts[folders.index(place.name) + 1 :])
 
 
 def _ros_places() -> Iterator[Path]:

@@ -167,13 +167,19 @@ def _of_course(course: Course, numbers: Numbers, leaves: Leaves) -> Explanation:
     if not found or math.isinf(found[0].needed):
         reason = f"the balances at {where} cannot be held; no single limit, however large, lifts this proof"
     else:
-        first = found[0]
-        by = abs(first.needed - first.now)
-        change = f" by at least {by:.3g}" if by >= 1e-3 else ""
-        reason = f"with all else as it is, {first.parameter} would have to change from {first.now:.3g}{change}"
-        reason = f"{reason} {first.unit}".rstrip()
+        first, *others = (r for r in found if math.isfinite(r.needed))
+        reason = f"with all else as it is, {first.parameter} would have to change {_change(first)}"
+        slippery = [r for r in others if r.parameter.startswith("friction")]
+        if slippery and not first.parameter.startswith("friction"):
+            reason += f", or {slippery[0].parameter} {_change(slippery[0])}"
     many = f" (refuted for each of {groups} groups of choices)" if groups > 1 else ""
     return Explanation(relaxations=tuple(found), message=f"infeasible: {reason}{many}")
+
+
+def _change(one: Relaxation) -> str:
+    """From which value, and by how much at least."""
+    unit, by = f" {one.unit}".rstrip(), abs(one.needed - one.now)
+    return f"from {one.now:.3g}{unit} by {by:.3g}{unit} or more" if by >= 1e-3 else f"from {one.now:.3g}{unit}"
 
 
 def _limits(course: Course, numbers: Numbers, leaf: Leaves, value: float) -> tuple[list[Relaxation], str]:
@@ -186,7 +192,7 @@ def _limits(course: Course, numbers: Numbers, leaf: Leaves, value: float) -> tup
     found = _lengths(course, numbers, leaf, m, value)
     if pushes[hardest] > 1e-6:
         under = np.isin(numbers.candidate, who.holds[stance.frame, list(stance.limbs)])
-        now = float(numbers.friction[0, under & (leaf.pieces[0] >= 0)].min())
+        now = float(numbers.friction[0, under & (leaf.pieces[0] >= 0)].max())  # ice is there, too: the best grip
         by = _grip(numbers, leaf, under)
         found.append(Relaxation(parameter=f"friction at {where}", leg="", now=now, needed=now + by, unit=""))
         if math.isinf(by):

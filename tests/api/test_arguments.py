@@ -72,6 +72,29 @@ def test_what_came_is_said(verb: str, arguments: list[Any], options: dict[str, A
     assert str(caught.value) == line
 
 
+@pytest.mark.parametrize(
+    ("verb", "arguments", "options", "begins", "ends"),
+    [
+        ("walk", ["ripple"], {}, "stancekit.walk: missing a required argument: 'goal_xy_m'; it takes ", ", total_s"),
+        ("solve", [], {"p": 1}, "stancekit.solve: missing a required argument: 'problem'; it takes problem, ", ""),
+        ("plan", ["walls"], {"friction": 1}, "stancekit.plan: got an unexpected keyword argument 'friction'; it t", ""),
+    ],
+)
+def test_what_a_verb_takes_is_said(verb: str, arguments: list[Any], options: dict[str, Any], begins: str, ends: str):
+    with pytest.raises(TypeError) as caught:
+        getattr(stancekit, verb)(*arguments, **options)
+    assert str(caught.value).startswith(begins)
+    assert ends in str(caught.value)
+
+
+def test_a_plan_is_for_another_robot_where_one_is_named(tmp_path):
+    with pytest.raises(stancekit.InvalidInput, match=r"none.urdf: expected a file, found nothing there$"):
+        stancekit.plan("walls", robot=tmp_path / "none.urdf")
+    with pytest.raises(stancekit.InvalidInput, match=r"^robot: expected none with a course that is laid out, got hexa"):
+        stancekit.plan(stancekit.sample("ground-3", rng=3)[0], robot="hexapod")
+    assert stancekit.plan("stairs", frames=2, robot="hexapod").plan is not None
+
+
 def test_numbers_of_numpy_are_numbers():
     problem = stancekit.sample("wall-3", np.int64(1), rng=np.random.default_rng(0))[0]
     assert stancekit.solve(problem, time_limit_s=np.float32(5.0)).posture is not None

@@ -390,7 +390,7 @@ def scattered(level, rng):
     ("arguments", "words"),
     [
         (("evaluate", "data", "--selector", "own.py:Bare"), "selector {own}:Bare: expected (action, state), got a nda"),
-        (("evaluate", "data", "--selector", "own.py:Short"), "action: expected shape (36,), got (3,)"),
+        (("evaluate", "data", "--selector", "own.py:Short"), "selector {own}:Short: action: expected shape (36,), al"),
         (("evaluate", "data", "--selector", "own.py:Wants"), "selector own.py:Wants: expected something with predict("),
         (("sample", "own.py:Wants"), "distribution own.py:Wants: expected something with sample(rng), or a class of "),
         (("solve", "p.json", "--method", "own.py:plans"), "method own.py:plans: expected something to call with Plann"),

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from importlib import resources
 from itertools import islice
+from pathlib import Path
 
 import pytest
 import tyro
@@ -211,11 +212,32 @@ def test_a_proof_is_written_where_there_is_no_plan_and_verify_accepts_it(plan, c
     verify = tyro.cli(Verify, args=["proof.json"])
     assert run(verify) == 0
     assert capsys.readouterr().out.startswith("proof.json: ice: infeasible: ")
+    assert "friction at frame 1 on LM, RF, RR would have to change from 0.3 by " in err
     assert plan("walls", "--frames", 2, "--proof", "none.json")[0] == 0
     assert not (tmp_path / "none.json").exists()
 
 
-@pytest.mark.parametrize("option", [("--spacing-m", "0.1"), ("--noise-m", "0.01"), ("--friction", "0.5")])
+def test_what_friction_would_do_is_said_where_another_limit_is_the_cheapest_and_half_of_it_is_ice(plan, tmp_path):
+    walls = resources.files("stancekit.configs.courses") / "icy-walls.yaml"
+    slippery = {**yaml.safe_load(walls.read_text()), "name": "ice"}
+    slippery["terrain"]["friction"] = 0.15
+    (tmp_path / "ice.yaml").write_text(yaml.safe_dump(slippery))
+    code, _, err = plan("ice.yaml")
+    assert code == 1
+    assert "reach of all limbs would have to change from 0.35 m by " in err
+    assert ", or friction at frame " in err
+    assert " from 0.15 by " in err
+
+
+def test_friction_of_a_built_in_course_is_refused_with_where_it_is(refusal):
+    said = refusal("icy-walls", "--friction", "0.3")
+    first, _, path = said.partition("; its own friction is in its file: copy ")
+    assert first == "--friction: expected a terrain's file with it, got icy-walls"
+    text = Path(path.strip().removesuffix(", change it, and plan the copy")).read_text()
+    assert yaml.safe_load(text)["terrain"]["friction"] == 1.0
+
+
+@pytest.mark.parametrize("option", [("--spacing-m", "0.1"), ("--noise-m", "0.01")])
 def test_options_of_a_terrains_file_are_refused_with_any_other_course(option, refusal):
     assert refusal("walls", *option) == f"{option[0]}: expected a terrain's file with it, got walls"
 

@@ -44,6 +44,13 @@ def test_a_run_prints_its_curve_and_goes_on(tmp_path, capsys):
     assert "holds a run already" in capsys.readouterr().err
 
 
+def test_a_run_says_what_it_is_at(tmp_path, capsys):
+    (tmp_path / "train.yaml").write_text(SMALL)
+    assert run(Train(config=tmp_path / "train.yaml", out=tmp_path / "run")) == 0
+    said = capsys.readouterr().err.splitlines()
+    assert said == ["label train: 6 rows", "label held-out: 4 rows", "learn: 16 steps"]
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -339,11 +339,25 @@ def test_a_distribution_without_a_label_does_not_spin_forever(tmp_path: Path) ->
     plan = replace(PLAN, distribution="slippery", feasible=2, infeasible=0)
     with pytest.raises(LabellingFailed) as error:
         label(plan, tmp_path, source=slippery, draws_per_row=3)
-    assert str(error.value) == "slippery: shard 0 lacks 2 feasible rows after 6 draws"
+    assert str(error.value) == "slippery: shard 0 lacks 2 feasible rows after 6 draws: 6 trivial"
+
+
+def test_a_shard_whose_label_never_comes_gives_up_early_and_one_whose_label_came_goes_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("stancekit.learners.data.shards.BARREN", 20)
+    slippery = PostureDistribution(name="slippery", terrain="wall", legs=("RF", "RR", "LM"), friction=(0.0, 0.01))
+    with pytest.raises(LabellingFailed) as error:
+        label(replace(PLAN, distribution="slippery", feasible=2, infeasible=0), tmp_path / "none", source=slippery)
+    assert str(error.value) == "slippery: shard 0 lacks 2 feasible rows after 20 draws: 20 trivial"
+    monkeypatch.setattr("stancekit.learners.data.shards.BARREN", 5)
+    summary = label(replace(PLAN, feasible=12, infeasible=0, shard_size=12), tmp_path / "some")
+    assert summary.rows.feasible == 12
+    assert summary.drawn.total > 5
 
 
 def test_a_failure_in_a_worker_process_arrives(tmp_path: Path) -> None:
-    with pytest.raises(LabellingFailed, match=r"^wall-3: shard \d lacks .* rows after 5 draws$"):
+    with pytest.raises(LabellingFailed, match=r"^wall-3: shard \d lacks .* rows after 5 draws: .*trivial$"):
         label(replace(PLAN, feasible=0, infeasible=10, shard_size=5), tmp_path, workers=2, draws_per_row=1)
 
 

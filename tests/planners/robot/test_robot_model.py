@@ -184,7 +184,20 @@ def test_meshes_are_found_by_package_and_missing_ones_are_marked(tmp_path: Path)
     trunk = next(shape for shape in model.shapes if shape.link == "base")
     assert trunk.mesh == (tmp_path / "share" / "my_robot" / "trunk.stl").resolve()
     assert trunk.size_m.tolist() == [0.1, 0.1, 0.1]
-    assert texts(model, "doubt") == ["mesh package://gone/foot.dae: no such file, not drawn"]
+    where = "a YAML file's packages: say where package:// leads"
+    assert texts(model, "doubt") == [f"mesh package://gone/foot.dae: no such file, not drawn; {where}"]
+
+
+def test_meshes_are_found_in_a_folder_that_was_copied_out_of_its_package(tmp_path: Path) -> None:
+    folder = tmp_path / "my_robot" / "urdf"
+    folder.mkdir(parents=True)
+    (tmp_path / "my_robot" / "trunk.stl").write_bytes(b"solid")
+    mesh = '<mesh filename="package://all-robots/robots/my_robot/trunk.stl" scale=".1 .1 .1"/>'
+    (folder / "robot.urdf").write_text(quadruped().replace('<box size="0.6 0.25 0.1"/>', mesh))
+    model = named_robot(folder / "robot.urdf")
+    trunk = next(shape for shape in model.shapes if shape.link == "base")
+    assert trunk.mesh == (tmp_path / "my_robot" / "trunk.stl").resolve()
+    assert texts(model, "doubt") == []
 
 
 def test_names_with_quotes_stay_as_they_are() -> None:
