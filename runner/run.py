@@ -202,15 +202,13 @@ class Runner:
         target, state = record.pairs[-1]
         away = np.abs(state.angles_rad - target.angles_rad)
         worst = int(np.argmax(away))
-        if away[worst] <= self.settings.tolerance.joint_rad:
+        if away[worst] <= (limit := self.settings.tolerance.joint_rad):
             return ""
-        limit = self.settings.tolerance.joint_rad
         return f"joint {self.world.joints[worst]}: ended {away[worst]:.3f} rad from the plan, limit {limit:g} rad"
 
     def decide(self, what: str, why: str) -> None:
         """Log a decision."""
-        when = {} if self.state is None else {"time_s": self.state.time_s}
-        self.log.write("decision", {"what": what, "why": why, **when})
+        self.log.write("decision", {"what": what, "why": why, "time_s": self.state.time_s if self.state else 0.0})
 
     def _finish(self, message: str) -> Ended:
         """Leave the robot as it should be left, and only then say so: a log may be what failed."""
