@@ -30,7 +30,7 @@ class BenchEnvelopes:
     is stopped goes on where it was, and what follows from the same settings is used again.
     """
 
-    config: Path | None = None
+    config: OptionalPath = None
     """Experiment file (YAML); configs/bench-envelopes.yaml where there is none."""
     quick: bool = False
     """Use the file's section quick: small data, short training."""
@@ -40,13 +40,13 @@ class BenchEnvelopes:
     """Robot whose legs stand, instead of the file's: a .urdf file, or a .yaml file that names one."""
     terrain: Annotated[OptionalPath, TERRAIN] = None
     """Mesh or grid that scenes are cut from, instead of the file's."""
-    out: Path | None = None
+    out: OptionalPath = None
     """Folder for everything that is made; out/bench, or out/bench-quick, where there is none."""
     workers: int = max(os.cpu_count() or 1, 1)
     """Processes for labelling and rollouts."""
     executor: Literal["processes", "ray"] = "processes"
     """Where labelling and rollouts run: on this machine, or on a Ray cluster."""
-    address: str | None = None
+    address: OptionalText = None
     """Ray cluster: host:port of its head, auto, or local."""
     json: bool = False
     """One JSON object a row."""

@@ -13,7 +13,7 @@ from stancekit.planners.errors import InvalidInput
 
 from .bench_against import judge
 from .console import emit, make_folder, out, stages
-from .options import OptionalPath
+from .options import OptionalFloat, OptionalInt, OptionalPath
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -43,15 +43,15 @@ class BenchGait:
     """Some of ripple, cone, hill, pit, pit-84, pit-87, with commas; the paper's four where there is none."""
     chart: Annotated[str, tyro.conf.arg(metavar="METHODS")] = ""
     """Some methods, with commas, e.g. ambient,warped,decoupled,portfolio,ambient-lbfgs; all where there is none."""
-    tasks: int | None = None
+    tasks: OptionalInt = None
     """Every so-manieth task of a terrain: 1 is all of them, 4 every fourth."""
-    seeds: int | None = None
+    seeds: OptionalInt = None
     """Perturbed guesses a task, besides the guess itself; 3 where there is none."""
-    cap: float | None = None
+    cap: OptionalFloat = None
     """CPU time at which a solve is cut off and counts as a failure [s]."""
     workers: int = 1
     """Processes."""
-    out: Path | None = None
+    out: OptionalPath = None
     """Folder for the cells and the tables; out/bench-gait, or out/bench-gait-quick, where there is none."""
     against: Annotated[OptionalPath, tyro.conf.arg(metavar="FOLDER")] = None
     """Walks of other programs, NAME.yaml with NAME.csv or NAME.npz (docs/formats.md): measure nothing, judge these by

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from rich.console import Console
 
 from .console import emit, make_folder, out, stages
+from .options import OptionalFloat, OptionalPath
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -31,9 +32,9 @@ class BenchPlanner:
     """Few key frames and a short time limit."""
     solver: Literal["highs", "scip", "gurobi"] = "highs"
     """Of the mixed-integer programs."""
-    cap: float | None = None
+    cap: OptionalFloat = None
     """Time limit of a mixed-integer program [s]; 120, or 20 with --quick, where there is none."""
-    out: Path | None = None
+    out: OptionalPath = None
     """Folder for the cells and the table; out/bench-planner, or out/bench-planner-quick, where there is none."""
     json: bool = False
     """One JSON object a cell."""

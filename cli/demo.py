@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from .bench_envelopes import comparison_figure, report
 from .console import err, make_folder, out, stages
+from .options import OptionalPath
 
 if TYPE_CHECKING:
     from stancekit.learners.evaluation.bench import ClassResult
@@ -57,7 +58,7 @@ class Demo:
 
     out: Path = Path("out/demo")
     """Folder for everything that is made."""
-    config: Path | None = None
+    config: OptionalPath = None
     """Experiment file (YAML); the demo's own where there is none."""
     workers: int = max(os.cpu_count() or 1, 1)
     """Processes for labelling and rollouts."""

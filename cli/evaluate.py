@@ -45,15 +45,15 @@ class Evaluate:
     """Envelope files to compare."""
     selector: Annotated[tuple[str, ...], named("stancekit.learners.selectors.own:SELECTORS", "FILE|FILE.py:NAME")] = ()
     """Files of any selectors to compare: envelopes, neural selectors, choosers, policies; or selectors of your own."""
-    lift: bool = True
-    """The lift, which needs no envelope, is compared, too; --no-lift leaves it out."""
+    lift: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
+    """Leave out the lift, which needs no envelope and is compared with the others unless told so."""
     project: Annotated[tuple[str, ...], PROJECTION] = ("fix-p", "lift-fix-p", "fix-toes", "scp")
     """Projections; nlp takes some 30 ms a problem."""
     workers: int = 1
     """Processes. Times of P1 are honest with as many as there are idle cores."""
     executor: Literal["processes", "ray"] = "processes"
     """Where to work: on this machine, or on a Ray cluster."""
-    address: str | None = None
+    address: OptionalText = None
     """Ray cluster: host:port of its head, auto, or local."""
     json: bool = False
     """One JSON object a row."""

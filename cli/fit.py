@@ -57,11 +57,11 @@ class Fit:
     """Limit of the printed boundary program, a cluster [s]."""
     seed: int = 0
     """Seed of mixture and descent."""
-    config: Path | None = None
+    config: OptionalPath = None
     """YAML file with the settings of ga, neural, chooser and rl, each under its name (ga: genetic)."""
-    calibration: Path | None = None
+    calibration: OptionalPath = None
     """Data set folder to calibrate a neural selector on; without it a part of the data set is kept for that."""
-    checkpoint: Path | None = None
+    checkpoint: OptionalPath = None
     """File (rl: folder) by which ga, neural and rl go on where they were stopped."""
     json: bool = False
     """Print the result as one JSON object."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
 import tyro
 
@@ -12,8 +12,8 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 
 from . import gait_options
 from .console import as_options, emit, err, out
-from .options import check_drawn
-from .terrain_options import TerrainFile
+from .options import OptionalFloat, OptionalInt, check_drawn
+from .terrain_options import OF_FILE, TerrainFile
 from .watch import interruptible, watching
 
 if TYPE_CHECKING:
@@ -31,16 +31,21 @@ class Gait:
     """Plan a walk over a terrain and verify it between the knots; write it only if the verifier accepts.
 
     TERRAIN is a reference terrain (ripple, cone, hill, pit, pit-84, pit-87), a random one as rough:0.5:7
-    (FAMILY:DIFFICULTY:SEED), a function of x and y as FILE.py:NAME, or a file of heights. A place is written x,y in
-    metres; before a negative one the sign = is the safe way to write it, as in --start=-2.6,0.
+    (FAMILY:DIFFICULTY:SEED), a function of x and y as FILE.py:NAME, or a file of heights or of a mesh. A place is
+    written x,y in metres; before a negative one the sign = is the safe way to write it, as in --start=-2.6,0.
+
+      stancekit gait cone --start=-2,0 --goal 2,0 --out gait.json --picture gait.png
+      stancekit gait heights.npy --spacing-m 0.05 --holes fill --goal 1,0 --robot go1.urdf --out go1.json
+      stancekit verify go1.json
 
     A run that is interrupted keeps what it has beside --out; the same command goes on from there.
 
-    Exit code 0 if the verifier accepts the walk, 1 if none was found that it accepts.
+    Exit code 0 if the verifier accepts the walk, 1 if none was found that it accepts, 2 for bad
+    input.
     """
 
     terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
-    """Name, FAMILY:DIFFICULTY:SEED, FILE.py:NAME, or file of heights."""
+    """Name, FAMILY:DIFFICULTY:SEED, FILE.py:NAME, or file of heights or of a mesh."""
     goal: Annotated[str, tyro.conf.arg(metavar="X,Y")]
     """Where the torso has to end."""
     start: Annotated[str, tyro.conf.arg(metavar="X,Y")] = "0,0"
@@ -55,7 +60,10 @@ class Gait:
     tries one after another until the verifier accepts."""
     timings: Literal["fixed", "optimised"] = "fixed"
     """Whether the phases keep the gait's timing, or are optimised with the rest."""
-    gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] | None = None
+    gait: Annotated[
+        Optional[Literal["trot", "walk", "pace", "bound", "gallop", "tripod"]],  # noqa: UP045
+        tyro.conf.arg(metavar="{trot,walk,pace,bound,gallop,tripod}"),
+    ] = None
     """Order of steps; trot on four feet, tripod on six."""
     dynamics: Literal["centred", "printed", "newton-euler"] = "centred"
     """How forces balance: the centred discrete model, the paper's, or Newton-Euler's equations."""
@@ -67,14 +75,14 @@ class Gait:
     """Friction coefficient of the terrain."""
     adhesive: Annotated[str, tyro.conf.arg(metavar="FEET")] = ""
     """Feet that stick, e.g. LF,RF: they may pull."""
-    suction_n: float | None = None
+    suction_n: OptionalFloat = None
     """What a foot that sticks may pull with; its friction cone begins at that pull. Twice the weight where there is
     none [N]."""
     seeds: int = 1
     """How many initial guesses of each chart to try; the smoothest accepted walk is kept."""
     seed: int = 0
     """Seed of the perturbed guesses; the first guess is never perturbed."""
-    max_iterations: int | None = None
+    max_iterations: OptionalInt = None
     """Limit of a solve; 80 in a portfolio and 200 in one chart where there is none."""
     total_s: float = 240.0
     """CPU time of all solves; the best walk until then is the answer [s]."""
@@ -82,7 +90,7 @@ class Gait:
     """The first feasible point as it is: no second phase that smooths it, no rows added where the verifier refuses."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE.json")] = None
     """Where to write the trajectory."""
-    file: Annotated[TerrainFile, tyro.conf.OmitArgPrefixes] = field(default_factory=TerrainFile)
+    file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
     unverified: bool = False
     """Write the best trajectory even if the verifier refuses it, marked so."""

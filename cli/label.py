@@ -49,7 +49,7 @@ class LabelPostures:
     """Processes."""
     executor: Literal["processes", "ray"] = "processes"
     """Where to work: on this machine, or on a Ray cluster, which brings its own number of workers."""
-    address: str | None = None
+    address: OptionalText = None
     """Ray cluster: host:port of its head, auto, or local."""
     json: bool = False
     """Print the summary as one JSON object."""

@@ -34,7 +34,7 @@ class TrainProposers:
     """Mesh or grid that the scenes of terrain-k are cut from."""
     seed: int = 0
     """Seed of draws and weights."""
-    config: Path | None = None
+    config: OptionalPath = None
     """YAML file with other settings: the keys of `ProposerSettings` in learners/proposers/training.py."""
     json: bool = False
     """Print the result as one JSON object."""

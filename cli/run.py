@@ -15,7 +15,7 @@ from rich.table import Table
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out, progress
-from .options import check_drawn
+from .options import OptionalFloat, check_drawn
 from .policy import read_policy
 from .run_film import film
 from .run_table import loop_table, run_table, unused
@@ -87,7 +87,7 @@ class Run:
     """The robot hangs in a stand, off the ground: its feet carry nothing, and torques are checked for that."""
     pace: float = 1.0
     """How fast at most; slower where the joints' limits ask for it."""
-    rate_hz: float | None = None
+    rate_hz: OptionalFloat = None
     """Commands a second, where not the world's own: 200 in simulations, 50 on robots."""
     speed_rad_s: float = 0.4
     """Of the soft start, and of the way home."""

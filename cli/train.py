@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +14,7 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import emit, out, stages
 from .names import ROBOT, TERRAIN
-from .options import OptionalPath, OptionalText
+from .options import OptionalInt, OptionalPath, OptionalText
 
 if TYPE_CHECKING:
     from stancekit.learners.training.held_out import Trained
@@ -45,9 +46,9 @@ class Train:
     """Mesh or grid that scenes are cut from, instead of the file's."""
     out: Path = Path("out/train")
     """Folder of the run."""
-    steps: int | None = None
+    steps: OptionalInt = None
     """Steps in all, instead of the file's."""
-    seed: int | None = None
+    seed: OptionalInt = None
     """Seed, instead of the file's."""
     resume: bool = False
     """Go on from the folder's checkpoint."""
@@ -68,7 +69,8 @@ class Train:
         }  # fmt: skip
         config = TrainConfig.from_yaml(self.config, {name: value for name, value in given.items() if value is not None})
         with stages(f"train {config.problem}") as bar:
-            trained = train(config, self.out, resume=self.resume, progress=bar)
+            learned = partial(bar, f"learn: {config.steps} steps")
+            trained = train(config, self.out, resume=self.resume, progress=learned, labelling=bar)
         if self.json:
             for point in trained.curve:
                 emit(asdict(point))
