@@ -13,7 +13,7 @@ from stancekit.planners.errors import InvalidInput
 
 from .gait_options import place
 from .options import OptionalFloat, OptionalPath, OptionalText
-from .terrain_options import FootholdOptions, TerrainFile, in_options
+from .terrain_options import OF_FILE, FootholdOptions, TerrainFile, in_options
 
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
@@ -33,7 +33,7 @@ class Between:
     """Of a terrain's file: where its centre of mass is to end [m]."""
     friction: OptionalFloat = None
     """Friction coefficient of a terrain's file; 0.8 unless given. A course has its own, in its file."""
-    file: Annotated[TerrainFile, tyro.conf.OmitArgPrefixes] = field(default_factory=TerrainFile)
+    file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
     footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(default_factory=FootholdOptions)
     """What counts as a foothold."""

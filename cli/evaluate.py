@@ -45,8 +45,8 @@ class Evaluate:
     """Envelope files to compare."""
     selector: Annotated[tuple[str, ...], named("stancekit.learners.selectors.own:SELECTORS", "FILE|FILE.py:NAME")] = ()
     """Files of any selectors to compare: envelopes, neural selectors, choosers, policies; or selectors of your own."""
-    lift: bool = True
-    """The lift, which needs no envelope, is compared, too; --no-lift leaves it out."""
+    lift: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
+    """Leave out the lift, which needs no envelope and is compared with the others unless told so."""
     project: Annotated[tuple[str, ...], PROJECTION] = ("fix-p", "lift-fix-p", "fix-toes", "scp")
     """Projections; nlp takes some 30 ms a problem."""
     workers: int = 1

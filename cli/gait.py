@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Optional
 
 import tyro
 
@@ -12,7 +12,7 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from . import gait_options
 from .console import as_options, emit, err, out
 from .options import OptionalFloat, OptionalInt, OptionalPath, check_drawn
-from .terrain_options import TerrainFile
+from .terrain_options import OF_FILE, TerrainFile
 from .watch import interruptible, watching
 
 if TYPE_CHECKING:
@@ -30,16 +30,21 @@ class Gait:
     """Plan a walk over a terrain and verify it between the knots; write it only if the verifier accepts.
 
     TERRAIN is a reference terrain (ripple, cone, hill, pit, pit-84, pit-87), a random one as rough:0.5:7
-    (FAMILY:DIFFICULTY:SEED), a function of x and y as FILE.py:NAME, or a file of heights. A place is written x,y in
-    metres; before a negative one the sign = is the safe way to write it, as in --start=-2.6,0.
+    (FAMILY:DIFFICULTY:SEED), a function of x and y as FILE.py:NAME, or a file of heights or of a mesh. A place is
+    written x,y in metres; before a negative one the sign = is the safe way to write it, as in --start=-2.6,0.
+
+      stancekit gait cone --start=-2,0 --goal 2,0 --out gait.json --picture gait.png
+      stancekit gait heights.npy --spacing-m 0.05 --holes fill --goal 1,0 --robot go1.urdf --out go1.json
+      stancekit verify go1.json
 
     A run that is interrupted keeps what it has beside --out; the same command goes on from there.
 
-    Exit code 0 if the verifier accepts the walk, 1 if none was found that it accepts.
+    Exit code 0 if the verifier accepts the walk, 1 if none was found that it accepts, 2 for bad
+    input.
     """
 
     terrain: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="TERRAIN")]
-    """Name, FAMILY:DIFFICULTY:SEED, FILE.py:NAME, or file of heights."""
+    """Name, FAMILY:DIFFICULTY:SEED, FILE.py:NAME, or file of heights or of a mesh."""
     goal: Annotated[str, tyro.conf.arg(metavar="X,Y")]
     """Where the torso has to end."""
     start: Annotated[str, tyro.conf.arg(metavar="X,Y")] = "0,0"
@@ -54,7 +59,10 @@ class Gait:
     tries one after another until the verifier accepts."""
     timings: Literal["fixed", "optimised"] = "fixed"
     """Whether the phases keep the gait's timing, or are optimised with the rest."""
-    gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] | None = None
+    gait: Annotated[
+        Optional[Literal["trot", "walk", "pace", "bound", "gallop", "tripod"]],  # noqa: UP045
+        tyro.conf.arg(metavar="{trot,walk,pace,bound,gallop,tripod}"),
+    ] = None
     """Order of steps; trot on four feet, tripod on six."""
     dynamics: Literal["centred", "printed", "newton-euler"] = "centred"
     """How forces balance: the centred discrete model, the paper's, or Newton-Euler's equations."""
@@ -81,7 +89,7 @@ class Gait:
     """The first feasible point as it is: no second phase that smooths it, no rows added where the verifier refuses."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.json")] = None
     """Where to write the trajectory."""
-    file: Annotated[TerrainFile, tyro.conf.OmitArgPrefixes] = field(default_factory=TerrainFile)
+    file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
     unverified: bool = False
     """Write the best trajectory even if the verifier refuses it, marked so."""

@@ -10,7 +10,6 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stderr
 from importlib import import_module
-from itertools import dropwhile, takewhile
 from typing import Any, Protocol
 
 import tyro
@@ -18,6 +17,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput, StancekitError
 
 from .console import complain, results_alone
+from .slips import slip
 
 DESCRIPTION = """Legged robots learn and plan on hard terrain.
 
@@ -129,7 +129,7 @@ def parse(arguments: Sequence[str]) -> Verb:
             )
     except SystemExit as end:
         if end.code:
-            complain(f"stancekit: error: {_said_in(box.getvalue())}; see stancekit {arguments[0]} --help")
+            complain(f"stancekit: error: {slip(box.getvalue())}; see stancekit {arguments[0]} --help")
         raise
 
 
@@ -161,17 +161,6 @@ def _option(argument: str) -> str:
 def _verb(name: str) -> type[Verb]:
     verb: type[Verb] = getattr(import_module(f".{name}", __package__), VERBS[name])
     return verb
-
-
-def _said_in(box: str) -> str:
-    """What a box with a title says up to the first line that is ruled in it, on one line."""
-    rows = (row.strip().strip("│").strip() for row in box.splitlines()[1:])
-    said = takewhile(lambda row: not _is_rule(row), dropwhile(_is_rule, rows))
-    return " ".join(said).rstrip(". ")
-
-
-def _is_rule(row: str) -> bool:
-    return row != "" and not row.strip("─-╰╯")
 
 
 def run(verb: Verb) -> int:

@@ -8,14 +8,16 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Optional, TypeAlias
+from typing import Annotated, Any, Optional, TypeAlias
+
+import tyro
 
 from stancekit.planners.errors import InvalidInput
 
-OptionalPath: TypeAlias = Optional[Path]  # noqa: UP045
-OptionalInt: TypeAlias = Optional[int]  # noqa: UP045
-OptionalFloat: TypeAlias = Optional[float]  # noqa: UP045
-OptionalText: TypeAlias = Optional[str]  # noqa: UP045
+OptionalPath: TypeAlias = Annotated[Optional[Path], tyro.conf.arg(metavar="PATH")]  # noqa: UP045
+OptionalInt: TypeAlias = Annotated[Optional[int], tyro.conf.arg(metavar="INT")]  # noqa: UP045
+OptionalFloat: TypeAlias = Annotated[Optional[float], tyro.conf.arg(metavar="FLOAT")]  # noqa: UP045
+OptionalText: TypeAlias = Annotated[Optional[str], tyro.conf.arg(metavar="TEXT")]  # noqa: UP045
 LONGEST_S = 1e6
 MOST_INTERVALS = 64
 """A finer grid takes minutes to write down and more memory than most machines have."""

@@ -65,7 +65,7 @@ class PlanCourse:
     """two-stage: convex relaxation and projection. exact: branch and bound to the best plan, for short courses. micp:
     piecewise McCormick grid. nlp: IPOPT. decoupled: positions first, forces after, a baseline that fails on ice. One of
     your own counts as far as the verifier accepts its plans and certificates."""
-    relaxation: Literal["lift", "envelope", None] = None
+    relaxation: Annotated[Literal["lift", "envelope", None], tyro.conf.arg(metavar="{lift,envelope}")] = None
     """First stage of two-stage: lift needs nothing learned, envelope is the paper's and needs --envelope; the one that
     fits unless named."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="FILE|NAME")] = None
@@ -82,16 +82,16 @@ class PlanCourse:
     """Solver of micp."""
     intervals: int = 4
     """Pieces of each axis in micp's grid, a power of two."""
-    reserve: bool = True
-    """Plan with 80 % of the friction where that has a plan, else with 90 %, else with all of it: what is executed then
-    has something in hand. --no-reserve: with all of it at once. Two-stage only; there is a bound only of plans with all
-    of it."""
+    reserve: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
+    """Plan with all of the friction at once. Without --no-reserve, with 80 % of it where that has a plan, else with
+    90 %, else with all of it: what is executed then has something in hand. Two-stage only; there is a bound only of
+    plans with all of it."""
     torque_nm: Annotated[OptionalFloat, tyro.conf.arg(metavar="NM")] = None
     """Plan so that no joint takes more torque, whatever it has [Nm] (extra kin). The plan says so, and verify
     holds it to that. Without it, a plan for a robot's file keeps to the file's limits."""
     torque_share: float = 0.9
     """Where a plan asks for more torque than there is, it is bent until this share of it is enough."""
-    between: Annotated[Between, tyro.conf.OmitArgPrefixes] = field(default_factory=Between)
+    between: Annotated[Between, tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="")] = field(default_factory=Between)
     """From where to where over a terrain's file."""
     clearance_m: float = 0.005
     """Where links go through each other or the terrain, at key frames or between them, a plan is bent until they are so

@@ -23,6 +23,8 @@ class Robot:
     ROBOT is hexapod, a .urdf file, or a .yaml file that names one and corrects it: the same wherever a robot is asked
     for. Legs and feet are found by their shape and names; a .yaml file may say them (docs/formats.md).
 
+      stancekit robot go1.urdf --picture go1.png
+
     reach: how far from its hip a foot gets. cover: share of what a foot reaches, usefully below its hip, that plans may
     use, a convex polytope; unreachable: share of that polytope that the leg does not reach. Proofs use an outer set
     that nothing reachable is outside of.

@@ -27,8 +27,12 @@ class Simulate:
 
     The robot presses with the forces of the plan and follows it by joint positions. It succeeds if it does not fall,
     its centre of mass ends within 3 cm of the plan's and every joint within 0.1 rad, and no foot slides by more than
-    2 cm. Nothing is slowed down: `stancekit run` does that, or says what no pace helps with. `stancekit plan walls
-    --out plan.json` makes a plan. Needs the extras kin and bullet or mujoco.
+    2 cm. Nothing is slowed down: `stancekit run` does that, or says what no pace helps with. A film takes
+    longer than the execution. Needs the extras kin and bullet or mujoco.
+
+      stancekit plan walls --out plan.json
+      stancekit simulate plan.json --picture end.png --video film.mp4
+      stancekit simulate plan.json --world bullet
 
     Exit code 0 where the execution succeeded, 1 where it failed or the plan is not verified, 2 for bad input.
     """

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from .console import emit, out
 from .options import OptionalPath, OptionalText, check_drawn
-from .terrain_options import FootholdOptions, TerrainFile, in_options
+from .terrain_options import OF_FILE, FootholdOptions, TerrainFile, in_options
 
 if TYPE_CHECKING:
     from stancekit.planners.terrain.footholds import Footholds
@@ -35,7 +35,7 @@ class ShowTerrain:
     """File, name, FAMILY:DIFFICULTY:SEED, or FILE.py:NAME."""
     robot: Annotated[OptionalText, tyro.conf.arg(metavar="NAME|FILE")] = None
     """Whose foot is the margin and the least width: a built-in name, a .urdf file, or a .yaml file that names one."""
-    file: Annotated[TerrainFile, tyro.conf.OmitArgPrefixes] = field(default_factory=TerrainFile)
+    file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
     footholds: Annotated[FootholdOptions, tyro.conf.OmitArgPrefixes] = field(default_factory=FootholdOptions)
     """What counts as a foothold."""

@@ -22,12 +22,18 @@ if TYPE_CHECKING:
 
 OF_FILES = ("kind", "spacing_m", "unit_m", "up", "offset_m", "crop_m", "holes", "most_triangles", "smooth_m")
 
+OF_FILE = (tyro.conf.OmitArgPrefixes, tyro.conf.arg(name="terrain's file"))
+"""How the options of a ``TerrainFile`` are shown."""
+
 
 @dataclass
 class TerrainFile:
     """What the numbers of a terrain's file mean."""
 
-    kind: Optional[Literal["mesh", "grid", "cloud"]] = None  # noqa: UP045
+    kind: Annotated[
+        Optional[Literal["mesh", "grid", "cloud"]],  # noqa: UP045
+        tyro.conf.arg(metavar="{mesh,grid,cloud}"),
+    ] = None
     """What the file holds, where its name does not say: a .npy or .csv of three columns may be a cloud or a grid."""
     spacing_m: float = 0.05
     """Grid spacing of a file, of the map that a cloud becomes, and at which a mesh is sampled for walks [m]."""
@@ -81,9 +87,9 @@ class FootholdOptions:
     headroom_m: float = 0.1
     """What is free above a foothold, along its normal [m]."""
     margin_m: OptionalFloat = None
-    """Of footholds from the borders of their surface [m]; the radius of the robot's foot."""
+    """Of footholds from the borders of their surface [m]; unless given, the radius of the robot's foot, else 0.02."""
     width_m: OptionalFloat = None
-    """Least width of a foothold inside the margin [m]; the radius of the robot's foot."""
+    """Least width of a foothold inside the margin [m]; unless given, as the margin."""
     roughness_m: float = 0.01
     """How far heights of a map may be off a foothold's plane, rms [m]."""
     noise_m: float = 0.0

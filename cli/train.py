@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -68,7 +69,8 @@ class Train:
         }  # fmt: skip
         config = TrainConfig.from_yaml(self.config, {name: value for name, value in given.items() if value is not None})
         with stages(f"train {config.problem}") as bar:
-            trained = train(config, self.out, resume=self.resume, progress=bar)
+            learned = partial(bar, f"learn: {config.steps} steps")
+            trained = train(config, self.out, resume=self.resume, progress=learned, labelling=bar)
         if self.json:
             for point in trained.curve:
                 emit(asdict(point))

@@ -12,7 +12,7 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out
 from .options import OptionalPath
-from .terrain_options import TerrainFile, numbers
+from .terrain_options import OF_FILE, TerrainFile, numbers
 
 if TYPE_CHECKING:
     from stancekit.planners.warp.report import MapReport
@@ -44,7 +44,7 @@ class Warp:
     Anderson acceleration, with no snap."""
     iterations: int = 100
     """Most iterations of the method."""
-    file: Annotated[TerrainFile, tyro.conf.OmitArgPrefixes] = field(default_factory=TerrainFile)
+    file: Annotated[TerrainFile, *OF_FILE] = field(default_factory=TerrainFile)
     """What the numbers of a terrain's file mean."""
     out: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """File for the map, .npz."""

@@ -38,7 +38,7 @@ class Registry(Generic[T]):
 
     kind: what messages call one, e.g. "world". group: of the entry points of other packages, e.g. "stancekit.worlds".
     table: those of this package, name → the thing, or "module:attribute". expected, accepts: what a thing must be, in
-    words and as a test of what was found; what fails it is refused.
+    words and as a test of what was found; what fails it is refused. further: what else names one, in words.
 
     >>> worlds = Registry("world", "stancekit.worlds", {"mujoco": "stancekit.runner.worlds.mujoco:MujocoWorld"})
     >>> worlds.names()
@@ -55,9 +55,11 @@ class Registry(Generic[T]):
         *,
         expected: str = "something to call",
         accepts: Callable[[Any], bool] = callable,
+        further: tuple[str, ...] = (),
     ) -> None:
         self.kind, self.group, self.expected = kind, group, expected
         self._accepts = accepts
+        self._further = further
         self._things: dict[str, str | T] = dict(table)
         self._right: dict[str, T] = {}
 
@@ -99,9 +101,12 @@ class Registry(Generic[T]):
             if point.name == name:
                 where = f"{self.kind} {name} of {point.value}"
                 return _attribute(_imported(point.module, where), point.attr, where)
-        raise InvalidInput(
-            f"{self.kind}: expected one of {', '.join(self.names())}, or FILE.py:NAME, got {shown(name)}"
-        )
+        raise self.unknown(name)
+
+    def unknown(self, name: Any) -> InvalidInput:
+        """What to raise for a name that nobody has."""
+        known = ", ".join([*self.names(), *self._further])
+        return InvalidInput(f"{self.kind}: expected one of {known}, or FILE.py:NAME, got {shown(name)}")
 
     def _points(self) -> Iterable[EntryPoint]:
         return entry_points(group=self.group)

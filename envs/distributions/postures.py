@@ -141,6 +141,7 @@ REGISTRY: Registry[Any] = Registry(
     {name: f"{__name__}:{name.upper().replace('-', '_')}" for name in DISTRIBUTIONS},
     expected="something with sample(rng), or a class of it that is made without arguments",
     accepts=lambda it: made_or_class(it, "sample"),
+    further=("another ground-k, wall-k or terrain-k", "a YAML file"),
 )  # fmt: skip
 """All distributions."""
 
@@ -202,8 +203,7 @@ def distribution(name: str, *, robot: str | Path | None = None, terrain: str | P
     terrain without footholds.
     """
     if not isinstance(name, str):
-        known = ", ".join(REGISTRY.names())
-        raise InvalidInput(f"distribution: expected one of {known}, or FILE.py:NAME, got {name!r}")
+        raise REGISTRY.unknown(name)
     own = None if robot is None or str(robot) in BUILT_IN else str(robot)
     if name in DISTRIBUTIONS and own is None and terrain is None:
         return DISTRIBUTIONS[name]

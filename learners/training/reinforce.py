@@ -11,7 +11,6 @@ import importlib.util
 import logging
 from collections.abc import Callable
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -42,13 +41,14 @@ def train(
     *,
     resume: bool = False,
     scenes: TrainingScenes | None = None,
-    progress: Callable[[str, int, int], None] | None = None,
+    progress: Progress | None = None,
+    labelling: Callable[[str, int, int], None] | None = None,
 ) -> Trained:
     """Train, and write ``policy.safetensors``, ``checkpoint.safetensors`` and ``curve.jsonl`` into the folder.
 
     resume: go on from the folder's checkpoint; its configuration must be the same but for ``steps``. scenes: None
-    labels them in the folder. progress: told the stage, what of it is done and all of it. Uses one torch
-    thread. Raises InvalidInput.
+    labels them in the folder. progress: told steps done and in all; labelling: which data set, its rows
+    done and in all. Uses one torch thread. Raises InvalidInput.
     """
     torch.set_num_threads(1)
     checkpoint = folder / NAME
@@ -57,13 +57,12 @@ def train(
     if resume and not checkpoint.exists():
         raise InvalidInput(f"{folder}: expected checkpoint.safetensors to resume from, found none")
     folder.mkdir(parents=True, exist_ok=True)
-    scenes = scenes or TrainingScenes.label(config, folder, progress=progress)
-    learns = None if progress is None else partial(progress, f"learn: {config.steps} steps")
+    scenes = scenes or TrainingScenes.label(config, folder, progress=labelling)
     if config.method == "paired":
-        return PairedRun(config, folder, scenes).go(checkpoint if resume else None, learns)
+        return PairedRun(config, folder, scenes).go(checkpoint if resume else None, progress)
     env = _training_env(config, scenes)
     try:
-        return _Run(config, folder, scenes, env).go(checkpoint if resume else None, learns)
+        return _Run(config, folder, scenes, env).go(checkpoint if resume else None, progress)
     finally:
         env.close()
 

@@ -91,9 +91,15 @@ def _reader(kind: Any) -> TypeAdapter[Any]:
 def validation_errors(error: ValidationError) -> Iterator[str]:
     """One "key: what was expected, got what" for everything wrong in a file, up to ``MOST_ERRORS``.
 
-    Where a dataclass refused its values (InvalidInput), what it said, with its place before it.
+    Where a dataclass refused its values (InvalidInput), what it said, with its place before it. Of a file of another
+    format, that alone.
     """
-    for item in error.errors(include_url=False)[:MOST_ERRORS]:
+    found = error.errors(include_url=False)
+    other = [item for item in found if item["loc"] == ("format",) and str(item["input"]).startswith("stancekit/")]
+    if other:  # another kind of file: its keys are right, there
+        yield f"format: {other[0]['msg'].replace('Input should be', 'expected')}, got {shown(other[0]['input'])}"
+        return
+    for item in found[:MOST_ERRORS]:
         key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in item["loc"]).lstrip(".")
         cause = item.get("ctx", {}).get("error")
         if isinstance(cause, InvalidInput):
@@ -102,6 +108,8 @@ def validation_errors(error: ValidationError) -> Iterator[str]:
             yield f"{key}: expected this key, got nothing"
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             yield f"{key}: unknown key"
+        elif item["type"] == "tuple_type":
+            yield f"{key}: expected a valid list, got {shown(item['input'])}"
         else:
             wanted = item["msg"].replace("Input should be", "expected").partition(" or instance of ")[0]
             yield f"{key}: {wanted}, got {shown(item['input'])}"

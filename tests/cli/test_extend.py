@@ -330,7 +330,8 @@ def test_an_installed_package_is_found_by_its_entry_points(mine, stancekit, labe
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("sample", "moon"), "distribution: expected one of ground-3, wall-3, wall-5, or FILE.py:NAME, got 'moon'"),
+        (("sample", "moon"), "distribution: expected one of ground-3, wall-3, wall-5, "
+         "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'moon'"),
         (("sample", "mine.py:Nobody"), "mine.py: expected 'Nobody' in it, found no such name; it defines Slippery, "),
         (("sample", "mine.py:around"), "distribution mine.py:around: expected something with sample(rng), or a class "),
         (("solve", "p.json", "--method", "luck"), "--method: expected one of exact, p1, lift, two-stage, nlp, micp, "),

@@ -105,15 +105,22 @@ def test_the_version_is_one_line(option, stancekit):
     [
         (("dance",), f"VERB: expected one of {', '.join(verbs())}, got 'dance'"),
         (("--json",), f"VERB: expected one of {', '.join(verbs())}, got '--json'"),
-        (("sample", "wall-3", "--speed", "3"), "Unrecognized options: --speed, 3; see stancekit sample --help"),
+        (("sample", "wall-3", "--speed", "3"), "--speed: no such option; perhaps --seed; see stancekit sample --help"),
         (
             ("plan", "walls", "--frames", "3", "--frames=4"),
             "--frames: expected once, got it 2 times; see stancekit plan --help",
         ),
-        (("sample", "wall-3", "wall-5"), "Unrecognized options: wall-5; see stancekit sample --help"),
+        (("sample", "wall-3", "wall-5"), "wall-5: expected no further argument here; see stancekit sample --help"),
         (
             ("sample", "wall-3", "--seed", "x"),
-            "Error parsing --seed: invalid literal for int() with base 10: 'x'; see stancekit sample --help",
+            "--seed: expected an integer, got 'x'; see stancekit sample --help",
+        ),
+        (("plan", "walls", "--frames", "x"), "--frames: expected an integer, got 'x'; see stancekit plan --help"),
+        (("plan", "walls", "--torque-nm", "x"), "--torque-nm: expected a number, got 'x'; see stancekit plan --help"),
+        (("plan", "walls", "--frames"), "--frames: expected a value after it, got none; see stancekit plan --help"),
+        (
+            ("gait", "ripple", "--goal", "1,0", "--gait", "trott"),
+            "--gait: expected one of bound, gallop, pace, tripod, trot, walk, got 'trott'; see stancekit gait --help",
         ),
         (
             ("sample",),

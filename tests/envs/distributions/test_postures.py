@@ -171,4 +171,7 @@ def test_a_name_that_is_none_is_answered_with_those_there_are():
     assert distribution("wall-5") is DISTRIBUTIONS["wall-5"]
     with pytest.raises(InvalidInput) as error:
         distribution("ice-3")
-    assert str(error.value) == "distribution: expected one of ground-3, wall-3, wall-5, or FILE.py:NAME, got 'ice-3'"
+    assert str(error.value) == (
+        "distribution: expected one of ground-3, wall-3, wall-5, "
+        "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'ice-3'"
+    )

@@ -316,7 +316,10 @@ def test_bad_arguments_are_refused(tmp_path: Path) -> None:
     assert str(error.value) == "workers: expected 1 or more, got 0"
     with pytest.raises(InvalidInput) as error:
         label(replace(PLAN, distribution="moon"), tmp_path)
-    assert str(error.value) == "distribution: expected one of ground-3, wall-3, wall-5, or FILE.py:NAME, got 'moon'"
+    assert str(error.value) == (
+        "distribution: expected one of ground-3, wall-3, wall-5, "
+        "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'moon'"
+    )
     with pytest.raises(InvalidInput) as error:
         label(PLAN, tmp_path, source=distribution("wall-5"))
     assert str(error.value) == "distribution: expected the planned 'wall-3', got 'wall-5'"

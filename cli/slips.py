@@ -1,0 +1,57 @@
+"""What the parser of options refuses, as one line: what was expected, what came, where."""
+
+from __future__ import annotations
+
+import re
+from itertools import dropwhile, takewhile
+
+KINDS = {"int": "an integer", "float": "a number"}
+
+
+def slip(box: str) -> str:
+    """What a box with a title says up to the first line that is ruled in it, and which option it takes to be meant."""
+    rows = [row.strip().strip("│").strip() for row in box.splitlines()[1:]]
+    body = list(dropwhile(_is_rule, rows))
+    said = " ".join(takewhile(lambda row: not _is_rule(row), body)).rstrip(". ")
+    return _choice(said) or _number(said) or _unknown(said, body) or _without(said) or said
+
+
+def _is_rule(row: str) -> bool:
+    return row != "" and not row.strip("─-╰╯")
+
+
+def _choice(said: str) -> str:
+    found = re.fullmatch(r"invalid choice (.+) for argument '(\S+)'\. Expected one of \((.+)\)", said)
+    if found is None:
+        return ""
+    names = sorted(set(re.findall(r"'([^']*)'", found[3])) - {"None"})  # a set's order differs from run to run
+    return f"{found[2]}: expected one of {', '.join(names)}, got {found[1]}"
+
+
+def _number(said: str) -> str:
+    found = re.match(r"Error parsing (\S+): ", said)
+    kind = re.search(r"invalid literal for (int)\(\)|could not convert string to (float)", said)
+    came = re.search(r"\['(.*?)'\]|: ('.*')$", said)
+    if found is None or kind is None or came is None:
+        return ""
+    return f"{found[1]}: expected {KINDS[kind[1] or kind[2]]}, got {came[2] or repr(came[1])}"
+
+
+def _unknown(said: str, body: list[str]) -> str:
+    name, colon, rest = said.partition("Unrecognized options: ")
+    if name or not colon:
+        return ""
+    meant = dropwhile(lambda row: row != "Perhaps you meant:", body)
+    hints = [row.split()[0] for row in meant if re.match("--[a-z]", row)]
+    return f"{rest.split(', ')[0]}: {_hinted(rest, list(dict.fromkeys(hints)))}"
+
+
+def _hinted(rest: str, hints: list[str]) -> str:
+    if not rest.startswith("-"):
+        return "expected no further argument here"
+    return f"no such option{'; perhaps ' + ' or '.join(hints) if hints else ''}"
+
+
+def _without(said: str) -> str:
+    found = re.fullmatch(r"Missing value for argument '(\S+)'\. Expected 1 values", said)
+    return "" if found is None else f"{found[1]}: expected a value after it, got none"
