@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +14,7 @@ from ..selectors.neural_training import NeuralSettings
 from ..selectors.policy import TrainedPolicy, bounds_of
 from ..settings import typed
 from .envelope_methods import fit
-from .fit_settings import FitRequest, Progress
+from .fit_settings import FitRequest
 from .held_out import TrainingScenes
 from .reinforce import train
 
@@ -57,9 +56,4 @@ def reinforcement(request: FitRequest) -> TrainedPolicy | NeuralSelector:
         where = request.checkpoint or Path(spare)
         where.mkdir(parents=True, exist_ok=True)
         resume = (where / "checkpoint.safetensors").exists()
-        return train(config, where, resume=resume, scenes=scenes, progress=_of_any_stage(request.progress)).policy
-
-
-def _of_any_stage(progress: Progress | None) -> Callable[[str, int, int], None] | None:
-    """Told what of a stage is done, whichever it is."""
-    return None if progress is None else lambda _, done, whole: progress(done, whole)
+        return train(config, where, resume=resume, scenes=scenes, progress=request.progress).policy

@@ -65,7 +65,7 @@ def test_opposite_actions_of_one_scene_give_the_rewards_gradient(scenes, tmp_pat
 def test_a_run_goes_on_bit_for_bit_and_says_what_it_learned_from(scenes, tmp_path):
     whole = train(config(), tmp_path / "whole", scenes=scenes)
 
-    def stop(_stage: str, done: int, _: int) -> None:
+    def stop(done: int, _: int) -> None:
         if done == 16:
             raise KeyboardInterrupt
 
