@@ -18,7 +18,7 @@ import numpy as np
 from _bench import Options, launch
 
 from stancekit.envs.distributions.postures import distribution
-from stancekit.planners.equilibrium.rows import solver_settings
+from stancekit.planners.equilibrium.clarabel_settings import solver_settings
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.relaxation.envelope import Envelope

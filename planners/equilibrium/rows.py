@@ -22,6 +22,7 @@ import clarabel
 import numpy as np
 
 from ..files.arrays import Array
+from .clarabel_settings import solver_settings
 from .columns import Columns, pattern_of
 from .gather import D, Fill, Gather, Numbers, Values
 from .layout import Index
@@ -282,22 +283,6 @@ class Rows(Generic[D]):
             return self._squared
         added = np.bincount(self._square_places, np.concatenate(values))
         return replace(self._squared, data=added.astype(np.float64, copy=False))
-
-
-def solver_settings(*, equilibrate: bool, careful: bool = False) -> clarabel.DefaultSettings:
-    """Clarabel's settings for small programs on one thread; no clock ends a solve, iterations do.
-
-    careful: slower, for the rare problem that the fast settings end on without an answer.
-    """
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    settings.presolve_enable = False
-    settings.chordal_decomposition_enable = False
-    settings.iterative_refinement_enable = careful
-    settings.equilibrate_enable = equilibrate
-    settings.equilibrate_max_iter = 10 if careful else 2
-    return settings
 
 
 def _scaled(factor: float, weight: Fill[D]) -> Fill[D]:

@@ -14,7 +14,8 @@ from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.relaxation.lift import solve_lift
 from stancekit.planners.search.answer import plan_of
-from stancekit.planners.search.cuts import CutSearch, alone, cut, halving_chord, spreads
+from stancekit.planners.search.chords import cut, halving_chord
+from stancekit.planners.search.cuts import CutSearch, alone, spreads
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_certificate, check_plan
