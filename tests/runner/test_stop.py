@@ -217,9 +217,9 @@ def test_a_log_that_is_full_at_any_message_carries_out_the_ending(
             ran(world, accepted, ending, log=FullDisk(room))
         assert (world.armed, world.closed) == (False, 1)
         # a measurement, the decision to arm; then the torque is on; the decisions to go, then commands, each with
-        # its measurement
+        # its target and its measurement
         assert world.torque_on == (torque and room > 1)
-        assert len(world.commands) == max(0, (room - 4) // 2 + 1)
+        assert len(world.commands) == max(0, (room - 4) // 3 + 1)
 
 
 def test_an_output_that_is_gone_carries_out_the_ending(accepted: Accepted) -> None:
