@@ -5,6 +5,7 @@ tyro knows ``Optional``; for ``X | None`` it imports typeguard, which takes .1 s
 
 from __future__ import annotations
 
+import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
@@ -54,3 +55,12 @@ def check_drawn(picture: Path | None = None, video: Path | None = None, html: Pa
         from stancekit.views.page import check_page
 
         check_page(html)
+
+
+def check_log(log: Path, others: Mapping[str, Path | str | None]) -> None:
+    """Raise InvalidInput for a log that is none by its name, or that would be written over another file of the verb."""
+    if log.suffix != ".mcap":
+        raise InvalidInput(f"--log: expected a name that ends in .mcap, got {log}")
+    for name, other in others.items():
+        if other is not None and os.path.realpath(other) == os.path.realpath(log):
+            raise InvalidInput(f"--log: expected a file of its own, got that of {name}: {log}")

@@ -14,10 +14,9 @@ from rich.table import Table
 from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, emit, out, progress
-from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText
+from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn, check_log
 from .policy import read_policy
 from .run_film import film
-from .run_options import check_run
 from .run_table import loop_table, run_table, unused
 from .stops import stop_sources
 
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
     from stancekit.runner.run import Runner
     from stancekit.runner.safety.heartbeat import HeartbeatMonitor
     from stancekit.runner.settings import RunSettings
-    from stancekit.runner.worlds import World
+    from stancekit.runner.worlds import World, WorldClass
 
 Done = tuple[bool, dict[str, Any], Table]
 """Whether it succeeded, the report, and the report for people."""
@@ -117,7 +116,7 @@ class Run:
 
         with as_options("world"):
             kind = WORLDS.get(self.world)
-        check_run(self, kind)
+        self._check(kind)
         request = self._request()
         with ExitStack() as stack:
             made_for = request.plan.course if isinstance(request, Accepted) else request
@@ -234,6 +233,48 @@ class Run:
         from stancekit.planners.search.friction_margin import slippery
 
         return slippery(course, self.friction_share).terrain
+
+    def _check(self, kind: WorldClass) -> None:
+        """Raise InvalidInput for an option out of range, or with another world, and a file that cannot be written."""
+        from stancekit.planners.files.arrays import checked, checked_int
+        from stancekit.planners.files.writing import check_writable
+
+        checked(self.pace, "--pace", least=0.05, most=4.0)
+        checked(self.friction_share, "--friction-share", above=0.0, most=1.0)
+        if self.rate_hz is not None:
+            checked(self.rate_hz, "--rate-hz", least=1.0, most=1000.0)
+        if self.horizon is not None:
+            checked_int(self.horizon, "--horizon", least=0)
+        if self.replan_m is not None and not self.replan_m > 0.0:
+            raise InvalidInput(f"--replan-m: expected a number above 0, or inf, got {self.replan_m:g}")
+        simulated, replayed, led = kind.kind == "simulation", kind.kind == "recording", self.policy is not None
+        drawn = f"expected a plan or a gait in a simulated world with it, got {'--policy' if led else self.world}"
+        without = "expected --policy with it, got none"
+        for wrong, message in (
+            (self.friction_share != 1.0 and not simulated,
+             f"--friction-share: expected a simulated world with it, got {self.world}"),
+            (self.blind and (led or not simulated), f"--blind: {drawn}"),
+            (self.actuators is not None and replayed,
+             f"--actuators: expected none with world {self.world}: the log has its own"),
+            (self.horizon is not None and not led, f"--horizon: {without}"),
+            (self.replan_m is not None and not led, f"--replan-m: {without}"),
+            (led and replayed, f"--policy: expected a world that answers to what is done, got {self.world}"),
+        ):  # fmt: skip
+            if wrong:
+                raise InvalidInput(message)
+        if self.log is not None:
+            others = {"PLAN": self.plan, "--setup": self.setup, "--policy": self.policy, "--picture": self.picture}
+            check_log(self.log, others)
+            check_writable(self.log)
+        check_drawn(video=self.video)
+        if self.video is not None and (led or not simulated):
+            raise InvalidInput(f"--video: {drawn}")
+        if self.picture is not None:
+            from stancekit.views.sheet import check_picture
+
+            if self.log is None:
+                raise InvalidInput("--picture: expected --log FILE.mcap with it, from which it is drawn, got none")
+            check_picture(self.picture)
 
     def _log(self, stack: ExitStack) -> Log:
         from stancekit.runner.log import McapLog, NoLog
