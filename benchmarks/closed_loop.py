@@ -1,97 +1,153 @@
-"""The closed loop on courses with less friction than was planned with: planning anew against the first plan alone.
+"""The closed loop where the world is not as planned: less friction, moved walls, a missing patch, a push.
 
-    python benchmarks/closed_loop.py [--courses walls …] [--shares 1 0.7 0.5] [--count 5] [--seed 0] [--world mujoco]
-        [--amount 1] [--replan-m 0.012] [--no-reserve] [--modes once anew anew-unlearned] [--late] [--json]
+    python benchmarks/closed_loop.py [--courses walls …] [--wrong friction moved missing pushed] [--shares 1 0.7 0.5]
+        [--moved-m 0.02] [--moved-deg 1] [--push 0.4] [--count 5] [--first 1] [--seed 0] [--world mujoco] [--amount 1]
+        [--replan-m 0.012] [--no-reserve] [--modes once anew anew-unlearned] [--late] [--json]
 
 The first course is the built-in one, the others have other heights, distances, leans, friction and panels
-(``distributions.courses.perturbed``, --amount); they are planned with the friction that they say. The world has only a
-share of that, everywhere, from the start, or (--late, in MuJoCo) from a random time of the run on, between 0.5 and
-12 s. "once" follows the first plan to its end; "anew" stops where feet slide, presses harder, puts down what is in the
-air, and plans the rest again from there, with the friction that those feet felt; it plans again, too, where body or
-feet are farther than --replan-m from the plan. "anew-unlearned" does so, too, but does not estimate the friction. All
+(``distributions.courses.perturbed``, --amount); they are planned with the friction that they say. --wrong says what the
+world has instead: "friction": only a share of it, everywhere, from the start, or (--late, in MuJoCo) from a random time
+of the run on, between 0.5 and 12 s. "moved": every plane is up to --moved-m nearer or farther along its normal, and
+turned by up to --moved-deg about an axis in it, but for where feet stand at first. "missing": nothing is there within
+6 cm of one of the places where a foot should come down. "pushed": a force of half to all of --push of the weight, from
+anywhere, on the body for .1 to .3 s, between 0.5 and 12 s.
+
+"once" follows the first plan to its end; "anew" stops where feet slide, presses harder, puts down what is in the air,
+and plans the rest again from there, with the friction that feet felt; it takes a step back that came down on nothing
+and plans again without that place, and plans again, too, where body or feet are farther than --replan-m from the plan,
+with surfaces where feet find them. "anew-unlearned" does so, too, but does not estimate the friction. All
 three run the same courses and the same first plans. A run is a success where all key frames were reached, nothing
-stopped it, and the centre of mass ended within 3 cm of its last plan's.
+stopped it, and the centre of mass ended within 3 cm of its last plan's. "stood": of those that were none, how many
+stopped with the body at rest; the others fell.
 Plans keep a reserve of friction where there is one (``search.friction_margin``); --no-reserve plans with all of it.
 
 The simulated world stands still while a plan is made: times of planning are told beside, not lived through.
 
-"solvable" is how many courses the planner finds a plan for when it is told the true friction (with no reserve): what
-no loop can be expected to exceed by much. The interval is Wilson's, 95 %.
+"solvable" is how many courses the planner finds a plan for when it is told what there is (with no reserve): what
+no loop can be expected to exceed by much. "of those" counts successes among them. The interval is Wilson's, 95 %.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from _bench import Options, launch
+from _perturbed import Perturbed, missing, moved, pushed
 
 from stancekit.envs.distributions.courses import perturbed
 from stancekit.learners.evaluation.evaluate import Share
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
-from stancekit.planners.search.friction_margin import SHARES, slippery
+from stancekit.planners.search.friction_margin import SHARES, plan_with_reserve, slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.planners.terrain import Patch
-from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport, LoopSettings
+from stancekit.runner.acceptance import Accepted
+from stancekit.runner.control.closed_loop import ClosedLoop, LoopSettings
+from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.world import World
 from tests.emulators.slipping import SlippingWorld
 
 LATE_S = (0.5, 12.0)
+REST_M_S = 0.05
+ENDS = ("share", "low", "high")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Arguments(Options):
-    """Which courses, how slippery, and which loops."""
+    """Which courses, how many, in which world, and what of it is wrong."""
 
     courses: tuple[str, ...] = ("walls",)
+    wrong: tuple[Literal["friction", "moved", "missing", "pushed"], ...] = ("friction",)
     shares: tuple[float, ...] = (1.0, 0.7, 0.5)
+    moved_m: float = 0.02
+    moved_deg: float = 1.0
+    push: float = 0.4
     modes: tuple[Literal["once", "anew", "anew-unlearned"], ...] = ("once", "anew", "anew-unlearned")
     world: str = "mujoco"
     count: int = 5
+    first: int = 0
     amount: float = 1.0
     replan_m: float = LoopSettings.replan_m
     late: bool = False
     reserve: bool = True
 
 
+@dataclass(frozen=True, kw_only=True)
+class Ran:
+    """One run. solvable: with what there is. why: it was not begun, or no success. stood: the body was at rest."""
+
+    solvable: bool
+    why: str
+    stood: bool = True
+    report: LoopReport | None = None
+
+
 def main(arguments: Arguments) -> None:
     """Measure and print."""
     if arguments.late and arguments.world != "mujoco":
         raise SystemExit("--late: only in mujoco")
-    shares = SHARES if arguments.reserve else (1.0,)
+    cells = [(wrong, share) for wrong in arguments.wrong
+             for share in (arguments.shares if wrong == "friction" else (1.0,))]  # fmt: skip
     for name in arguments.courses:
-        refused = dict[int, str]()  # what cannot be begun cannot be begun with any friction under it
-        courses = [course_of(name, arguments.seed, index, arguments.amount) for index in range(arguments.count)]
-        for share in arguments.shares:
-            solvable = sum(solved(slippery(course, share)) for course in courses)
+        indices = range(arguments.first, arguments.first + arguments.count)
+        begun = [first_plan(course_of(name, arguments.seed, index, arguments.amount), arguments) for index in indices]
+        for wrong, share in cells:
             for mode in arguments.modes:
-                settings = settings_of(mode, arguments.replan_m, shares)
-                runs = list[LoopReport | str]()
-                for index, course in enumerate(courses):
-                    at_s = float(np.random.default_rng([arguments.seed, index, 1]).uniform(*LATE_S))
-                    world = losing(course, share, at_s) if arguments.late else plain(course, arguments.world)
-                    terrain = course.terrain if arguments.late else slippery(course, share).terrain
-                    runs.append(refused.get(index) or walked(course, terrain, settings, world))
-                    if isinstance(runs[-1], str):
-                        refused[index] = runs[-1]
-                record = {
-                    "course": name,
-                    "friction": share,
-                    "mode": mode,
-                    "world": arguments.world,
-                    "late": arguments.late,
-                }
-                record |= {"solvable": solvable} | summary(runs)
-                arguments.say(record, line)
-                for index, run in enumerate(runs):
-                    if (why := run if isinstance(run, str) else run.message) and not arguments.json:
-                        print(f"    {index}: {why}", flush=True)
+                plans = zip(indices, begun, strict=True)
+                runs = [ran(plan, index, wrong, share, mode, arguments) for index, plan in plans]
+                head = {"course": name, "wrong": wrong, "friction_share": share, "mode": mode, "world": arguments.world}
+                arguments.say(head | {"late": arguments.late} | summary(runs), line)
+                for index, run in zip(indices, runs, strict=True):
+                    if run.why and not arguments.json:
+                        unsolvable = "" if run.solvable else " (not solvable)"
+                        print(f"    {index}: {run.why}{unsolvable}", flush=True)
+
+
+def first_plan(course: Course, arguments: Arguments) -> Accepted | str:
+    """What is begun with, the same for all that is wrong; why there is none."""
+    shares = SHARES if arguments.reserve else (1.0,)
+    outcome = plan_with_reserve(TwoStageCoursePlanner(), course, shares, presses=())
+    if outcome.plan is None:
+        return f"not begun: {outcome.message or outcome.status.value}"
+    try:
+        return Accepted.verified(outcome.plan, course.name)
+    except InvalidInput as error:
+        return f"not begun: {error}"
+
+
+def ran(plan: Accepted | str, index: int, wrong: str, share: float, mode: str, arguments: Arguments) -> Ran:
+    """One run of one course in one world."""
+    if isinstance(plan, str):
+        return Ran(solvable=False, why=plan)
+    course, rng = plan.plan.course, np.random.default_rng([arguments.seed, index, 1])
+    settings = settings_of(mode, arguments.replan_m, SHARES if arguments.reserve else (1.0,))
+    has, world = Perturbed(terrain=course.terrain, course=slippery(course, share)), None
+    if wrong == "moved":
+        has = moved(plan.plan, rng, arguments.moved_m, np.deg2rad(arguments.moved_deg))
+    elif wrong == "missing":
+        has = missing(plan.plan, rng)
+    elif wrong == "pushed":
+        has = pushed(plan.plan, rng, arguments.push)
+    elif arguments.late:
+        world = losing(course, share, float(rng.uniform(*LATE_S)))
+    else:
+        has = Perturbed(terrain=has.course.terrain, course=has.course)
+    world = world or make_world(
+        arguments.world, course.robot, gravity_m_s2=course.gravity_m_s2, imperfections=has.imperfections
+    )  # fmt: skip
+    solvable, runner = solved(has.course), Runner(world)
+    try:
+        report = ClosedLoop(course, runner, settings=settings).run(has.terrain, first=plan)
+    except (PlanningFailed, InvalidInput) as error:
+        world.close()
+        return Ran(solvable=solvable, why=f"not begun: {error}")
+    stood = runner.state is not None and float(np.linalg.norm(runner.state.velocity[:3])) < REST_M_S
+    return Ran(solvable=solvable, why=report.message, stood=stood, report=report)
 
 
 def course_of(name: str, seed: int, index: int, amount: float) -> Course:
@@ -113,11 +169,6 @@ def solved(course: Course) -> bool:
     return TwoStageCoursePlanner().solve(course).plan is not None
 
 
-def plain(course: Course, name: str) -> World:
-    """A world by its name."""
-    return make_world(name, course.robot, gravity_m_s2=course.gravity_m_s2)
-
-
 def losing(course: Course, share: float, at_s: float) -> World:
     """A world that has this share of the friction from a time on."""
     world = SlippingWorld(course.robot, share=share, gravity_m_s2=course.gravity_m_s2)
@@ -125,41 +176,43 @@ def losing(course: Course, share: float, at_s: float) -> World:
     return world
 
 
-def walked(course: Course, terrain: Sequence[Patch], settings: LoopSettings, world: World) -> LoopReport | str:
-    """One run; why there was none where nothing could be run at all."""
-    try:
-        return ClosedLoop(course, Runner(world), settings=settings).run(terrain)
-    except (PlanningFailed, InvalidInput) as error:
-        world.close()
-        return f"not begun: {error}"
-
-
-def summary(runs: Sequence[LoopReport | str]) -> dict[str, Any]:
+def summary(runs: Sequence[Ran]) -> dict[str, Any]:
     """Counts, and medians of the runs that were begun."""
-    begun = [run for run in runs if not isinstance(run, str)]
-    good = sum(run.succeeded for run in begun)
+    begun = [run.report for run in runs if run.report is not None]
+    good = sum(report.succeeded for report in begun)
+    solvable = [run for run in runs if run.solvable and run.report is not None]
 
-    def median(key: str) -> float | None:
-        return float(np.median([getattr(run, key) for run in begun])) if begun else None
+    def median(key: Callable[[LoopReport], float]) -> float | None:
+        return float(np.median([key(report) for report in begun])) if begun else None
 
+    slid = [report.friction for report in begun if report.friction.slides]
     return {
         "runs": len(begun), "refused": len(runs) - len(begun), "succeeded": good,
-        "interval": Share(hits=good, of=len(begun)).interval if begun else (0.0, 1.0),
-        "replans": median("replans"), "share_estimated": median("friction_share"), "frames": median("frames"),
-        "deviation_mm": None if not begun else 1e3 * (median("deviation_m") or 0.0), "seconds": median("seconds"),
-        "plan_s": median("plan_s"),
+        "interval": Share(hits=good, of=len(begun)).interval if begun else (0.0, 1.0), "solvable": len(solvable),
+        "of_solvable": sum(not run.why for run in solvable),
+        "stood": sum(run.stood for run in runs if run.why and run.report is not None),
+        "replans": median(lambda report: report.replans), "frames": median(lambda report: report.frames),
+        "slid": len(slid),
+        "friction": [float(np.median([getattr(each, end) for each in slid])) for end in ENDS] if slid else None,
+        "deviation_mm": median(lambda report: 1e3 * report.deviation_m), "seconds": median(lambda r: r.seconds),
+        "plan_s": median(lambda report: report.plan_s),
     }  # fmt: skip
 
 
 def line(record: dict[str, Any]) -> str:
     """A record for people."""
     low, high = record["interval"]
-    text = f"{record['course']:15s} friction × {record['friction']:<5g}{record['mode']:15s} "
-    text += f"{record['succeeded']}/{record['runs']} [{low:.2f}, {high:.2f}], solvable {record['solvable']}"
+    what = f"friction × {record['friction_share']:g}" if record["wrong"] == "friction" else record["wrong"]
+    text = f"{record['course']:15s} {what:16s}{record['mode']:15s} {record['succeeded']}/{record['runs']} "
+    text += f"[{low:.2f}, {high:.2f}], solvable {record['solvable']}, of those {record['of_solvable']}"
     if record["runs"]:
+        text += f"; stood {record['stood']} of the rest; replans {record['replans']:g}"
+        if record["friction"]:
+            share, least, most = record["friction"]
+            text += f", {record['slid']} slid: × {share:.2f} [{least:.2f}, {most:.2f}]"
         text += (
-            f"; replans {record['replans']:g}, estimated × {record['share_estimated']:.2f}, off by "
-            f"{record['deviation_mm']:.0f} mm, planning {record['plan_s']:.1f} s of {record['seconds']:.1f} s of motion"
+            f", off by {record['deviation_mm']:.0f} mm, planning {record['plan_s']:.1f} s of {record['seconds']:.1f} s "
+            "of motion"
         )
     return text + (f"; {record['refused']} refused" if record["refused"] else "")
 

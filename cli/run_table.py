@@ -9,7 +9,7 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from stancekit.runner.control.closed_loop import LoopReport
+    from stancekit.runner.control.loop_report import LoopReport
     from stancekit.runner.report import RunReport
     from stancekit.runner.safety.ending import Ended
 
@@ -47,6 +47,8 @@ def run_table(report: RunReport) -> Table:
             "feet", f"slid {1e3 * float(run.slip_m.max()):.1f} mm at most, touched up to {late_ms:.0f} ms late"
         )
         table.add_row("forces", f"{run.force_rms_n:.1f} N (RMS) from what was planned")
+    if report.friction is not None:
+        table.add_row("friction", report.friction.line)
     median, late = (1e3 * value for value in report.cycle_s)
     if math.isfinite(median):
         table.add_row("cycle", f"{median:.1f} ms median, {late:.1f} ms 99th percentile")
@@ -62,7 +64,9 @@ def loop_table(report: LoopReport, answers: tuple[int, int] | None) -> Table:
     table.add_row("plans", f"{report.plans}, {report.replans} of them because of a deviation")
     if answers is not None:
         table.add_row("selector", f"{answers[0]} plans within the envelopes that it chose, {answers[1]} without")
-    table.add_row("friction", f"{report.friction_share:.2f} of the course's, as feet felt it")
+    table.add_row("friction", f"{report.friction.line}; planned on {report.planned_share:.2f}")
+    if report.surfaces:
+        table.add_row("surfaces", report.surfaces)
     table.add_row("deviation", f"{1e3 * report.deviation_m:.1f} mm from the plan at most")
     table.add_row("body", f"{1e3 * report.com_final_m:.1f} mm from the last plan at the end")
     table.add_row("time", f"{report.seconds:.1f} s of motion, {report.plan_s:.1f} s of planning")

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from .control.friction import FrictionInterval, estimated
 from .control.leg_odometry import odometry_error_m
 from .execution import Execution
 from .needs import JointNeeds
@@ -33,7 +34,8 @@ class RunReport:
     in a dry run. cycle_s: median and 99th percentile of the control period, from one command to the next.
     execution: planned against measured, where body and forces are measured. replay_rad: largest difference of a
     command from that in the log which is replayed. needs, loads: of the joints, as planned, and as measured where
-    torques are; None where the motion never began. stopped_s: when the latch was tripped, on the monotonic clock
+    torques are; None where the motion never began. friction: what feet felt of it, as a share of what was planned with,
+    None where body or forces are not measured. stopped_s: when the latch was tripped, on the monotonic clock
     that all processes of a machine share, None where it was not; after: commands on their way at that moment, whose
     write returned up to after_s later.
     """
@@ -65,6 +67,7 @@ class RunReport:
     replay_rad: float | None = None
     needs: JointNeeds | None = None
     loads: JointNeeds | None = None
+    friction: FrictionInterval | None = None
     stopped_s: float | None = None
     after: int = 0
     after_s: float = 0.0
@@ -119,6 +122,7 @@ class RunReport:
             replay_rad=world.world.worst_rad if isinstance(world.world, ReplayWorld) else None,
             needs=planned,
             loads=felt if measured else None,
+            friction=estimated(record, 1.0 / world.rate_hz) if execution is not None and prepared.sees else None,
             stopped_s=latch.time_s if latch.tripped else None,
             after=latch.after,
             after_s=latch.after_s,
@@ -128,7 +132,7 @@ class RunReport:
         """JSON-ready."""
         found = {name: value for name, value in self.__dict__.items() if name not in NESTED}
         numbers = {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in found.items()}
-        nested = {"execution": self.execution, "needs": self.needs, "loads": self.loads}
+        nested = {"execution": self.execution, "needs": self.needs, "loads": self.loads, "friction": self.friction}
         return numbers | {
             "ended": self.ended.to_json(),
             "cycle_s": [None if not np.isfinite(value) else value for value in self.cycle_s],
@@ -136,7 +140,7 @@ class RunReport:
         }
 
 
-NESTED = ("ended", "execution", "cycle_s", "needs", "loads")
+NESTED = ("ended", "execution", "cycle_s", "needs", "loads", "friction")
 
 
 def _by_odometry(record: Record, prepared: Prepared[PlannedMotion], world: SafeWorld, settings: RunSettings) -> float:

@@ -151,9 +151,21 @@ class Surface:
 
     def window(self, centre_m: Array, side_m: float) -> Patch | None:
         """The part inside the margin and a square about ``centre_m`` along the shear axes; None where there is none."""
-        axes = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
-        piece = clipped(self.room, axes, axes @ self._flat(centre_m) + 0.5 * side_m)
+        piece = clipped(self.room, *self._square(centre_m, side_m))
         return self.patch.with_vertices(self._world(piece)) if len(piece) else None
+
+    def around(self, centre_m: Array, side_m: float) -> tuple[Patch, ...]:
+        """What ``window`` leaves of the part inside the margin, in convex pieces."""
+        rest, pieces = self.room, list[Array]()
+        for normal, offset in zip(*self._square(centre_m, side_m), strict=True):
+            pieces.append(clipped(rest, -normal[None], -np.array([offset])))
+            rest = clipped(rest, normal[None], np.array([offset]))
+        return tuple(self.patch.with_vertices(self._world(piece)) for piece in pieces if len(piece))
+
+    def _square(self, centre_m: Array, side_m: float) -> tuple[Array, Array]:
+        """Half-planes of a square along the shear axes, as of ``half_planes``."""
+        axes = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, 1.0], [0.0, -1.0]])
+        return axes, axes @ self._flat(centre_m) + 0.5 * side_m
 
     def _flat(self, points_m: Array) -> Array:
         return np.asarray((points_m - self._origin) @ self._axes)

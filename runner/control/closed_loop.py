@@ -2,7 +2,9 @@
 
 A policy is a callable from an observation to the planner of the next key frames: a trained selector that chooses an
 envelope, or always the same. Where the robot is not where its plan has it, the rest is planned anew from where it is
-measured to stand, and feet that slid tell how much friction there really is.
+measured to stand. Feet that slid, and feet that held, tell how much friction there really is, as an interval: plans
+are made for its lower end, and for the most likely only where that has none. Feet tell where surfaces are, too, and a
+step onto nothing is undone and planned anew without that place. Where there is no such plan the robot stands still.
 """
 
 from __future__ import annotations
@@ -12,9 +14,10 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.files.arrays import checked, collect_errors
@@ -33,22 +36,23 @@ from ..motion.timeline import PlanMotion
 from ..prepared import Prepared
 from ..record import Record
 from ..run import Runner
-from ..safety.ending import Ended
 from ..worlds.world import State
-from .estimation import deviation_m, estimate_friction, estimate_standing, measured_com_m
-from .slip_recovery import SlipDetector, SlipRecovery
+from .estimation import deviation_m, estimate_standing, measured_com_m
+from .friction import FrictionEstimator
+from .loop_report import LoopReport
+from .retreat import step_back
+from .slip_recovery import Shares, SlipDetector, SlipRecovery
+from .surfaces import EmptyStep, found_offsets, without
 from .tracker import Target
 
 Answer = TypeVar("Answer")
-FELT_S = 0.1
-"""So far back the friction that sliding feet feel is taken from."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observation:
     """What a policy sees. window: the coming key frames as a course, from where the robot stands (``standing``, None
-    at the beginning); state: measured last, None at the beginning. friction_share: of the course's friction, as feet
-    felt it so far. frame: of the whole course."""
+    at the beginning); state: measured last, None at the beginning. friction_share: of the course's friction, the most
+    likely by what feet felt so far. frame: of the whole course."""
 
     window: Course
     standing: Standing | None
@@ -64,8 +68,8 @@ Policy = Callable[[Observation], CoursePlanner]
 class LoopSettings:
     """horizon: key frames a plan; 0 for all that are left. replan_m: a body or a foot farther than this from the plan
     has the rest planned anew, at the next moment when all feet stand; inf for never. most: so many plans at most.
-    shares: of the estimated friction, that are planned with. goal_m: how far from where its last plan has it the
-    centre of mass may end. learn_friction: estimate it from what sliding feet feel."""
+    shares: of the friction that is counted on, that are planned with. goal_m: how far from where its last plan has it
+    the centre of mass may end. learn_friction: estimate it from what feet feel."""
 
     horizon: int = 0
     replan_m: float = 0.012
@@ -84,30 +88,6 @@ class LoopSettings:
             raise InvalidInput(f"loop.replan_m: expected a number above 0, or inf, got {self.replan_m!r}")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class LoopReport:
-    """How it went. plans: made and run; replans: of these, because of a deviation. frames: key frames reached, of all
-    but the first. friction_share: estimated at the end. com_final_m: from the last plan's end. seconds: of motion."""
-
-    succeeded: bool
-    message: str
-    ended: Ended
-    plans: int
-    replans: int
-    frames: int
-    friction_share: float
-    com_final_m: float
-    deviation_m: float
-    seconds: float
-    plan_s: float
-    wall_s: float
-
-    def to_json(self) -> dict[str, Any]:
-        """JSON-ready."""
-        numbers = {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in self.__dict__.items()}
-        return numbers | {"ended": self.ended.to_json()}
-
-
 class ClosedLoop:
     """One course walked by one policy on the runner's world.
 
@@ -120,11 +100,13 @@ class ClosedLoop:
         planner = TwoStageCoursePlanner()
         self.course, self.runner, self.settings = course, runner, settings
         self._policy: Policy = policy or (lambda observation: planner)
-        self._share = self._planned_share = 1.0
+        self._friction = FrictionEstimator(1.0 / runner.world.rate_hz)
+        self._planned_share = self._counted = 1.0
         self._frame = self._plans = self._replans = 0
         self._kinematics = Kinematics(course.robot, runner.world.servo, gravity_m_s2=course.gravity_m_s2)
         self._recovery = SlipRecovery(runner, self._kinematics)
-        self._slips, self._slid = SlipDetector(runner.world.rate_hz), False
+        self._watch()
+        self._surfaces = list[str]()
         self._plan_s = self._seconds = self._worst = 0.0
 
     def run(self, terrain: Sequence[Patch] | None = None, first: Accepted | None = None) -> LoopReport:
@@ -145,8 +127,9 @@ class ClosedLoop:
             message = f"the centre of mass ended {1e3 * final:.0f} mm from its last plan's"
         report = LoopReport(
             succeeded=not message, message=message, ended=ended, plans=self._plans, replans=self._replans,
-            frames=self._frame, friction_share=self._share, com_final_m=final, deviation_m=self._worst,
-            seconds=self._seconds, plan_s=self._plan_s, wall_s=time.perf_counter() - begin,
+            frames=self._frame, friction=self._friction.interval, planned_share=self._counted,
+            surfaces="; ".join(self._surfaces), com_final_m=final, deviation_m=self._worst, seconds=self._seconds,
+            plan_s=self._plan_s, wall_s=time.perf_counter() - begin,
         )  # fmt: skip
         runner.log.write("verdict", report.to_json())
         return report
@@ -164,47 +147,83 @@ class ClosedLoop:
         """One plan to its end, or to where it is left for another, which is made; whether it was the last."""
         runner = self.runner
         record, begun = Record(), self._frame
-        self._slips, self._slid = SlipDetector(runner.world.rate_hz), False
+        self._watch()
         try:
             whole = runner.follow(prepared, record, self._astray)
         finally:
             self._count(record, begun)
+        shares = self._feel(record)
         if whole and self._frame == self.course.frames - 1:
             return True
         if self._plans >= self.settings.most:
             raise PlanningFailed(f"no plan to the end in {self._plans} plans, at frame {self._frame}")
         self._replans += not whole
         target, state = record.pairs[-1]
-        if not whole:
-            self._estimate(prepared, record)
-        if self._slid:
-            state, seconds = self._recovery.recover(prepared.motion.plan, record, partial(self._estimate, prepared))
+        if self._fell.any():
+            target, state = self._undone(prepared, record, begun)
+        elif self._slid:
+            state, seconds = self._recovery.recover(prepared.motion.plan, record, shares, self._feel)
             self._seconds += seconds
-        why = f"frame {self._frame}, friction estimated at {self._share:.2f} of the course's"
+        why = f"frame {self._frame}, friction {self._friction.interval.line}"
         runner.decide("go on" if whole else "plan anew", why)
         self._prepared = after = self._next(prepared, target, state)
         runner.go([after.first.targets_rad])
         return False
 
-    def _estimate(self, prepared: Prepared[PlanMotion], record: Record) -> float:
-        """The share of the plan's friction that there is, by what feet that slide feel just now."""
+    def _watch(self) -> None:
+        """Look anew, as nothing is known of feet that begin to stand."""
+        rate_hz = self.runner.world.rate_hz
+        self._slips, self._steps = SlipDetector(rate_hz), EmptyStep(rate_hz)
+        self._slid, self._fell = False, np.zeros(len(self.course.robot.limbs), dtype=bool)
+
+    def _feel(self, record: Record, part: float = 1.0) -> Shares:
+        """Shares of the plan's friction that there may be, the lower end first, with what this record says of it.
+
+        part: of the plan's friction that the record's targets count on.
+        """
         if self.settings.learn_friction:
-            felt = estimate_friction(prepared.motion.plan, record, 1.0 / self.runner.world.rate_hz, FELT_S)
-            self._share = min(self._share, self._planned_share * felt)
-        return self._share / self._planned_share
+            self._friction.add(record, part * self._planned_share)
+        found = self._friction.interval
+        return tuple(share / self._planned_share for share in dict.fromkeys((found.planned_on, found.share)))
+
+    def _undone(self, prepared: Prepared[PlanMotion], record: Record, begun: int) -> tuple[Target, State]:
+        """The step that came down on nothing is taken back, and its place is forgotten; where that leads to."""
+        runner, plan = self.runner, prepared.motion.plan
+        target, state = record.pairs[-1]
+        places = list[tuple[Patch, NDArray[np.float64]]]()
+        for limb in np.flatnonzero(self._fell):
+            patch = plan.course.patch(target.sample.foothold[limb], plan.choice)
+            places.append((patch, state.feet_m[limb]))
+            found = f"limb {self.course.robot.limb_names[limb]}: nothing where it came down at frame {self._frame}"
+            self._surfaces.append(found)
+            runner.decide("step back", found)
+        back = step_back(runner, prepared, self._frame - begun, state)
+        self._count(back, begun)
+        for patch, toe_m in places:
+            self.course = without(self.course, patch, toe_m, self._frame + 1)
+        return back.pairs[-1]
 
     def _next(self, before: Prepared[PlanMotion], target: Target, state: State) -> Prepared[PlanMotion]:
         """The next plan, from where the robot is measured to stand, or else from where it should."""
         index, plan = round(target.sample.frame), before.motion.plan
-        measured = estimate_standing(plan, index, target, state, self._kinematics) if before.sees else None
+        patches = tuple(plan.course.patch(int(p), plan.choice) for p in plan.course.holds[index])
         ends = Standing(
-            com_m=plan.com_m[index], rotation_rad=plan.rotation_rad[index], toes_m=plan.toes_at(index),
-            patches=tuple(plan.course.patch(int(p), plan.choice) for p in plan.course.holds[index]),
+            com_m=plan.com_m[index], rotation_rad=plan.rotation_rad[index], toes_m=plan.toes_at(index), patches=patches
         )  # fmt: skip
+        starts = [ends]
+        if before.sees:
+            offsets = found_offsets(patches, state, self._kinematics)
+            if offsets.planes:
+                self.course = offsets.course(self.course)
+                self._surfaces.append(offsets.line)
+                self.runner.decide("surfaces", offsets.line)
+            moved = tuple(map(offsets.moved, patches))
+            measured = estimate_standing(moved, state, self._kinematics)
+            starts = ([] if measured is None else [measured]) + ([] if offsets.planes else [ends])
         near = np.array(state.angles_rad if before.sees else target.angles_rad)
         course, servo = self.course, self.runner.world.servo
         failures = []
-        for standing in ([] if measured is None else [measured]) + [ends]:
+        for standing in starts:
             kinematics = Continued(course.robot, servo, gravity_m_s2=course.gravity_m_s2, near=near)
             try:
                 accepted = self._while_held(partial(self._planned, standing))
@@ -212,26 +231,29 @@ class ClosedLoop:
             except (PlanningFailed, InvalidInput) as error:
                 failures.append(str(error))
                 self.runner.decide("no plan", str(error))
-        raise PlanningFailed(f"frame {self._frame}: no plan from here: {failures[0]}")
+        why = failures[0] if failures else "a foot left its patch"
+        raise PlanningFailed(f"frame {self._frame}: no plan from here: {why}")
 
     def _planned(self, standing: Standing | None) -> Accepted:
         """Observe, choose, plan, verify. Raises PlanningFailed."""
-        begin = time.perf_counter()
-        estimate = self.course if self._share >= 1.0 else slippery(self.course, self._share)
+        begin, found, shares = time.perf_counter(), self._friction.interval, self.settings.shares
+        share = found.share if found.slides else 1.0
+        if found.planned_on < share:  # the most likely comes last: where the lower end has no plan
+            shares = (*(cautious * found.planned_on / share for cautious in shares), 1.0)
         if standing is not None:
-            duller = self._share / self._planned_share
-            patches = tuple(replace(patch, friction=duller * patch.friction) for patch in standing.patches)
+            duller = share / self._planned_share
+            patches = tuple(patch.with_friction(duller * patch.friction) for patch in standing.patches)
             standing = replace(standing, patches=patches)
 
         def planner_of(window: Course) -> CoursePlanner:
             observation = Observation(
-                window=window, standing=standing, state=self.runner.state, friction_share=self._share, frame=self._frame
+                window=window, standing=standing, state=self.runner.state, friction_share=share, frame=self._frame
             )
             return self._policy(observation)
 
         outcome = replan(
-            standing, estimate, frame=self._frame, horizon=self.settings.horizon or None, planner=planner_of,
-            shares=self.settings.shares,
+            standing, slippery(self.course, share), frame=self._frame, horizon=self.settings.horizon or None,
+            planner=planner_of, shares=shares,
         )  # fmt: skip
         self._plan_s += time.perf_counter() - begin
         if outcome.plan is None:
@@ -240,7 +262,9 @@ class ClosedLoop:
             accepted = Accepted.verified(outcome.plan, f"plan {self._plans + 1}")
         except InvalidInput as error:
             raise PlanningFailed(str(error)) from None
-        self._plans, self._planned_share = self._plans + 1, self._share
+        self._plans, self._planned_share = self._plans + 1, share
+        self._counted = share * float(outcome.plan.provenance.get("friction_share", 1.0))
+        self.runner.decide("planned", f"counting on {self._counted:.2f} of the course's friction")
         return accepted
 
     def _while_held(self, work: Callable[[], Answer]) -> Answer:
@@ -258,13 +282,17 @@ class ClosedLoop:
             pool.shutdown(wait=False, cancel_futures=True)  # the ending of a run that is stopped waits for no planner
 
     def _astray(self, target: Target, state: State) -> bool:
-        """Feet slide, or all stand and the robot is not where it should be; where anything is done about it."""
+        """Feet slide or came down on nothing, or all stand and the robot is astray; where anything is done about it."""
         away = deviation_m(target, state, self._kinematics, self.runner.world.capabilities)
         self._worst = max(self._worst, away)
         if not np.isfinite(self.settings.replan_m):
             return False
         self._slid = bool(self._slips.slipping(target, state).any())
-        return self._slid or (min(target.sample.foothold) >= 0 and away > self.settings.replan_m)
+        if self._prepared.sees:
+            self._fell = self._steps.found(target, state)
+        return (
+            self._slid or bool(self._fell.any()) or (min(target.sample.foothold) >= 0 and away > self.settings.replan_m)
+        )
 
     def _count(self, record: Record, begun: int) -> None:
         """How far it came."""

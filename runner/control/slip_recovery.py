@@ -32,6 +32,9 @@ from ..worlds.world import State
 from .estimation import measured_com_m, nearest_on
 from .tracker import Target, Tracker
 
+Shares = tuple[float, ...]
+"""Of the friction that a plan counts on, that there may be: the most cautious first."""
+Estimate = Callable[[Record, float], Shares]
 WINDOW_S = 0.05
 SLID_M = 0.0015
 """A loaded foot that moved so far along its surface within the window slides."""
@@ -125,42 +128,49 @@ class SlipRecovery:
         self._runner, self._kinematics = runner, kinematics
         self._distribution = ForceDistribution(len(kinematics.robot.limbs))
 
-    def recover(self, plan: Plan, record: Record, estimate: Callable[[Record], float]) -> tuple[State, float]:
+    def recover(self, plan: Plan, record: Record, shares: Shares, estimate: Estimate) -> tuple[State, float]:
         """Where that leads to, and how long it took [s].
 
-        record: of the plan's motion so far. estimate: the share of the plan's friction that there is, by what was
-        measured. Raises Stopped, HardwareFault.
+        record: of the plan's motion so far. estimate: the shares by what was measured with forces for such a share.
+        Raises Stopped, HardwareFault.
         """
-        (target, state), share = record.pairs[-1], estimate(record)
+        target, state = record.pairs[-1]
         now, rate_hz, periods = target.sample, self._runner.world.rate_hz, 0
         for _ in range(ATTEMPTS):
-            self._runner.decide("stand", f"feet slide, friction estimated at {share:.2f} of the planned")
+            self._runner.decide("stand", f"feet slide, counting on {shares[0]:.2f} of the planned friction")
             record, slips = Record(), SlipDetector(rate_hz)
-            tracked = self._tracked(self._motion(plan, now, state, share), state)
+            tracked = self._tracked(self._motion(plan, now, state, shares), state)
             still = self._runner.follow(tracked, record, partial(_still_slips, slips, record, rate_hz))
             periods += len(record.pairs)
             target, state = record.pairs[-1]
-            now, share = target.sample, estimate(record)
+            now, shares = target.sample, estimate(record, shares[0])
             if still:
                 break
         return state, periods / rate_hz
 
-    def _motion(self, plan: Plan, now: MotionSample, state: State, share: float) -> StandingMotion:
-        """Standing where the robot is, with the forces for this share of the friction; those of now where none are."""
+    def _motion(self, plan: Plan, now: MotionSample, state: State, shares: Shares) -> StandingMotion:
+        """Standing where the robot is, with forces for the first share that has any, else those of now."""
         course, index = plan.course, round(now.frame)
         holds = tuple(int(foothold) for foothold in course.holds[index])
         patches = [course.patch(foothold, plan.choice) for foothold in holds]
-        patches = [replace(patch, friction=share * patch.friction) for patch in patches]
         normals, friction = (np.array([getattr(patch, name) for patch in patches]) for name in ("normal", "friction"))
         under = state.feet_m - FOOT_RADIUS_M * normals
         toes = np.array([nearest_on(patch, toe) for patch, toe in zip(patches, under, strict=True)])
         com_m, stands = measured_com_m(self._kinematics, state), np.array(now.foothold) >= 0
         turned = Rotation.from_matrix(state.rotation).as_rotvec()
-        first = self._distribution.forces(course, toes - com_m, patches, stands)
+
+        def shared(legs: NDArray[np.bool_]) -> Array | None:
+            for share in shares:
+                dulled = [patch.with_friction(share * patch.friction) for patch in patches]
+                forces_n = self._distribution.forces(course, toes - com_m, dulled, legs)
+                if forces_n is not None:
+                    return forces_n
+            return None
+
+        first, then = shared(stands), shared(np.full_like(stands, True))
         first = now.forces_n if first is None else first
-        then = self._distribution.forces(course, toes - com_m, patches, np.full_like(stands, True))
         return StandingMotion(
-            replace(now, frame=float(index), friction=friction), com_m=com_m, rotation_rad=turned,
+            replace(now, frame=float(index), friction=shares[0] * friction), com_m=com_m, rotation_rad=turned,
             feet_m=state.feet_m, toes_m=toes, normals=normals, forces_n=(first, first if then is None else then),
             foothold=holds,
         )  # fmt: skip

@@ -167,12 +167,18 @@ class PlanMotion:
     def _ends(self) -> Array:
         return np.cumsum([phase.seconds for phase in self.phases])
 
+    def step_s(self, frame: int) -> tuple[float, float]:
+        """When the step to a key frame begins, and when it ends [s]."""
+        of = {id(segment) for segment in self.path.steps[frame - 1]}
+        its = [index for index, phase in enumerate(self.phases) if id(phase.segment) in of]
+        return float(self._ends[its[0]] - self.phases[its[0]].seconds), float(self._ends[its[-1]])
+
     def _phase(self, time_s: float) -> tuple[_Phase, float]:
         """What is on at a time, and how much of its path is behind."""
         index = min(int(np.searchsorted(self._ends, time_s, side="left")), len(self.phases) - 1)
         phase = self.phases[index]
         passed = (time_s - (self._ends[index] - phase.seconds)) / phase.seconds
-        return phase, _smooth(min(max(passed, 0.0), 1.0))
+        return phase, smooth(min(max(passed, 0.0), 1.0))
 
     def _still(self, frame: int, seconds: float, first: Array, last: Array) -> _Phase:
         """All limbs stand, only the load moves."""
@@ -203,6 +209,6 @@ class PlanMotion:
         return support_forces(self.plan, self._forces, frame, support)
 
 
-def _smooth(s: float) -> float:
+def smooth(s: float) -> float:
     """From 0 to 1 with no velocity and no acceleration at the ends."""
     return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)

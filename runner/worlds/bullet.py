@@ -57,7 +57,13 @@ class BulletWorld(SimulatedWorld):
         bullet, client, drives = self._bullet, self._client, self.drives
         stiffness = self.imperfections.stiffness_share * drives.stiffness_nm_rad
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
+        push = self.imperfections.pushed_n(self._time)
         for _ in range(self._substeps):
+            if push.any():  # a step forgets it
+                at, _turn = bullet.getBasePositionAndOrientation(self._robot, physicsClientId=client)
+                bullet.applyExternalForce(
+                    self._robot, -1, push.tolist(), at, bullet.WORLD_FRAME, physicsClientId=client
+                )  # fmt: skip
             angles, rates = self._joint_state()
             torques = stiffness * (targets_rad - angles) - drives.damping_nms_rad * rates
             torques = np.clip(torques, *drives.torque_range(rates))

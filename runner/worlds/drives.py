@@ -109,13 +109,26 @@ def _loop(actuator: ActuatorModel, gains: tuple[float, float, float]) -> tuple[f
 
 
 @dataclass(frozen=True, kw_only=True)
+class Push:
+    """A force on a simulated body, at its own centre of mass: force_n in the world, shape (3,) [N], from at_s after the
+    reset on for seconds."""
+
+    force_n: tuple[float, float, float]
+    at_s: float
+    seconds: float
+
+    def __post_init__(self) -> None:
+        check_numbers(self, "push.", above=("seconds",), least=("at_s",))
+
+
+@dataclass(frozen=True, kw_only=True)
 class Imperfections:
     """What of a simulated robot is not as its file says; drawn once, from the seed.
 
     offset_rad: joints are mounted off by up to so much, either way, and measure themselves wrong by that. noise_rad:
     standard deviation of what they measure. delay_s: from a command to its effect, felt_delay_s: from a contact to when
     its force is felt, both in whole control periods.
-    stiffness_share, mass_share: of the loops' Kp, and of all masses.
+    stiffness_share, mass_share: of the loops' Kp, and of all masses. pushes: on its body.
     """
 
     offset_rad: float = 0.0
@@ -124,8 +137,14 @@ class Imperfections:
     felt_delay_s: float = 0.0
     stiffness_share: float = 1.0
     mass_share: float = 1.0
+    pushes: tuple[Push, ...] = ()
     seed: int = 0
 
     def __post_init__(self) -> None:
         least = ("offset_rad", "noise_rad", "delay_s", "felt_delay_s")
         check_numbers(self, "imperfections.", above=("stiffness_share", "mass_share"), least=least)
+
+    def pushed_n(self, time_s: float) -> Array:
+        """Of the pushes at a time, shape (3,) [N]."""
+        now = [push.force_n for push in self.pushes if push.at_s <= time_s < push.at_s + push.seconds]
+        return np.sum([np.zeros(3), *now], axis=0)

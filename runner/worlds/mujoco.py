@@ -63,6 +63,7 @@ class MujocoWorld(SimulatedWorld):
         self._data.ctrl[:] = targets_rad
         forces, bump = np.zeros((len(self._feet), 3)), 0.0
         fades, ranges = bool(self.drives.fading.any()), self._model.actuator_forcerange
+        self._data.xfrc_applied[self._base, :3] = self.imperfections.pushed_n(float(self._data.time))
         for _ in range(self._substeps):
             if fades:
                 ranges[:, 0], ranges[:, 1] = self.drives.torque_range(self._data.qvel[self._rates])

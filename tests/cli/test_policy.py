@@ -18,7 +18,9 @@ from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.expert import expert_envelopes
-from stancekit.runner.control.closed_loop import LoopReport, Observation
+from stancekit.runner.control.closed_loop import Observation
+from stancekit.runner.control.friction import FrictionInterval
+from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.safety.ending import Ended
 
 COURSE = read_course("walls", frames=3)
@@ -88,7 +90,8 @@ def test_selectors_that_do_not_fit_are_refused_with_their_file(tmp_path: Path) -
 def test_a_run_to_which_the_policy_gave_no_plan_is_a_warning(answers: tuple[int, int], said: bool) -> None:
     report = LoopReport(
         succeeded=True, message="", ended=Ended(left="held", message="", seconds=0.0), plans=3, replans=0, frames=4,
-        friction_share=1.0, com_final_m=0.0, deviation_m=0.0, seconds=1.0, plan_s=0.1, wall_s=1.0,
+        friction=FrictionInterval(), planned_share=1.0, surfaces="", com_final_m=0.0, deviation_m=0.0, seconds=1.0,
+        plan_s=0.1, wall_s=1.0,
     )  # fmt: skip
     column = list(loop_table(report, answers).columns[0].cells)
     assert ("warning" in column) == said

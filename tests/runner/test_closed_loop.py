@@ -17,8 +17,9 @@ from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
-from stancekit.runner.control.closed_loop import ClosedLoop, LoopReport, LoopSettings, Observation
+from stancekit.runner.control.closed_loop import ClosedLoop, LoopSettings, Observation
 from stancekit.runner.control.estimation import nearest_on
+from stancekit.runner.control.loop_report import LoopReport
 from stancekit.runner.motion.timeline import Timing
 from stancekit.runner.run import Runner
 from stancekit.runner.settings import RunSettings
@@ -45,7 +46,7 @@ def looped(share: float, settings: LoopSettings, frames: int = 3) -> tuple[LoopR
 def test_windows_are_walked_one_after_the_other_from_where_the_robot_stands() -> None:
     report, seen = looped(1.0, LoopSettings(horizon=1))
     assert report.succeeded, report.message
-    assert (report.plans, report.replans, report.frames, report.friction_share) == (2, 0, 2, 1.0)
+    assert (report.plans, report.replans, report.frames, report.friction.share) == (2, 0, 2, 1.0)
     assert [observation.frame for observation in seen] == [0, 1]
     assert seen[0].standing is None
     standing, state = seen[1].standing, seen[1].state
@@ -79,16 +80,16 @@ def test_less_friction_than_planned_is_felt_by_feet_that_slide_and_planned_with(
     report, seen = looped(0.7, LoopSettings(replan_m=0.008), frames=3)
     assert report.succeeded, report.message
     assert report.replans >= 1
-    assert report.friction_share == pytest.approx(0.7, abs=0.03)
+    assert report.friction.share == pytest.approx(0.7, abs=0.03)
     assert seen[-1].window.terrain[0].friction == pytest.approx(
-        report.friction_share * seen[0].window.terrain[0].friction
+        report.friction.share * seen[0].window.terrain[0].friction
     )
 
 
 def test_without_planning_anew_it_keeps_its_first_plan() -> None:
     report, seen = looped(0.75, LoopSettings(replan_m=np.inf), frames=3)
     assert (report.plans, report.replans, len(seen)) == (1, 0, 1)
-    assert report.friction_share == 1.0
+    assert report.friction.share == 1.0
 
 
 def test_a_course_that_cannot_be_planned_fails_before_anything_moves() -> None:
@@ -112,7 +113,7 @@ def test_feet_that_slide_while_others_swing_are_caught_and_the_rest_is_planned_a
     assert report.succeeded, report.message
     assert report.replans >= 1
     assert report.deviation_m < 0.02
-    assert report.friction_share == pytest.approx(0.68, abs=0.03)
+    assert report.friction.share == pytest.approx(0.68, abs=0.03)
     alone = dropping(LoopSettings(replan_m=np.inf))
     assert not alone.succeeded
     assert alone.deviation_m > 0.05

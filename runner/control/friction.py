@@ -1,0 +1,182 @@
+"""Friction estimated from what feet feel: those that slid say how much there is, those that held say how much at least.
+
+A foot that slides feels |f_t| = s μ f_n, where μ is the course's friction and s the share of it that there is; one
+that holds feels |f_t| ≤ s μ f_n. With ratios r = |f_t| / (μ f_n), σ of a slide and σ_h of a stance that held,
+
+    log L(s) = − Σ_slides (s − r)² / 2σ² + Σ_held log Φ((s − r) / σ_h),    0 < s ≤ 1,
+
+and the interval is that of 90 % of L, a flat prior below the course's friction. Without a slide it is one-sided.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+from stancekit.planners.files.arrays import Array
+
+from ..record import Record
+
+BLOCK_S = 0.05
+"""What a foot feels is looked at in blocks of this length."""
+STOOD_S = 0.1
+"""A foot that was put down less than this ago may still find its place."""
+SLIDES_M_S, HELD_M_S = 0.01, 0.002
+"""A foot that should stand and moves faster than this slides, one that is slower than that holds."""
+LOADED_N = 3.0
+SLIDE_NOISE, HELD_NOISE = 0.02, 0.03
+"""Standard deviations of a ratio that is felt, besides the spread within a slide and between slides."""
+CHANGED = 3.0
+"""Evidence so many standard deviations above a slide that comes after it was of other ground."""
+SHARES = np.linspace(0.005, 1.0, 200)
+TAIL = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionInterval:
+    """Shares of the course's friction: the most likely, and the ends of 90 % of the likelihood. slides, held: how many
+    stances slid, and how many held, that it is estimated from."""
+
+    share: float = 1.0
+    low: float = 0.0
+    high: float = 1.0
+    slides: int = 0
+    held: int = 0
+
+    @property
+    def planned_on(self) -> float:
+        """What is planned on: the lower end as soon as a foot slid, before that the course's own friction."""
+        return self.low if self.slides else 1.0
+
+    @property
+    def line(self) -> str:
+        """For people."""
+        feet = f"{self.slides} stance{'s' * (self.slides != 1)} that slid, {self.held} that held"
+        if self.slides:
+            return f"{self.share:.2f} of the course's, {self.low:.2f} to {self.high:.2f} (90 %), by {feet}"
+        return f"at least {self.low:.2f} of the course's (95 %), by {feet}"
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready."""
+        return dict(self.__dict__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Felt:
+    """What one stance says: its ratio, that of a slide or the largest that held, and its noise."""
+
+    slid: bool
+    ratio: float
+    noise: float
+
+
+class FrictionEstimator:
+    """Sums up what feet feel over a run; ``interval`` is what it says just now. period_s: of control."""
+
+    def __init__(self, period_s: float) -> None:
+        self._period_s = period_s
+        self._felt = list[_Felt]()
+
+    def add(self, record: Record, unit: float = 1.0) -> None:
+        """What was measured next. unit: the share of the course's friction that its targets count on."""
+        if len(record.pairs) < 2:
+            return
+        for felt in _stances(record, self._period_s, unit):
+            if felt.slid:
+                self._felt = [old for old in self._felt if not _contradicted(old, felt)]
+            self._felt.append(felt)
+
+    @property
+    def interval(self) -> FrictionInterval:
+        """By all that was added, but for what a later slide contradicts: friction may have changed."""
+        slides = [felt for felt in self._felt if felt.slid]
+        held = [felt for felt in self._felt if not felt.slid]
+        between = float(np.std([felt.ratio for felt in slides], ddof=1)) if len(slides) > 1 else 0.0
+        likelihood = np.zeros(len(SHARES))
+        for felt in slides:
+            likelihood -= (SHARES - felt.ratio) ** 2 / (2.0 * (felt.noise**2 + between**2))
+        for felt in held:
+            likelihood += log_ndtr((SHARES - felt.ratio) / felt.noise)
+        best = len(SHARES) - 1 - int(np.argmax(likelihood[::-1]))
+        mass = np.cumsum(np.exp(likelihood - likelihood[best]))
+        low, high = (float(SHARES[np.searchsorted(mass, part * mass[-1])]) for part in (TAIL, 1.0 - TAIL))
+        share = float(SHARES[best])
+        return FrictionInterval(
+            share=share, low=min(low, share), high=max(high, share) if slides else 1.0, slides=len(slides),
+            held=len(held),
+        )  # fmt: skip
+
+
+def estimated(record: Record, period_s: float) -> FrictionInterval:
+    """Of one record alone."""
+    estimator = FrictionEstimator(period_s)
+    estimator.add(record)
+    return estimator.interval
+
+
+def _contradicted(old: _Felt, slide: _Felt) -> bool:
+    """Whether there was more friction then than this slide, which came later, leaves room for."""
+    return old.ratio - slide.ratio > CHANGED * float(np.hypot(old.noise, slide.noise))
+
+
+def _stances(record: Record, period_s: float, unit: float) -> Iterator[_Felt]:
+    """What every stance of a record says, in the order of their ends."""
+    targets, states = zip(*record.pairs, strict=True)
+    feet = np.array([state.feet_m - target.rolled_m for target, state in record.pairs])
+    normals = np.array([target.sample.normals for target in targets])
+    forces = np.array([state.forces_n for state in states])
+    friction = np.array([target.sample.friction for target in targets]) / unit
+    foothold = np.array([target.sample.foothold for target in targets])
+    normal = np.einsum("tij,tij->ti", forces, normals)
+    across = np.linalg.norm(forces - normal[:, :, None] * normals, axis=2)
+    counts = (foothold >= 0) & (normal >= LOADED_N) & (friction > 0.0)
+    ratio = across / np.where(counts, normal * friction, np.inf)
+    moved = np.diff(feet, axis=0, prepend=feet[:1])
+    moved -= np.einsum("tij,tij->ti", moved, normals)[:, :, None] * normals
+    found = list[tuple[int, _Felt]]()
+    for limb in range(foothold.shape[1]):
+        for begin, end in _runs(foothold[:, limb], round(STOOD_S / period_s)):
+            rows = slice(begin, end)
+            columns = ratio[rows, limb], moved[rows, limb], counts[rows, limb]
+            felt = _stance(*columns, period_s)
+            found += [] if felt is None else [(end, felt)]
+    return (felt for _, felt in sorted(found, key=lambda pair: pair[0]))
+
+
+def _runs(foothold: NDArray[np.int_], stood: int) -> Iterator[tuple[int, int]]:
+    """First and last + 1 row of every stance; one that begins within the record has time to find its place."""
+    borders = [0, *(np.flatnonzero(np.diff(foothold)) + 1).tolist(), len(foothold)]
+    for begin, end in pairwise(borders):
+        first = begin + (stood if begin else 0)
+        if foothold[begin] >= 0 and end > first:
+            yield first, end
+
+
+def _stance(ratio: Array, moved: Array, counts: NDArray[np.bool_], period_s: float) -> _Felt | None:
+    """What a stance says, in blocks counted from its end; None where it bore nothing all the time."""
+    block, held, slid = max(2, round(BLOCK_S / period_s)), 0.0, list[float]()
+    for end in range(len(ratio), block - 1, -block):
+        rows = slice(end - block, end)
+        if not counts[rows].all():
+            continue
+        speed = float(np.linalg.norm(moved[rows].sum(axis=0))) / (block * period_s)
+        if speed >= SLIDES_M_S:
+            slides = np.linalg.norm(moved[rows], axis=1) >= SLIDES_M_S * period_s
+            slid += ratio[rows][slides].tolist()
+        elif speed < HELD_M_S:
+            held = max(held, float(np.median(ratio[rows])))
+    if slid:
+        return _Felt(slid=True, ratio=float(np.median(slid)), noise=float(np.hypot(SLIDE_NOISE, _spread(slid))))
+    return _Felt(slid=False, ratio=held, noise=HELD_NOISE) if held > 0.0 else None
+
+
+def _spread(values: Sequence[float]) -> float:
+    """Standard deviation by the median of what is off the median."""
+    some = np.asarray(values)
+    return 1.4826 * float(np.median(np.abs(some - np.median(some))))

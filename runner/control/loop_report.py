@@ -1,0 +1,39 @@
+"""What came of a closed loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..safety.ending import Ended
+from .friction import FrictionInterval
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LoopReport:
+    """How it went. plans: made and run; replans: of these, because of a deviation. frames: key frames reached, of all
+    but the first. friction: as feet felt it; planned_share: of the course's that the last plan counts on. surfaces:
+    what feet found otherwise than planned, empty for nothing. com_final_m: from the last plan's end. seconds: of
+    motion."""
+
+    succeeded: bool
+    message: str
+    ended: Ended
+    plans: int
+    replans: int
+    frames: int
+    friction: FrictionInterval
+    planned_share: float
+    surfaces: str
+    com_final_m: float
+    deviation_m: float
+    seconds: float
+    plan_s: float
+    wall_s: float
+
+    def to_json(self) -> dict[str, Any]:
+        """JSON-ready."""
+        numbers = {n: None if isinstance(v, float) and not np.isfinite(v) else v for n, v in self.__dict__.items()}
+        return numbers | {"ended": self.ended.to_json(), "friction": self.friction.to_json()}

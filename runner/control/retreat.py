@@ -1,0 +1,65 @@
+"""The way back: a step that found no ground is undone, along its own path, to the stance that it began from."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from stancekit.planners.files.arrays import Array
+from stancekit.planners.terrain.prism import Solid
+
+from ..motion.motion import MotionSample
+from ..motion.redundancy import Continued
+from ..motion.timeline import PlanMotion, smooth
+from ..prepared import Prepared, Tracked
+from ..record import Record
+from ..run import Runner
+from ..worlds.world import State
+from .tracker import Tracker
+
+KNOTS = 31
+SLOWER = 2.0
+"""The way back takes so many times as long as the way there: then nothing is faster than it was."""
+
+
+class Retreat:
+    """A ``Motion``: a stretch of a plan's motion backwards, from rest to rest. begin_s, end_s: of that stretch."""
+
+    def __init__(self, motion: PlanMotion, begin_s: float, end_s: float) -> None:
+        self._motion, self._begin_s, self._end_s = motion, begin_s, end_s
+        self.solids: tuple[Solid, ...] = motion.solids
+
+    @classmethod
+    def of_step(cls, motion: PlanMotion, frame: int) -> Retreat:
+        """Of the step to this frame, all of it."""
+        return cls(motion, *motion.step_s(frame))
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes [s]."""
+        return SLOWER * (self._end_s - self._begin_s)
+
+    @property
+    def knots_s(self) -> Array:
+        """As of ``Motion``."""
+        return np.linspace(0.0, self.seconds, KNOTS)
+
+    def at(self, time_s: float) -> MotionSample:
+        """What should be at a time; the ends are held."""
+        passed = smooth(min(max(time_s / self.seconds, 0.0), 1.0))
+        return self._motion.at(self._end_s + passed * (self._begin_s - self._end_s))
+
+
+def step_back(runner: Runner, prepared: Prepared[PlanMotion], frame: int, state: State) -> Record:
+    """Undo the step to a key frame of a plan, from where the robot was measured; what was measured on the way.
+
+    Raises Stopped, HardwareFault.
+    """
+    world, kinematics = runner.world, prepared.kinematics
+    near = Continued(
+        kinematics.robot, world.servo, gravity_m_s2=kinematics.gravity_m_s2, near=np.array(state.angles_rad)
+    )  # fmt: skip
+    retreat, record = Retreat.of_step(prepared.motion, frame), Record()
+    tracker = Tracker(retreat, near, world.rate_hz, runner.settings.feedback, drives=world.drives)
+    tracked = Tracked(motion=retreat, tracker=tracker, first=tracker.start(), sees=prepared.sees)
+    runner.follow(tracked, record)
+    return record
