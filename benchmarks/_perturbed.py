@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,7 +15,7 @@ from stancekit.planners.terrain.polygon import Surface
 from stancekit.runner.worlds import Imperfections
 from stancekit.runner.worlds.drives import Push
 
-START_M, HOLE_M = 0.10, 0.06
+START_M, HOLE_M = 0.10, 0.04
 """Half sides of squares: where feet stand at first the ground is as planned, and a place where there is none."""
 PUSH_S, PUSHED_S = (0.5, 12.0), (0.1, 0.3)
 """When a push comes, and how long it lasts."""
@@ -28,7 +28,7 @@ class Perturbed:
 
     terrain: tuple[Patch, ...]
     course: Course
-    imperfections: Imperfections = Imperfections()
+    imperfections: Imperfections = field(default_factory=Imperfections)
 
 
 def moved(plan: Plan, rng: np.random.Generator, far_m: float, turned_rad: float) -> Perturbed:
@@ -71,7 +71,9 @@ def missing(plan: Plan, rng: np.random.Generator) -> Perturbed:
     """Nothing around one of the places where a foot should come down."""
     course, starts = plan.course, plan.toes_at(0)
     later = [index for index, each in enumerate(course.footholds) if each.frame > 0
-             and np.linalg.norm(plan.toes_m[index] - starts, axis=1).min() > 2.0 * HOLE_M]  # fmt: skip
+             and np.linalg.norm(plan.toes_m[index] - starts, axis=1).min() > np.sqrt(2.0) * HOLE_M]  # fmt: skip
+    if not later:
+        raise SystemExit(f"--wrong missing: {course.name}: no foot comes down away from where feet stand at first")
     index = int(rng.choice(later))
     place, toe = course.patch(index, plan.choice), plan.toes_m[index]
 

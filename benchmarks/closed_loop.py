@@ -9,7 +9,7 @@ The first course is the built-in one, the others have other heights, distances, 
 world has instead: "friction": only a share of it, everywhere, from the start, or (--late, in MuJoCo) from a random time
 of the run on, between 0.5 and 12 s. "moved": every plane is up to --moved-m nearer or farther along its normal, and
 turned by up to --moved-deg about an axis in it, but for where feet stand at first. "missing": nothing is there within
-6 cm of one of the places where a foot should come down. "pushed": a force of half to all of --push of the weight, from
+4 cm of one of the places where a foot should come down. "pushed": a force of half to all of --push of the weight, from
 anywhere, on the body for .1 to .3 s, between 0.5 and 12 s.
 
 "once" follows the first plan to its end; "anew" stops where feet slide, presses harder, puts down what is in the air,
@@ -45,8 +45,9 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import SHARES, plan_with_reserve, slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.runner.acceptance import Accepted
-from stancekit.runner.control.closed_loop import ClosedLoop, LoopSettings
+from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.loop_report import LoopReport
+from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.run import Runner
 from stancekit.runner.worlds import make_world
 from stancekit.runner.worlds.world import World

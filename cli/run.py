@@ -181,7 +181,8 @@ class Run:
 
     def _walk(self, runner: Runner, course: Course, first: Accepted | None) -> Done:
         """The closed loop over a course, begun with its plan where there is one."""
-        from stancekit.runner.control.closed_loop import ClosedLoop, LoopSettings
+        from stancekit.runner.control.closed_loop import ClosedLoop
+        from stancekit.runner.control.loop_settings import LoopSettings
 
         assert self.policy is not None
         policy = read_policy(self.policy, course)

@@ -93,6 +93,19 @@ def course_window(course: Course, first: int, last: int, standing: Standing | No
     )
 
 
+def with_pause(course: Course, frame: int) -> Course:
+    """The course with a key frame more after this one, to which the body alone moves, as far as it may there."""
+    again = [*range(frame + 1), frame, *range(frame + 1, course.frames)]
+    return replace(
+        course,
+        footholds=tuple(replace(each, frame=each.frame + (each.frame > frame)) for each in course.footholds),
+        lifts=(*course.lifts[: frame + 1], (), *course.lifts[frame + 1 :]),
+        com_nominal_m=course.com_nominal_m[again],
+        com_radius_m=course.com_radius_m[again],
+        modes=None if course.modes is None else tuple(course.modes[k] for k in again),
+    )
+
+
 def _room(course: Course, first: int, com_m: Array, radius_m: Array) -> float:
     """How far the first step can go along its line [m]; 0 where the body stands ahead of where it should go next."""
     if len(com_m) < 2:

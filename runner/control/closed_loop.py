@@ -11,21 +11,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.errors import InvalidInput, PlanningFailed
-from stancekit.planners.files.arrays import checked, collect_errors
 from stancekit.planners.problem.course import Course
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.answer import CoursePlanner
-from stancekit.planners.search.friction_margin import SHARES, slippery
-from stancekit.planners.search.plan_window import Standing
+from stancekit.planners.search.friction_margin import slippery
+from stancekit.planners.search.plan_window import Standing, with_pause
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
@@ -40,12 +38,15 @@ from ..worlds.world import State
 from .estimation import deviation_m, estimate_standing, measured_com_m
 from .friction import FrictionEstimator
 from .loop_report import LoopReport
+from .loop_settings import LoopSettings
 from .retreat import step_back
 from .slip_recovery import Shares, SlipDetector, SlipRecovery
 from .surfaces import EmptyStep, found_offsets, without
 from .tracker import Target
+from .waiting import held_while
 
-Answer = TypeVar("Answer")
+NEAR = (0.94, 0.97)
+"""More shares of the lower end, between the last two, once feet slid: every bit of reserve counts then."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,30 +63,6 @@ class Observation:
 
 
 Policy = Callable[[Observation], CoursePlanner]
-
-
-@dataclass(frozen=True, kw_only=True)
-class LoopSettings:
-    """horizon: key frames a plan; 0 for all that are left. replan_m: a body or a foot farther than this from the plan
-    has the rest planned anew, at the next moment when all feet stand; inf for never. most: so many plans at most.
-    shares: of the friction that is counted on, that are planned with. goal_m: how far from where its last plan has it
-    the centre of mass may end. learn_friction: estimate it from what feet feel."""
-
-    horizon: int = 0
-    replan_m: float = 0.012
-    most: int = 30
-    shares: tuple[float, ...] = SHARES
-    goal_m: float = 0.03
-    learn_friction: bool = True
-
-    def __post_init__(self) -> None:
-        collect_errors(
-            lambda: checked(self.horizon, "loop.horizon", least=0.0),
-            lambda: checked(self.most, "loop.most", least=1.0),
-            lambda: checked(self.goal_m, "loop.goal_m", above=0.0),
-        )
-        if not self.replan_m > 0.0:
-            raise InvalidInput(f"loop.replan_m: expected a number above 0, or inf, got {self.replan_m!r}")
 
 
 class ClosedLoop:
@@ -172,9 +149,10 @@ class ClosedLoop:
 
     def _watch(self) -> None:
         """Look anew, as nothing is known of feet that begin to stand."""
-        rate_hz = self.runner.world.rate_hz
-        self._slips, self._steps = SlipDetector(rate_hz), EmptyStep(rate_hz)
-        self._slid, self._fell = False, np.zeros(len(self.course.robot.limbs), dtype=bool)
+        rate_hz, limbs = self.runner.world.rate_hz, len(self.course.robot.limbs)
+        self._slips, self._steps = SlipDetector(rate_hz), EmptyStep(rate_hz, limbs)
+        self._slid, self._fell = False, np.zeros(limbs, dtype=bool)
+        self._begun_m: float | None = None
 
     def _feel(self, record: Record, part: float = 1.0) -> Shares:
         """Shares of the plan's friction that there may be, the lower end first, with what this record says of it.
@@ -194,9 +172,8 @@ class ClosedLoop:
         for limb in np.flatnonzero(self._fell):
             patch = plan.course.patch(target.sample.foothold[limb], plan.choice)
             places.append((patch, state.feet_m[limb]))
-            found = f"limb {self.course.robot.limb_names[limb]}: nothing where it came down at frame {self._frame}"
-            self._surfaces.append(found)
-            runner.decide("step back", found)
+            self._surfaces.append(f"limb {plan.course.robot.limb_names[limb]}: nothing at frame {self._frame}")
+            runner.decide("step back", self._surfaces[-1])
         back = step_back(runner, prepared, self._frame - begun, state)
         self._count(back, begun)
         for patch, toe_m in places:
@@ -226,8 +203,8 @@ class ClosedLoop:
         for standing in starts:
             kinematics = Continued(course.robot, servo, gravity_m_s2=course.gravity_m_s2, near=near)
             try:
-                accepted = self._while_held(partial(self._planned, standing))
-                return self._while_held(partial(self.runner.prepare, accepted, kinematics))
+                accepted = held_while(self.runner, partial(self._planned, standing))
+                return held_while(self.runner, partial(self.runner.prepare, accepted, kinematics))
             except (PlanningFailed, InvalidInput) as error:
                 failures.append(str(error))
                 self.runner.decide("no plan", str(error))
@@ -235,15 +212,47 @@ class ClosedLoop:
         raise PlanningFailed(f"frame {self._frame}: no plan from here: {why}")
 
     def _planned(self, standing: Standing | None) -> Accepted:
-        """Observe, choose, plan, verify. Raises PlanningFailed."""
+        """Observe, choose, plan, verify. Raises PlanningFailed.
+
+        Where feet slid and there is no reserve, the body may first move to where there is some, before anybody lifts.
+        """
         begin, found, shares = time.perf_counter(), self._friction.interval, self.settings.shares
         share = found.share if found.slides else 1.0
         if found.planned_on < share:  # the most likely comes last: where the lower end has no plan
-            shares = (*(cautious * found.planned_on / share for cautious in shares), 1.0)
+            nearer = (*shares[:-1], *NEAR, shares[-1])
+            shares = (*(cautious * found.planned_on / share for cautious in nearer), 1.0)
         if standing is not None:
             duller = share / self._planned_share
             patches = tuple(patch.with_friction(duller * patch.friction) for patch in standing.patches)
             standing = replace(standing, patches=patches)
+        course, frame = self.course, self._frame
+        outcome = self._answer(course, share, standing, shares)
+        if (
+            self._slid
+            and standing is not None
+            and course.lifts[frame + 1]
+            and _counts(outcome, share) > share * shares[0]
+        ):
+            paused = with_pause(course, frame)
+            other = self._answer(paused, share, standing, shares)
+            if _counts(other, share) < _counts(outcome, share):
+                outcome, self.course = other, paused
+                self.runner.decide("body first", f"frame {frame}: it leaves more friction to move before feet do")
+        self._plan_s += time.perf_counter() - begin
+        if outcome.plan is None:
+            raise PlanningFailed(f"frame {frame}: {outcome.message or outcome.claim or outcome.status.value}")
+        try:
+            accepted = Accepted.verified(outcome.plan, f"plan {self._plans + 1}")
+        except InvalidInput as error:
+            raise PlanningFailed(str(error)) from None
+        self._plans, self._planned_share, self._counted = self._plans + 1, share, _counts(outcome, share)
+        self.runner.decide("planned", f"counting on {self._counted:.2f} of the course's friction")
+        return accepted
+
+    def _answer(
+        self, course: Course, share: float, standing: Standing | None, shares: tuple[float, ...]
+    ) -> PlanOutcome:
+        """What a policy's planner says of a course with this share of its friction."""
 
         def planner_of(window: Course) -> CoursePlanner:
             observation = Observation(
@@ -251,51 +260,33 @@ class ClosedLoop:
             )
             return self._policy(observation)
 
-        outcome = replan(
-            standing, slippery(self.course, share), frame=self._frame, horizon=self.settings.horizon or None,
+        return replan(
+            standing, slippery(course, share), frame=self._frame, horizon=self.settings.horizon or None,
             planner=planner_of, shares=shares,
         )  # fmt: skip
-        self._plan_s += time.perf_counter() - begin
-        if outcome.plan is None:
-            raise PlanningFailed(f"frame {self._frame}: {outcome.message or outcome.claim or outcome.status.value}")
-        try:
-            accepted = Accepted.verified(outcome.plan, f"plan {self._plans + 1}")
-        except InvalidInput as error:
-            raise PlanningFailed(str(error)) from None
-        self._plans, self._planned_share = self._plans + 1, share
-        self._counted = share * float(outcome.plan.provenance.get("friction_share", 1.0))
-        self.runner.decide("planned", f"counting on {self._counted:.2f} of the course's friction")
-        return accepted
-
-    def _while_held(self, work: Callable[[], Answer]) -> Answer:
-        """The answer of some work, while something real is sent again and again where it is."""
-        world = self.runner.world
-        if not world.real or world.dry:
-            return work()
-        pool = ThreadPoolExecutor(1)
-        try:
-            future = pool.submit(work)
-            while not future.done():
-                self.runner.send(world.last_rad, world.last_rad)
-            return future.result()
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)  # the ending of a run that is stopped waits for no planner
 
     def _astray(self, target: Target, state: State) -> bool:
         """Feet slide or came down on nothing, or all stand and the robot is astray; where anything is done about it."""
-        away = deviation_m(target, state, self._kinematics, self.runner.world.capabilities)
-        self._worst = max(self._worst, away)
-        if not np.isfinite(self.settings.replan_m):
+        if not self.runner.world.capabilities.has_body_pose:
             return False
-        self._slid = bool(self._slips.slipping(target, state).any())
         if self._prepared.sees:
             self._fell = self._steps.found(target, state)
-        return (
-            self._slid or bool(self._fell.any()) or (min(target.sample.foothold) >= 0 and away > self.settings.replan_m)
-        )
+        away = deviation_m(target, state, self._kinematics, self._steps.seeks)
+        self._worst, limit_m = max(self._worst, away), self.settings.replan_m
+        self._begun_m = away if self._begun_m is None else self._begun_m
+        if not np.isfinite(limit_m):
+            return False
+        self._slid = bool(self._slips.slipping(target, state).any())
+        stands, new = min(target.sample.foothold) >= 0, away - self._begun_m > limit_m
+        return self._slid or bool(self._fell.any()) or (stands and away > limit_m and new)
 
     def _count(self, record: Record, begun: int) -> None:
         """How far it came."""
         if record.pairs:
             self._frame = begun + round(record.pairs[-1][0].sample.frame)
             self._seconds += len(record.pairs) / self.runner.world.rate_hz
+
+
+def _counts(outcome: PlanOutcome, share: float) -> float:
+    """How much of a course's friction a plan counts on that was made with this share of it; inf where there is none."""
+    return np.inf if outcome.plan is None else share * float(outcome.plan.provenance.get("friction_share", 1.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from stancekit.planners.files.arrays import Array
@@ -10,7 +11,6 @@ from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.terrain import Patch
 
-from ..worlds.capabilities import WorldCapabilities
 from ..worlds.world import State
 from .tracker import Target
 
@@ -23,13 +23,11 @@ def measured_com_m(kinematics: Kinematics, state: State) -> Array:
     return np.asarray(state.position_m + state.rotation @ kinematics.com_offset(state.angles_rad))
 
 
-def deviation_m(target: Target, state: State, kinematics: Kinematics, can: WorldCapabilities) -> float:
-    """How far the body or a foot that stands is from the plan [m]; 0 where the world does not measure the body."""
-    if not can.has_body_pose:
-        return 0.0
+def deviation_m(target: Target, state: State, kinematics: Kinematics, seeks: NDArray[np.bool_]) -> float:
+    """How far the body or a foot that stands is from the plan [m]. seeks: feet that do not yet, shape (N,)."""
     sample = target.sample
     body = float(np.linalg.norm(measured_com_m(kinematics, state) - sample.com_m))
-    stands = np.array(sample.foothold) >= 0
+    stands = (np.array(sample.foothold) >= 0) & ~seeks
     feet = np.linalg.norm(state.feet_m - target.rolled_m - sample.feet_m, axis=1)[stands]
     return max(body, float(feet.max(initial=0.0)))
 

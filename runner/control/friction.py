@@ -34,6 +34,8 @@ SLIDE_NOISE, HELD_NOISE = 0.02, 0.03
 """Standard deviations of a ratio that is felt, besides the spread within a slide and between slides."""
 CHANGED = 3.0
 """Evidence so many standard deviations above a slide that comes after it was of other ground."""
+NEWEST = 4
+"""So many slides count, the newest: the same foot that slides again tells nothing new."""
 SHARES = np.linspace(0.005, 1.0, 200)
 TAIL = 0.05
 
@@ -95,7 +97,7 @@ class FrictionEstimator:
     @property
     def interval(self) -> FrictionInterval:
         """By all that was added, but for what a later slide contradicts: friction may have changed."""
-        slides = [felt for felt in self._felt if felt.slid]
+        slides = [felt for felt in self._felt if felt.slid][-NEWEST:]
         held = [felt for felt in self._felt if not felt.slid]
         between = float(np.std([felt.ratio for felt in slides], ddof=1)) if len(slides) > 1 else 0.0
         likelihood = np.zeros(len(SHARES))

@@ -39,10 +39,10 @@ MOVED_M = 0.004
 class EmptyStep:
     """Which feet came down on nothing, from what is measured in every control period."""
 
-    def __init__(self, rate_hz: float) -> None:
+    def __init__(self, rate_hz: float, limbs: int) -> None:
         self._periods = max(1, round(EMPTY_S * rate_hz))
         self._foothold: NDArray[np.int_] | None = None
-        self._bore = self._empty = np.zeros(0, dtype=int)
+        self._bore = self._empty = np.zeros(limbs, dtype=int)
 
     def found(self, target: Target, state: State) -> NDArray[np.bool_]:
         """shape (N,)."""
@@ -57,7 +57,14 @@ class EmptyStep:
         self._bore = np.where(kept, self._bore, 0) + felt
         self._empty = np.where(kept & ~felt & wanted, self._empty + 1, 0)
         self._foothold = foothold
-        return np.asarray((foothold >= 0) & (self._bore < self._periods) & (self._empty >= self._periods))
+        return np.asarray(self.seeks & (self._empty >= self._periods))
+
+    @property
+    def seeks(self) -> NDArray[np.bool_]:
+        """Which feet should stand and bore nothing yet, shape (N,)."""
+        if self._foothold is None:
+            return np.zeros(len(self._bore), dtype=bool)
+        return np.asarray((self._foothold >= 0) & (self._bore < self._periods))
 
 
 def without(course: Course, place: Patch, toe_m: Array, frame: int) -> Course:

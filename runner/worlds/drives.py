@@ -147,4 +147,4 @@ class Imperfections:
     def pushed_n(self, time_s: float) -> Array:
         """Of the pushes at a time, shape (3,) [N]."""
         now = [push.force_n for push in self.pushes if push.at_s <= time_s < push.at_s + push.seconds]
-        return np.sum([np.zeros(3), *now], axis=0)
+        return sum(map(np.array, now), start=np.zeros(3))

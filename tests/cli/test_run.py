@@ -28,7 +28,7 @@ from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
-from stancekit.runner.control.closed_loop import LoopSettings
+from stancekit.runner.control.loop_settings import LoopSettings
 from stancekit.runner.log import read_log
 from stancekit.runner.worlds.dynamixel.calibration import nominal
 from stancekit.runner.worlds.ros.setup import same_names
