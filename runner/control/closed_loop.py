@@ -79,7 +79,7 @@ class ClosedLoop:
         self._policy: Policy = policy or (lambda observation: planner)
         self._friction = FrictionEstimator(1.0 / runner.world.rate_hz)
         self._planned_share = self._counted = 1.0
-        self._frame = self._plans = self._replans = 0
+        self._frame = self._plans = self._replans = self._stuck = 0
         self._kinematics = Kinematics(course.robot, runner.world.servo, gravity_m_s2=course.gravity_m_s2)
         self._recovery = SlipRecovery(runner, self._kinematics)
         self._watch()
@@ -132,8 +132,10 @@ class ClosedLoop:
         shares = self._feel(record)
         if whole and self._frame == self.course.frames - 1:
             return True
-        if self._plans >= self.settings.most:
-            raise PlanningFailed(f"no plan to the end in {self._plans} plans, at frame {self._frame}")
+        self._stuck = 0 if self._frame > begun else self._stuck + 1
+        if self._plans >= self.settings.most or self._stuck >= self.settings.tries:
+            stuck = f"{self._stuck} of them in a row that came no farther, at frame {self._frame}"
+            raise PlanningFailed(f"no plan to the end in {self._plans} plans, {stuck}")
         self._replans += not whole
         target, state = record.pairs[-1]
         if self._fell.any():

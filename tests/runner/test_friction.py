@@ -1,0 +1,124 @@
+"""The friction that feet felt, as an interval: what slides say, what stances that held say, and what is forgotten."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from stancekit.planners.files.arrays import Array
+from stancekit.runner.control.friction import FrictionEstimator, FrictionInterval
+from stancekit.runner.control.tracker import Target
+from stancekit.runner.motion.motion import MotionSample
+from stancekit.runner.record import Record
+from stancekit.runner.worlds.world import State
+
+PERIOD_S, MU = 0.005, 0.6
+UP = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]])
+ALONG = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
+
+
+def felt(
+    ratios: Array, speeds_m_s: tuple[float, float], foothold: tuple[int, int] = (0, 1), load_n: float = 30.0
+) -> Record:
+    """Two feet, on a floor and on a wall, that feel |f_t| = ratio μ f_n, shape (T, 2), and move along at a speed."""
+    record = Record()
+    for k, ratio in enumerate(ratios):
+        sample = MotionSample(
+            com_m=np.zeros(3), rotation_rad=np.zeros(3), frame=0.0, feet_m=np.zeros((2, 3)), forces_n=load_n * UP,
+            foothold=foothold, normals=UP, friction=np.full(2, MU),
+        )  # fmt: skip
+        target = Target(
+            targets_rad=np.zeros(1), sample=sample, origin_m=np.zeros(3), shift_m=np.zeros(3), angles_rad=np.zeros(1),
+            torques_nm=np.zeros(1), rolled_m=np.zeros((2, 3)), error_m=np.zeros(2),
+        )  # fmt: skip
+        moved = (np.array(speeds_m_s) * PERIOD_S * k)[:, None] * ALONG
+        state = State(
+            time_s=k * PERIOD_S, position_m=np.zeros(3), rotation=np.eye(3), velocity=np.zeros(6),
+            angles_rad=np.zeros(1), rates_rad_s=np.zeros(1), torques_nm=np.zeros(1), feet_m=moved,
+            forces_n=load_n * (UP + (ratio * MU)[:, None] * ALONG), bump_n=0.0, sent_rad=np.zeros(1),
+        )  # fmt: skip
+        record.add(target, state, 0.0)
+    return record
+
+
+def interval(*records: Record, unit: float = 1.0) -> FrictionInterval:
+    estimator = FrictionEstimator(PERIOD_S)
+    for record in records:
+        estimator.add(record, unit)
+    return estimator.interval
+
+
+def test_feet_that_held_say_how_much_there_is_at_least_and_the_course_is_believed() -> None:
+    found = interval(felt(np.full((60, 2), [0.7, 0.4]), (0.0, 0.0)))
+    assert (found.share, found.high, found.planned_on) == (1.0, 1.0, 1.0)
+    assert (found.slides, found.held) == (0, 2)
+    assert 0.65 < found.low < 0.75
+    assert found.line.startswith("at least 0.7")
+
+
+def test_a_foot_that_slides_says_how_much_there_is_and_the_lower_end_is_planned_on() -> None:
+    found = interval(felt(np.full((40, 2), [0.65, 0.4]), (0.05, 0.0)))
+    assert (found.slides, found.held) == (1, 1)
+    assert found.share == pytest.approx(0.65, abs=0.006)
+    assert found.planned_on == found.low
+    assert 0.02 < found.share - found.low < 0.05  # 1.64 σ of .02
+    assert 0.02 < found.high - found.share < 0.05
+
+
+def test_the_interval_holds_what_there_is_nine_times_of_ten() -> None:
+    rng, hits = np.random.default_rng(0), 0
+    for _ in range(200):
+        truth = rng.uniform(0.4, 0.9)
+        slides = truth + 0.02 * rng.standard_normal()
+        noise = 0.01 * rng.standard_normal((40, 2))
+        ratios = np.stack([np.full(40, slides), np.full(40, truth * rng.uniform(0.3, 1.0))], axis=1) + noise
+        found = interval(felt(ratios, (0.05, 0.0)))
+        hits += found.low <= truth <= found.high
+    assert 170 <= hits <= 200
+
+
+def test_slides_that_differ_make_it_wider_and_the_same_ones_over_and_over_do_not_make_it_narrow() -> None:
+    agree = [felt(np.full((40, 2), [0.65, 0.4]), (0.05, 0.0)) for _ in range(12)]
+    differ = [felt(np.full((40, 2), [ratio, 0.4]), (0.05, 0.0)) for ratio in (0.6, 0.64, 0.68, 0.7)]
+    one, same, wide = interval(agree[0]), interval(*agree), interval(*differ)
+    widths = [each.high - each.low for each in (same, one, wide)]
+    assert 0.015 <= widths[0] < widths[1] < widths[2]
+
+
+def test_what_a_later_slide_contradicts_is_forgotten_and_what_is_below_it_stays() -> None:
+    before = felt(np.full((60, 2), [0.95, 0.5]), (0.0, 0.0))
+    slid = felt(np.full((40, 2), [0.6, 0.3]), (0.05, 0.0))
+    found = interval(before, slid)
+    assert found.share == pytest.approx(0.6, abs=0.01)
+    assert found.held == 2  # the .5 of before and the .3 of now
+    other_way = interval(slid, before)  # held with more than had slid: the estimate goes up, and says so
+    assert other_way.share > found.share
+
+
+def test_ratios_are_of_the_courses_friction_whatever_the_plan_counted_on() -> None:
+    record = felt(np.full((40, 2), [1.0, 0.4]), (0.05, 0.0))
+    assert interval(record, unit=0.7).share == pytest.approx(0.7, abs=0.006)
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        felt(np.full((40, 2), 0.5), (0.05, 0.0), load_n=1.0),  # bears nothing
+        felt(np.full((40, 2), 0.5), (0.05, 0.05), foothold=(-1, -1)),  # flies
+        felt(np.full((40, 2), 0.5), (0.005, 0.005)),  # creeps: neither
+        felt(np.full((5, 2), 0.5), (0.05, 0.0)),  # too short to tell
+        Record(),
+    ],
+)
+def test_what_bears_nothing_flies_or_creeps_says_nothing(record: Record) -> None:
+    found = interval(record)
+    assert (found.slides, found.held, found.planned_on) == (0, 0, 1.0)
+
+
+def test_a_foot_that_was_just_put_down_may_still_find_its_place() -> None:
+    air, down = felt(np.zeros((10, 2)), (0.0, 0.0), foothold=(-1, 1)), felt(np.full((18, 2), 0.5), (0.05, 0.0))
+    record = Record(pairs=[*air.pairs, *down.pairs], began_s=[0.0] * 28)
+    assert interval(record).slides == 0
+    assert all(a.time_s <= b.time_s for (_, a), (_, b) in pairwise(down.pairs))
