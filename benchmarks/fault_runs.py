@@ -64,13 +64,13 @@ class FaultyRunner(Runner):
         self._began: float | None = None
         self.happened_s: float | None = None
 
-    def send(self, targets: Array, planned: Array) -> State:
+    def send(self, targets: Array, planned: Array, lean: Array | None = None) -> State:
         """As ``Runner``, but for one command."""
         self._began = time.monotonic() if self._began is None else self._began
         if self.happened_s is None and time.monotonic() - self._began > self._at_s:
             self.happened_s = time.monotonic()
             targets = self._fault(targets)
-        return super().send(targets, planned)
+        return super().send(targets, planned, lean)
 
 
 def on_bus(kind: str, path: Path, ending: Any, rng: np.random.Generator) -> dict[str, Any]:

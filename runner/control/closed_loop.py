@@ -132,10 +132,6 @@ class ClosedLoop:
         shares = self._feel(record)
         if whole and self._frame == self.course.frames - 1:
             return True
-        self._stuck = 0 if self._frame > begun else self._stuck + 1
-        if self._plans >= self.settings.most or self._stuck >= self.settings.tries:
-            stuck = f"{self._stuck} of them in a row that came no farther, at frame {self._frame}"
-            raise PlanningFailed(f"no plan to the end in {self._plans} plans, {stuck}")
         self._replans += not whole
         target, state = record.pairs[-1]
         if self._fell.any():
@@ -143,6 +139,10 @@ class ClosedLoop:
         elif self._slid:
             state, seconds = self._recovery.recover(prepared.motion.plan, record, shares, self._feel)
             self._seconds += seconds
+        self._stuck = 0 if self._frame > begun else self._stuck + 1
+        if self._plans >= self.settings.most or self._stuck >= self.settings.tries:
+            stuck = f"{self._stuck} of them in a row that came no farther, at frame {self._frame}"
+            raise PlanningFailed(f"no plan to the end in {self._plans} plans, {stuck}")
         why = f"frame {self._frame}, friction {self._friction.interval.line}"
         runner.decide("go on" if whole else "plan anew", why)
         self._prepared = after = self._next(prepared, target, state)
