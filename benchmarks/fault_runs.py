@@ -19,7 +19,7 @@ from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.run import Runner
-from stancekit.runner.safety.latch import Stopped
+from stancekit.runner.safety.latch import StopLatch, Stopped
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.world import State
@@ -163,6 +163,7 @@ def slipped(path: Path, rng: np.random.Generator) -> dict[str, Any]:
     assert state is not None
     ask_on(runner)
     after = sum(at > stopped_s for at in world.commands_s)
+    world.latch = StopLatch()  # physics goes on, with what the joints were told last
     for _ in range(round(0.5 * world.rate_hz)):
         last = SlippingWorld.step(world, state.sent_rad)
     moving = float(np.linalg.norm(last.velocity[:3])) > STILL_M_S

@@ -83,7 +83,7 @@ class ClosedLoop:
         self._kinematics = Kinematics(course.robot, runner.world.servo, gravity_m_s2=course.gravity_m_s2)
         self._recovery = SlipRecovery(runner, self._kinematics)
         self._watch()
-        self._surfaces = list[str]()
+        self._surfaces, self._body = list[str](), runner.settings.body
         self._plan_s = self._seconds = self._worst = 0.0
 
     def run(self, terrain: Sequence[Patch] | None = None, first: Accepted | None = None) -> LoopReport:
@@ -232,7 +232,7 @@ class ClosedLoop:
         if (
             self._slid
             and standing is not None
-            and course.lifts[frame + 1]
+            and any(course.lifts[frame + 1 : frame + 2])
             and _counts(outcome, share) > share * shares[0]
         ):
             paused = with_pause(course, frame)
@@ -248,7 +248,11 @@ class ClosedLoop:
         except InvalidInput as error:
             raise PlanningFailed(str(error)) from None
         self._plans, self._planned_share, self._counted = self._plans + 1, share, _counts(outcome, share)
-        self.runner.decide("planned", f"counting on {self._counted:.2f} of the course's friction")
+        body = self._body  # that pulls the body with less than a plan counts on bends the plan's own forces
+        whole = standing is not None and self._counted > body.cone_share * share
+        self.runner.settings = replace(self.runner.settings, body=replace(body, cone_share=1.0) if whole else body)
+        if standing is not None:  # a log begins with its plan
+            self.runner.decide("planned", f"counting on {self._counted:.2f} of the course's friction")
         return accepted
 
     def _answer(

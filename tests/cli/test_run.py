@@ -249,6 +249,28 @@ def test_a_robot_that_is_not_as_its_set_up_file_says_is_one_line_before_any_moti
     assert said in err
 
 
+OWN = """
+import numpy as np
+from tests.emulators.memory_world import MemoryWorld
+
+class Straight(MemoryWorld):
+    @classmethod
+    def make(cls, settings):
+        return cls(settings.robot, found_rad=np.zeros(24))
+"""
+
+
+def test_a_pose_from_which_feet_would_go_through_a_wall_is_one_line_before_any_motion(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / "own.py").write_text(OWN)
+    verb = Run(plan=folder / "plan.json", world=f"{folder / 'own.py'}:Straight", log=folder / "away.mcap")
+    code, out, err = ended(verb, capsys)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert re.search(r"soft start: limb \w+: its foot would go \d+ mm into a surface on the way", err)
+    assert read_log(folder / "away.mcap").of("command") == []
+
+
 def test_a_stop_topic_that_is_pressed_lets_nothing_begin(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("roslibpy")
     pytest.importorskip("websockets")
