@@ -11,6 +11,7 @@ from pathlib import Path
 from setuptools import Command, setup
 from setuptools.command.editable_wheel import editable_wheel
 
+DATA = ["py.typed", "*.yaml", "*.json", "*.safetensors", "*.obj", "LICENSE.txt"]
 FOLDERS = ("planners", "runner", "views", "envs", "learners", "cli", "configs")
 EDITABLE = Path(".editable")
 
@@ -57,7 +58,7 @@ packages = sorted(
 setup(
     packages=packages,
     package_dir=package_dir,
-    package_data={package: ["py.typed", "*.yaml", "*.json", "*.obj", "LICENSE.txt"] for package in packages},
+    package_data=dict.fromkeys(packages, DATA),
     cmdclass={"links": Links, "editable_wheel": Editable},
     options={"editable_wheel": {"mode": "compat"}, "egg_info": {"egg_base": "."}},
 )

@@ -75,6 +75,14 @@ def spread(values: ArrayLike) -> str:
     return f"{np.median(some):.3f} ({some.min():.3f} to {some.max():.3f})"
 
 
+def bootstrapped(values: ArrayLike) -> str:
+    """Mean and its bootstrapped 95 % interval."""
+    some = np.asarray(values)
+    chosen = np.random.default_rng(0).integers(len(some), size=(4000, len(some)))
+    low, high = np.quantile(some[chosen].mean(axis=1), [0.025, 0.975])
+    return f"{some.mean():.3f} [{low:.3f}, {high:.3f}]"
+
+
 def tally(words: Iterable[str]) -> str:
     """How often each, in order."""
     return ", ".join(f"{count} × {word}" for word, count in sorted(Counter(words).items()))

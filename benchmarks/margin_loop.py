@@ -1,6 +1,6 @@
 """The training loop of docs/learning.md, on the rows of a class: what P1's margin as a layer of torch reaches.
 
-    python benchmarks/margin_loop.py [--problem wall-3] [--rows 2000] [--steps 400] [--folder out/margin-loop]
+    python benchmarks/margin_loop.py [--problem wall-3] [--rows 2000] [--steps 800] [--folder out/margin-loop]
 
 The loop is read from the page and run as it stands there. Its network is calibrated as the neural selector of the same
 rows is, and rolled out beside it (`stancekit fit --method neural`) and the quantile box, on rows that none has seen.
@@ -42,7 +42,7 @@ class Arguments(Options):
     """Calibration rows of each label."""
     test: int = 600
     """Test rows of each label."""
-    steps: int = 400
+    steps: int = 800
     folder: Path = Path("out/margin-loop")
 
 

@@ -1,15 +1,25 @@
-"""Reinforcement on both environments: learning curves over several seeds, against agents that do not learn.
+"""Reinforcement on the environments: learning curves over several seeds, against agents that do not learn.
 
     python benchmarks/reinforce.py selection  [--seeds 3] [--steps 40960] [--out out/reinforce] [--json]
-    python benchmarks/reinforce.py refinement [--seeds 3] [--steps 16384] [--out out/reinforce] [--json]
+    python benchmarks/reinforce.py refinement [--seeds 3] [--episodes 300] [--hindsight 40] [--tries 12] [--json]
+    python benchmarks/reinforce.py traverse   [--episodes 300] [--courses stairs walls ground-to-wall] [--json]
 
-The runs are those of configs/train-<name>.yaml but for seed and PPO's steps; for selection those of
-configs/train-paired.yaml, too, from whose scenes all agents learn there. All are evaluated on the same held-out scenes
-by the same function. selection: mean reward and P1's shares, against random boxes, the heuristic, quantile and gradient
-box, and the neural selector (margin gradient). refinement: solves to the end of an episode and the share that ends with
-a verdict, against branching on the largest gap, on the widest dimension and at random. CPU-s: of learning, with the
-evaluations of the curve. ± is the standard error over the seeds. Runs that a kill stopped go on. The curves are drawn
-to <out>/<name>.png.
+The runs are those of configs/train-<name>.yaml but for seed and PPO's steps; for selection those of train-paired.yaml,
+too, from whose scenes all agents learn there. CPU-s: of learning, with the evaluations of the curve. Runs that a kill
+stopped go on. The curves are drawn to <out>/<name>.png.
+
+selection: mean reward and P1's shares on held-out scenes, against random boxes, the heuristic, quantile and gradient
+box, and the neural selector (margin gradient). ± is the standard error over the seeds.
+
+refinement: reward, solves and share with a verdict of --episodes scenes that neither training nor its curve saw,
+against branching on the largest gap, the largest gap · width, the widest dimension and at random; seeds are averaged
+scene by scene. "in hindsight": of the first --hindsight scenes the best of --tries episodes by the rule with noise, a
+figure that no policy has to reach, which says how much the choice matters.
+
+traverse: reward of --episodes perturbed courses, for every planner that can be chosen, always the same one, and for the
+best of all sequences of choices, found by trying them all: no policy reaches more.
+
+Intervals are bootstrapped over scenes or courses, 95 %; "− best rule": of the differences, scene by scene.
 """
 
 from __future__ import annotations
@@ -17,6 +27,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -24,19 +35,26 @@ from typing import Annotated, Literal
 
 import numpy as np
 import tyro
-from _bench import Options, launch
+from _bench import Options, bootstrapped, launch
 from gymnasium import spaces
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from stancekit.envs.branching import LargestGap, RandomDimension, WidestDimension
+from stancekit.envs.branching import LargestGap, NoisyGap, RandomDimension, WidestDimension
 from stancekit.envs.data.dataset import Dataset
+from stancekit.envs.data.ledger import LabelPlan
+from stancekit.envs.data.scenes import scenes_of
 from stancekit.envs.memoryless import MemorylessPolicy, Observation
+from stancekit.envs.refinement import EnvelopeRefinementEnv
+from stancekit.envs.scenes import ListedScenes, Scene
+from stancekit.envs.traverse import TraverseEnv
+from stancekit.learners.data.labelling import label
 from stancekit.learners.selectors.neural import fit_neural
 from stancekit.learners.selectors.neural_training import NeuralSettings
 from stancekit.learners.selectors.selector import FixedSelector, Selector
+from stancekit.learners.training.baselines import open_scenes
 from stancekit.learners.training.envelope_methods import fit
-from stancekit.learners.training.held_out import CurvePoint, TrainingScenes, evaluator
+from stancekit.learners.training.held_out import CurvePoint, TrainingScenes, evaluator, refinement_episodes
 from stancekit.learners.training.reinforce import train
 from stancekit.learners.training.train_config import TrainConfig
 
@@ -66,20 +84,27 @@ class RandomBox(MemorylessPolicy):
 class Arguments(Options):
     """Which environment, and how much of it."""
 
-    name: Annotated[Literal["selection", "refinement"], tyro.conf.Positional]
+    name: Annotated[Literal["selection", "refinement", "traverse"], tyro.conf.Positional]
     seeds: int = 3
     steps: int | None = None
     out: Path = Path("out/reinforce")
+    episodes: int = 300
+    """Of refinement and traverse, a figure."""
+    hindsight: int = 40
+    tries: int = 12
+    courses: tuple[str, ...] = ("stairs", "walls", "ground-to-wall")
 
 
 def main(arguments: Arguments) -> None:
     """Train, compare, print, draw."""
-    config = TrainConfig.from_yaml(CONFIGS / f"train-{arguments.name}.yaml")
-    runs = {"PPO": replace(config, steps=arguments.steps or config.steps)}
-    if arguments.name == "selection":
-        paired = TrainConfig.from_yaml(CONFIGS / "train-paired.yaml")
-        runs = {"paired": paired, "PPO": replace(runs["PPO"], train=paired.train, held_out=paired.held_out)}
-    config, folder = runs["PPO"], arguments.out / arguments.name
+    {"selection": selection, "refinement": refinement, "traverse": traverse}[arguments.name](arguments)
+
+
+def selection(arguments: Arguments) -> None:
+    """Paired, PPO and others."""
+    config, paired = (TrainConfig.from_yaml(CONFIGS / f"train-{name}.yaml") for name in ("selection", "paired"))
+    config = replace(config, steps=arguments.steps or config.steps, train=paired.train, held_out=paired.held_out)
+    runs, folder = {"paired": paired, "PPO": config}, arguments.out / arguments.name
     scenes = TrainingScenes.label(config, folder / "data")
     rows = []
     for name, (agents, seconds) in others(config, scenes, arguments.seeds).items():
@@ -87,13 +112,102 @@ def main(arguments: Arguments) -> None:
         said(arguments, rows[-1])
     curves = {}
     for name, its in runs.items():
-        curves[name], seconds = learned(name, its, scenes, arguments, folder)
+        curves[name], _, seconds = learned(name, its, scenes, arguments, folder)
         for when, index in (("untrained", 0), ("trained", -1)):
-            ends = [point_figures(curve[index]) for curve in curves[name]]
-            row = Row(agent=f"{name} {when}", figures={key: [end[key] for end in ends] for key in ends[0]})
-            rows.append(replace(row, figures=row.figures | {"CPU-s": seconds}) if index else row)
+            ends = [{"reward": curve[index].reward, **curve[index].figures} for curve in curves[name]]
+            found = {key: [end[key] for end in ends] for key in ends[0]} | ({"CPU-s": seconds} if index else {})
+            rows.append(Row(agent=f"{name} {when}", figures=found))
             said(arguments, rows[-1])
     draw(rows, curves, arguments.out / f"{arguments.name}.png")
+
+
+def refinement(arguments: Arguments) -> None:
+    """Where to cut the box: rules, what hindsight has, and PPO."""
+    config, folder = TrainConfig.from_yaml(CONFIGS / "train-refinement.yaml"), arguments.out / arguments.name
+    config = replace(config, steps=arguments.steps or config.steps)
+    test = test_scenes(config, folder / "test", arguments.episodes)
+    rules: dict[str, Selector] = {
+        "largest gap": LargestGap(), "largest gap · width": NoisyGap(np.random.default_rng(0), spread=0.0),
+        "widest dimension": WidestDimension(), "random dimension": RandomDimension(np.random.default_rng(0)),
+    }  # fmt: skip
+    played = {name: episodes(config, test, rule) for name, rule in rules.items()}
+    best = max(played, key=lambda name: played[name][:, 0].mean())
+    for name, found in played.items():
+        compared(arguments, name, found, played[best])
+    some = test[: arguments.hindsight]
+    noisy = [NoisyGap(np.random.default_rng(seed), spread=0.3) for seed in range(arguments.tries)]
+    tries = np.stack([episodes(config, some, rule) for rule in noisy] + [played[best][: len(some)]])
+    compared(arguments, "in hindsight", tries[tries[:, :, 0].argmax(axis=0), np.arange(len(some))], tries[-1])
+    scenes = TrainingScenes.label(config, folder / "data")
+    curves, policies, seconds = learned("PPO", config, scenes, arguments, folder)
+    seeds = np.stack([episodes(config, test, policy) for policy in policies])
+    for seed, found in enumerate(seeds):
+        compared(arguments, f"PPO, seed {seed}", found, played[best], **{"CPU-s": round(seconds[seed])})
+    compared(arguments, f"PPO, mean of {len(seeds)}", seeds.mean(axis=0), played[best])
+    draw([], {"PPO": curves}, arguments.out / f"{arguments.name}.png")
+
+
+def traverse(arguments: Arguments) -> None:
+    """Who plans the next window: every planner alone, and the best sequence of them."""
+    env = TraverseEnv(arguments.courses)
+    assert isinstance(env.action_space, spaces.Discrete)
+    planners, found = range(int(env.action_space.n)), []
+    for course in range(arguments.episodes):
+        env.reset(seed=arguments.seed + course)
+        found.append([*(always(copy(env), chosen) for chosen in planners), most(env)])
+    rewards = np.array(found)
+    best = int(rewards[:, :-1].mean(axis=0).argmax())
+    for index, name in enumerate([*(f"always planner {chosen}" for chosen in planners), "best sequence"]):
+        compared(arguments, name, rewards[:, index, None], rewards[:, best, None])
+
+
+def always(env: TraverseEnv, chosen: int) -> float:
+    """Reward of the episode from here on by one planner."""
+    total, over = 0.0, False
+    while not over:
+        _, reward, ended, cut, _ = env.step(np.int64(chosen))
+        total, over = total + reward, ended or cut
+    return total
+
+
+def most(env: TraverseEnv) -> float:
+    """The greatest reward from here on of any sequence of choices; a planner that failed here fails here again."""
+    assert isinstance(env.action_space, spaces.Discrete)
+    values, vain = [], []
+    for chosen in range(int(env.action_space.n)):
+        twin = copy(env)
+        _, reward, ended, cut, info = twin.step(np.int64(chosen))
+        if ended or cut or info["feasible"]:
+            values.append(reward if ended or cut else reward + most(twin))
+        else:
+            vain.append(chosen)
+    return max(values) if values else max(always(copy(env), chosen) for chosen in vain)
+
+
+def test_scenes(config: TrainConfig, folder: Path, count: int) -> list[Scene]:
+    """Scenes that need cuts, in the shares of the training scenes, from draws of a seed of their own."""
+    share, seed = config.train.feasible / config.train.infeasible, max(config.train.seed, config.held_out.seed) + 1
+    rows = 2 * count  # of which at least half need cuts
+    plan = LabelPlan(distribution=config.problem, feasible=round(share * rows), infeasible=rows, seed=seed)
+    label(plan, folder)
+    cut = open_scenes(scenes_of(Dataset.open(folder)))
+    return [cut[index] for index in np.random.default_rng(0).permutation(len(cut))[:count]]
+
+
+def episodes(config: TrainConfig, scenes: Sequence[Scene], policy: Selector) -> NDArray[np.float64]:
+    """Reward, solves and whether there was a verdict of every scene, shape (scenes, 3)."""
+    env = EnvelopeRefinementEnv(config.kind, budget=config.budget, scenes=ListedScenes(scenes))
+    return refinement_episodes(policy, env, len(scenes))
+
+
+def compared(
+    arguments: Arguments, name: str, found: NDArray[np.float64], best: NDArray[np.float64], **more: float
+) -> None:
+    """Print a row of means, and the difference of the rewards to those of the best rule, with intervals."""
+    row: dict[str, object] = {"agent": name, "reward": bootstrapped(found[:, 0])}
+    if found.shape[1] > 1:
+        row |= {"solves": bootstrapped(found[:, 1]), "verdicts": bootstrapped(found[:, 2])}
+    arguments.say(row | {"− best rule": bootstrapped(found[:, 0] - best[:, 0])} | more)
 
 
 def said(arguments: Arguments, row: Row) -> None:
@@ -103,27 +217,24 @@ def said(arguments: Arguments, row: Row) -> None:
 
 def learned(
     name: str, config: TrainConfig, scenes: TrainingScenes, arguments: Arguments, folder: Path
-) -> tuple[list[tuple[CurvePoint, ...]], list[float]]:
-    """The curve and the CPU seconds of every seed; what was stopped goes on, and its seconds are those since."""
-    curves, seconds = [], []
+) -> tuple[list[tuple[CurvePoint, ...]], list[Selector], list[float]]:
+    """Curve, policy and CPU seconds of every seed; what was stopped goes on, and its seconds are those since."""
+    curves: list[tuple[CurvePoint, ...]] = []
+    policies: list[Selector] = []
+    seconds: list[float] = []
     for seed in range(arguments.seeds):
         where, begin = folder / f"{name}-{seed}", time.process_time()
         resume = (where / "checkpoint.safetensors").exists()
-        curves.append(train(replace(config, seed=seed), where, resume=resume, scenes=scenes).curve)
+        ended = train(replace(config, seed=seed), where, resume=resume, scenes=scenes)
+        curves.append(ended.curve)
+        policies.append(ended.policy)
         seconds.append(time.process_time() - begin)
-        said_points = ", ".join(f"{point.steps}: {point.reward:.3f}" for point in curves[-1])
-        print(f"{name}, seed {seed}: {said_points}", file=sys.stderr, flush=True)
-    return curves, seconds
+        print(f"{name}, seed {seed}:", *(f"{p.steps}: {p.reward:.3f}" for p in curves[-1]), file=sys.stderr, flush=True)
+    return curves, policies, seconds
 
 
 def others(config: TrainConfig, scenes: TrainingScenes, seeds: int) -> dict[str, tuple[list[Selector], list[float]]]:
     """Agents that do not learn from reward, one a seed where there is chance in them, and what they took [CPU-s]."""
-    if not config.shape.selects:
-        return {
-            "random dimension": ([RandomDimension(np.random.default_rng(seed)) for seed in range(seeds)], [0.0]),
-            "widest dimension": ([WidestDimension()], [0.0]),
-            "largest gap": ([LargestGap()], [0.0]),
-        }
     space, rows = config.shape.spaces[1], scenes.rows
     assert isinstance(space, spaces.Box)
     assert rows is not None
@@ -152,16 +263,9 @@ def timed(makers: Sequence[Callable[[], Selector]]) -> tuple[list[Selector], lis
 
 def figures(config: TrainConfig, scenes: TrainingScenes, agents: list[Selector]) -> dict[str, list[float]]:
     """What an agent's seeds come to on the held-out scenes."""
-    ends = []
-    for agent in agents:
-        reward, found = evaluator(config, scenes.held_out)(agent)
-        ends.append({"reward": reward} | found)
+    played = [evaluator(config, scenes.held_out)(agent) for agent in agents]
+    ends = [{"reward": reward} | found for reward, found in played]
     return {name: [end[name] for end in ends] for name in ends[0]}
-
-
-def point_figures(point: CurvePoint) -> dict[str, float]:
-    """A point of a curve as figures."""
-    return {"reward": point.reward, **point.figures}
 
 
 def line(row: Row) -> str:

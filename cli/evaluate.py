@@ -43,8 +43,11 @@ class Evaluate:
     """Terrain's file that the data set must be of."""
     envelope: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
     """Envelope files to compare."""
-    selector: Annotated[tuple[str, ...], named("stancekit.learners.selectors.own:SELECTORS", "FILE|FILE.py:NAME")] = ()
-    """Files of any selectors to compare: envelopes, neural selectors, choosers, policies; or selectors of your own."""
+    selector: Annotated[
+        tuple[str, ...], named("stancekit.learners.selectors.own:SELECTORS", "FILE|NAME|FILE.py:NAME")
+    ] = ()
+    """Selectors to compare: files of envelopes, neural selectors, choosers, policies; names of those that ship, as
+    neural-wall-3; or your own."""
     lift: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
     """Leave out the lift, which needs no envelope and is compared with the others unless told so."""
     project: Annotated[tuple[str, ...], PROJECTION] = ("fix-p", "lift-fix-p", "fix-toes", "scp")

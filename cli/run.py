@@ -65,8 +65,8 @@ class Run:
     """Where to run it: bullet, mujoco, replay, dynamixel, ros, one of another package, or a class in a file."""
     setup: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """What the world is made from. replay: the log. dynamixel: the calibration file. ros: the set-up file."""
-    policy: Annotated[OptionalText, tyro.conf.arg(metavar="lift|FILE")] = None
-    """Who plans on the way: any trained selector's file, or the lift, which needs none."""
+    policy: Annotated[OptionalText, tyro.conf.arg(metavar="lift|FILE|NAME")] = None
+    """Who plans on the way: any trained selector, a file or one that ships, or the lift, which needs none."""
     horizon: Annotated[OptionalInt, tyro.conf.arg(metavar="INT", help_behavior_hint="(default: 0)")] = None
     """Key frames that a policy plans at once, 0 for all that are left, which is usual."""
     replan_m: Annotated[OptionalFloat, tyro.conf.arg(metavar="M", help_behavior_hint="(default: 0.012 m)")] = None

@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from .memoryless import MemorylessPolicy, Observation
 
+LEAST = 1e-9
+"""Of gaps and widths, so that they have logarithms."""
+
 
 class LargestGap(MemorylessPolicy):
     """Branch where P1's answer is farthest off the bilinear surface: the textbook rule for bilinear problems."""
@@ -27,6 +30,20 @@ class WidestDimension(MemorylessPolicy):
     def action(self, observation: Observation) -> NDArray[np.int64]:
         """The dimension."""
         return np.asarray(np.argmax(observation["high"] - observation["low"], axis=-1))
+
+
+class NoisyGap(MemorylessPolicy):
+    """Branch on the largest product of gap and width, up to chance: log(gap · width) + spread · Gumbel noise."""
+
+    def __init__(self, rng: np.random.Generator, *, spread: float) -> None:
+        self._rng, self._spread = rng, spread
+
+    def action(self, observation: Observation) -> NDArray[np.int64]:
+        """The dimension."""
+        score = np.log(np.maximum(observation["gap"], LEAST)) + np.log(
+            np.maximum(observation["high"] - observation["low"], LEAST)
+        )
+        return np.asarray(np.argmax(score + self._spread * self._rng.gumbel(size=score.shape), axis=-1))
 
 
 class RandomDimension(MemorylessPolicy):

@@ -176,7 +176,7 @@ class TraverseEnv(gym.Env[Features, np.int64]):
         course, begin = self._course, self._frame
         tried = self._try(course, int(action))
         if tried.plan is not None:
-            self._walked.append(tried.plan)
+            self._walked = [*self._walked, tried.plan]  # a new list: a copy of the environment is a state to go back to
             self._frame += tried.plan.course.frames - 1
         self._vain += tried.plan is None
         terminated = tried.infeasible or tried.executed == 0 or self._frame == course.frames - 1

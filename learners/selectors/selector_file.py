@@ -10,17 +10,18 @@ from stancekit.planners.files.documents import decoded, parse_json
 
 from .own import is_own, own_selector
 from .selector import Learned
+from .shipped import shipped
 
 
 def load_selector(path: str | Path) -> Learned:
     """Read any selector's file: an envelope file (JSON), or weights (safetensors). Nothing is unpickled.
 
-    Or, of a selector that another package registered under ``stancekit.selectors``, its name; or "FILE.py:NAME".
-    Raises InvalidInput for what is missing, damaged or foreign.
+    Or, of a selector that ships (``shipped``), or that another package registered under ``stancekit.selectors``, its
+    name; or "FILE.py:NAME". Raises InvalidInput for what is missing, damaged or foreign.
     """
     if is_own(str(path)):
         return own_selector(str(path))
-    path = Path(path)
+    path = _found(Path(path))
     kind = _safetensors_format(path) if path.is_file() else None
     if kind is None and path.suffix == ".safetensors" and path.is_file():
         raise InvalidInput(f"{path}: expected a whole safetensors file, got something else")
@@ -30,6 +31,16 @@ def load_selector(path: str | Path) -> Learned:
         return _network(kind, path)
     except ImportError as error:
         raise InvalidInput(f"{path}: {kind} needs {error.name}, got none: pip install 'stancekit[rl]'") from None
+
+
+def _found(path: Path) -> Path:
+    """The file of a path, or of the name of a selector that ships. Raises InvalidInput for what is neither."""
+    if path.exists() or path.suffix or len(path.parts) > 1:
+        return path
+    files = shipped()
+    if path.name not in files:
+        raise InvalidInput(f"{path}: expected a file, or one of {', '.join(files)}, found nothing")
+    return files[path.name]
 
 
 def _network(kind: str, path: Path) -> Learned:

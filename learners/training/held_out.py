@@ -126,15 +126,19 @@ def _selection_figures(policy: Selector, env: EnvelopeSelectionEnv, episodes: in
 
 
 def _refinement_figures(policy: Selector, env: EnvelopeRefinementEnv, episodes: int) -> tuple[float, Figures]:
-    rewards, solves, settled = [], [], []
-    for _ in range(episodes):
+    reward, solves, settled = refinement_episodes(policy, env, episodes).mean(axis=0).tolist()
+    return reward, {"solves": solves, "settled": settled}
+
+
+def refinement_episodes(policy: Selector, env: EnvelopeRefinementEnv, episodes: int) -> Array:
+    """Reward, solves, and whether it ended with a verdict (1 or 0), of every episode, shape (episodes, 3)."""
+    found = np.zeros((episodes, 3))
+    for row in found:
         observation, _ = env.reset()
         total, over = 0.0, False
         while not over:
             action, _ = policy.predict(observation, deterministic=True)
             observation, reward, ended, cut_off, info = env.step(np.int64(action))
             total, over = total + reward, ended or cut_off
-        rewards.append(total)
-        solves.append(info["solves"])
-        settled.append(info["verdict"] >= 0)
-    return float(np.mean(rewards)), {"solves": float(np.mean(solves)), "settled": float(np.mean(settled))}
+        row[:] = total, info["solves"], info["verdict"] >= 0
+    return found

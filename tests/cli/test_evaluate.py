@@ -127,3 +127,10 @@ def test_rows_that_were_trained_on_are_refused_and_the_other_part_is_not(stancek
         assert refusal("evaluate", labelled, "--envelope", "q.json", "--part", part) == told
     ran = stancekit("evaluate", labelled, "--envelope", "q.json", "--part", "test", "--no-lift", "--json")
     assert (ran.code, len(ran.records)) == (0, 1)
+
+
+def test_a_selector_that_ships_goes_by_its_name_and_is_refused_for_another_class(stancekit, refusal, labelled):
+    ran = stancekit("evaluate", labelled, "--selector", "neural-wall-3", "--project", "fix-p", "--no-lift", "--json")
+    assert [(row["selector"], row["p1_feasible_of"]) for row in ran.records] == [("neural-wall-3", 8)]
+    told = "neural-ground-3: expected envelopes learned for wall-3, got some learned for ground-3"
+    assert refusal("evaluate", labelled, "--selector", "neural-ground-3") == told

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
-from stancekit.envs.branching import LargestGap, RandomDimension, WidestDimension
+from stancekit.envs.branching import LargestGap, NoisyGap, RandomDimension, WidestDimension
 from stancekit.envs.distributions.postures import distribution
 from stancekit.envs.refinement import EnvelopeRefinementEnv, gap_by_dimension
 from stancekit.envs.sampling import SampledScenes
@@ -176,6 +176,9 @@ def test_rules_answer_batches():
     batch = {name: np.stack([one[name], two[name]]) for name in one}
     np.testing.assert_array_equal(LargestGap().predict(batch)[0], [5, 2])
     np.testing.assert_array_equal(WidestDimension().predict(batch)[0], [11, 0])
+    np.testing.assert_array_equal(NoisyGap(np.random.default_rng(0), spread=0.0).predict(batch)[0], [5, 2])
+    noisy = NoisyGap(np.random.default_rng(0), spread=30.0)
+    assert len({tuple(noisy.predict(batch)[0]) for _ in range(20)}) > 5
     drawn = np.array([RandomDimension(np.random.default_rng(k)).predict(batch)[0] for k in range(200)])
     assert drawn.shape == (200, 2)
     assert set(drawn.ravel()) == set(range(12))

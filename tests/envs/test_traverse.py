@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from copy import copy
 from dataclasses import dataclass, replace
 
 import gymnasium
@@ -158,6 +159,16 @@ def test_an_envelope_learned_for_another_terrain_is_refused_and_the_robot_stays(
     assert info["planner"] == -1
     assert reward == pytest.approx(-TraverseWeights().failure)
     assert same(first, after, exact=True)
+
+
+def test_a_copy_is_a_state_to_go_back_to():
+    env = made()
+    env.reset(seed=3)
+    kept = copy(env)
+    first = [env.step(np.int64(LIFT)) for _ in range(2)]
+    again = [kept.step(np.int64(LIFT)) for _ in range(2)]
+    assert same(first, again)
+    assert first[-1][-1]["frame"] == 4
 
 
 def test_steps_in_vain_are_cut_off():

@@ -1,0 +1,112 @@
+"""The trained selectors that ship: made, or made again and compared with those that are here, bit for bit.
+
+    python benchmarks/zoo.py --write [--out out/zoo]     # into learners/zoo, with their cards
+    python benchmarks/zoo.py [--out out/zoo]             # makes them, and says which bits differ
+    python benchmarks/zoo.py --cards                     # the table of docs/cards.md, from the cards
+
+They are the experiment configs/zoo.yaml: `stancekit bench envelopes --config configs/zoo.yaml --out out/zoo` makes the
+same files. A run that was stopped goes on. Bits are the same with the versions that the cards name, on one kind of CPU.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from _bench import ROOT, Options, launch
+from torch import __version__ as torch_version
+
+from stancekit.envs.data.ledger import software
+from stancekit.learners.data.executor import executor
+from stancekit.learners.evaluation.bench import ClassResult, run
+from stancekit.learners.evaluation.evaluate import Score
+from stancekit.learners.evaluation.experiment import Experiment
+from stancekit.learners.selectors.shipped import Card, Figure, Quotas, card, shipped
+from stancekit.planners.files.writing import write_bytes, write_text
+
+ZOO = ROOT / "learners" / "zoo"
+LIMITS = (
+    "Draws of one law of the default hexapod: one triangle a foot, friction of its class; refused for other classes.",
+    "P1 over its boxes loses some feasible scenes and lets some infeasible ones through: projections are verified.",
+    "Where the lift can be solved it finds what this finds, and more (docs/learning.md).",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arguments(Options):
+    """What to do with them."""
+
+    out: Path = Path("out/zoo")
+    write: bool = False
+    """Put them, with their cards, into learners/zoo."""
+    problems: tuple[str, ...] = ()
+    """Some classes alone."""
+    cards: bool = False
+    """Print the table of the cards, and make nothing."""
+
+
+def main(given: Arguments) -> None:
+    """Make them; keep or compare."""
+    if given.cards:
+        print("\n".join(table()))
+        return
+    some = {"problems": list(given.problems)} if given.problems else {}
+    experiment, differ = Experiment.from_yaml(ROOT / "configs" / "zoo.yaml", overrides=some), 0
+    for result in run(experiment, given.out, executor=executor("processes", workers=1)):
+        for method in experiment.methods:
+            name = f"{method}-{result.problem_class}"
+            content = (given.out / result.problem_class / f"{method}.safetensors").read_bytes()
+            if given.write:
+                known = described(method, content, result, experiment)
+                write_bytes(ZOO / f"{name}.safetensors", content)
+                write_text(ZOO / f"{name}.json", known.model_dump_json(indent=1) + "\n")
+            same = name in shipped() and shipped()[name].read_bytes() == content
+            differ += not same
+            given.say({"selector": name, "bytes": len(content), "the same": same})
+    sys.exit(int(differ > 0))
+
+
+def described(method: str, content: bytes, result: ClassResult, experiment: Experiment) -> Card:
+    """The card of a selector that was made."""
+    calibration = experiment.calibration
+    assert calibration is not None
+    scores = {score.selector: score for score in result.scores}
+    rows = (Quotas(feasible=q.feasible, infeasible=q.infeasible, seed=q.seed)
+            for q in (experiment.train, calibration, experiment.test))  # fmt: skip
+    train, held, test = rows
+    return Card(
+        method=method, problem_class=result.problem_class, legs=list(result.test.header.legs),
+        sha256=hashlib.sha256(content).hexdigest(), seed=experiment.fit.seed, train=train, calibration=held, test=test,
+        figures=figures(scores[method]), lift=figures(scores["lift"]), limits=list(LIMITS),
+        software=software() | {"torch": torch_version},
+    )  # fmt: skip
+
+
+def figures(score: Score) -> dict[str, Figure]:
+    """Shares of a row with their intervals."""
+    shares = {"p1_feasible": score.p1_feasible, "p1_infeasible": score.p1_infeasible}
+    shares |= {f"project_{way.replace('-', '_')}": share for way, share in score.projected.items()}
+    return {
+        name: Figure(share=share.value, low=share.interval[0], high=share.interval[1]) for name, share in shares.items()
+    }
+
+
+def table() -> Iterator[str]:
+    """Markdown: a row a selector; % of the test rows with 95 % intervals, and the lift's in brackets."""
+    yield "| name | rows to learn from | P1 feasible | P1 infeasible | fix-p | kB |"
+    yield "|---|---|---|---|---|---|"
+    for name, path in shipped().items():
+        known = card(name)
+        shown = [
+            f"{100 * each.share:.1f} ± {50 * (each.high - each.low):.1f} (lift {100 * known.lift[key].share:.1f})"
+            for key, each in known.figures.items()
+        ]
+        rows = f"{known.train.feasible} + {known.train.infeasible}"
+        yield f"| `{name}` | {rows} | {' | '.join(shown)} | {path.stat().st_size // 1000} |"
+
+
+if __name__ == "__main__":
+    launch(main, Arguments, __doc__)
