@@ -254,7 +254,8 @@ class PlanCourse:
         if plan.modes is not None:
             terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"
             yield f"modes z: {row(plan.modes.tolist())}{terrain}"
-        yield from (f"wrote {path}" for path in self._outputs())
+        refused = "" if report.accepted else ", of a plan that the verifier refuses"
+        yield from (f"wrote {path}{refused}" for path in self._outputs())
 
     def _record(self, course: Course, outcome: PlanOutcome, report: Report | None, message: str) -> dict[str, Any]:
         """Everything as one JSON object."""

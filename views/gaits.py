@@ -34,7 +34,7 @@ from .sheet import (
     sheet,
 )  # fmt: skip
 from .still import Still
-from .terrain import block, on_ground
+from .terrain import block, grid_on_ground
 from .video import Frame
 
 Warp = Callable[[Array], Array]
@@ -118,16 +118,9 @@ class GaitView:
 
     def lines(self) -> Array:
         """Lines of constant x̄ and ȳ where they run over the surface, in pieces of shape (L, 2, 3) [m]."""
-        (x0, x1), (y0, y1) = self.trajectory.terrain.domain_m
-        found = [np.zeros((0, 2, 3))]
-        for (low, high), (begin, end), swapped in (((x0, x1), (y0, y1), False), ((y0, y1), (x0, x1), True)):
-            along = np.linspace(begin, end, 1 + round(24 * (end - begin)))
-            for value in GRID_M * np.arange(np.ceil(low / GRID_M), np.floor(high / GRID_M) + 1.0):
-                pair = [np.full_like(along, value), along]
-                flat = np.column_stack([*(pair[::-1] if swapped else pair), np.zeros_like(along)])
-                points = flat if self.warp is None else self.warp(flat)
-                found.append(on_ground(points, self.trajectory.terrain, *self.bounds_m))
-        return np.concatenate(found)
+        field = self.trajectory.terrain
+        longest = float(np.max(np.diff(field.domain_m)))
+        return grid_on_ground(field, self.bounds_m[0], self.bounds_m[1], GRID_M, 1 + round(24 * longest), self.warp)
 
     @cached_property
     def fixed(self) -> Scene:

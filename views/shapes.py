@@ -129,6 +129,21 @@ def polyline(points: Array) -> Array:
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
+def thinned(points: Array, off_m: float) -> Array:
+    """A line through points, shape (K, 3), without every second corner that is within ``off_m`` of the piece in its
+    place, again and again: flat ground needs no corners, and each piece costs a viewer time."""
+    while len(points) > 2:
+        middle = np.arange(1, len(points) - 1, 2)
+        start, piece = points[middle - 1], points[middle + 1] - points[middle - 1]
+        square = np.maximum(np.sum(piece**2, axis=1), 1e-24)
+        share = np.clip(np.sum((points[middle] - start) * piece, axis=1) / square, 0.0, 1.0)
+        idle = np.linalg.norm(points[middle] - start - share[:, None] * piece, axis=1) < off_m
+        if not idle.any():
+            break
+        points = np.delete(points, middle[idle], axis=0)
+    return points
+
+
 def dashed(points: Array) -> Array:
     """Every second piece of a line through points, shape (K, 3)."""
     return polyline(points)[::2]

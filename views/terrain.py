@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 from matplotlib.cm import ScalarMappable
@@ -14,13 +14,15 @@ from stancekit.planners.terrain.heightfield import HeightField
 from stancekit.planners.terrain.polygon import clipped
 
 from .scene import Body, Colour, Facet, Layer, Path, Scene, Sheet
-from .shapes import hull
+from .shapes import hull, polyline, thinned
 from .sheet import INK
 
 ICE, ICE_EDGE, ICY = "#d3ebfa", "#5ba7d6", 0.05
 """Colours of ice, and the friction below which a surface is called that."""
 CELL_M = 0.1
 """The grid on surfaces; each cell is painted on its own, so that surfaces may stand one behind another."""
+STRAIGHT_M = 0.0005
+"""A line on the ground is straight where it is this near to a piece."""
 LOW, HIGH, EARTH = np.array(rgb("#9fb4b0")), np.array(rgb("#ecdcc0")), np.array(rgb("#cfc8ba"))
 """Colours of the lowest and the highest ground, and of what is below it."""
 
@@ -140,11 +142,37 @@ def block(field: HeightField, low: Array, high: Array, *, facets: int, depth_m: 
     ]
 
 
-def on_ground(points: Array, field: HeightField, low: Array, high: Array) -> Array:
-    """The pieces between points in a row, shape (K, 3) [m], over these corners, laid on the terrain: (L, 2, 3) [m]."""
+def on_ground(points: Array, field: HeightField, low: Array, high: Array, off_m: float = 0.0) -> Array:
+    """The pieces between points in a row, shape (K, 3) [m], over these corners, laid on the terrain: (L, 2, 3) [m].
+
+    off_m: points are left out where the ground is as straight as this."""
     inside = np.all((points[:, :2] >= low) & (points[:, :2] <= high), axis=1)
     laid = np.column_stack([points[:, :2], field.height(points[:, :2])])
-    return np.asarray(np.stack([laid[:-1], laid[1:]], axis=1)[inside[1:] & inside[:-1]])
+    turns = np.flatnonzero(np.diff(inside)) + 1
+    runs = [run for run, seen in zip(np.split(laid, turns), np.split(inside, turns), strict=True) if seen[0]]
+    return np.concatenate([np.zeros((0, 2, 3)), *(polyline(thinned(run, off_m)) for run in runs)])
+
+
+def grid_on_ground(
+    field: HeightField,
+    low: Array,
+    high: Array,
+    step_m: float,
+    corners: int,
+    warp: Callable[[Array], Array] | None = None,
+) -> Array:
+    """Lines of constant x and of constant y over a field, ``step_m`` apart, laid on it between two corners, shape
+    (2,) [m], in pieces of shape (L, 2, 3) [m]. corners: of a line, before those are left out that are not needed.
+    warp: takes the lines, shape (K, 3), to where they run."""
+    pieces = [np.zeros((0, 2, 3))]
+    (x0, x1), (y0, y1) = field.domain_m
+    for axis, ((first, last), (begin, end)) in enumerate((((x0, x1), (y0, y1)), ((y0, y1), (x0, x1)))):
+        points = np.zeros((corners, 3))
+        points[:, 1 - axis] = np.linspace(begin, end, corners)
+        for value in step_m * np.arange(np.ceil(first / step_m), np.floor(last / step_m) + 1.0):
+            points[:, axis] = value
+            pieces.append(on_ground(points if warp is None else warp(points), field, low, high, STRAIGHT_M))
+    return np.concatenate(pieces)
 
 
 def plane(axis: int, sign: float, corners_m: Array, step_m: float) -> Scene:

@@ -56,7 +56,8 @@ def checked(
     """Return ``value`` as a float in [least, most], or in (above, most] with ``above``. Raises InvalidInput."""
     number = float(read_only(value, (), where))
     if above is not None and not number > above:
-        raise InvalidInput(f"{where}: expected a number above {above:g}, got {number:g}")
+        wanted = f"above {above:g}" if most == LARGEST else f"in ({above:g}, {most:g}]"
+        raise InvalidInput(f"{where}: expected a number {wanted}, got {number:g}")
     if not least <= number <= most:
         low = f"[{least:g}" if above is None else f"({above:g}"
         raise InvalidInput(f"{where}: expected a number in {low}, {most:g}], got {number:g}")

@@ -108,8 +108,8 @@ def validation_errors(error: ValidationError) -> Iterator[str]:
             yield f"{key}: expected this key, got nothing"
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             yield f"{key}: unknown key"
-        elif item["type"] == "tuple_type":
-            yield f"{key}: expected a valid list, got {shown(item['input'])}"
+        elif item["type"] in ("tuple_type", "list_type"):
+            yield f"{key}: expected a list in brackets, got {shown(item['input'])}"
         else:
             wanted = item["msg"].replace("Input should be", "expected").partition(" or instance of ")[0]
             yield f"{key}: {wanted}, got {shown(item['input'])}"

@@ -80,7 +80,7 @@ class Tab:
         self.mouse("mousePressed", x, y)
         self.mouse("mouseReleased", x, y)
 
-    def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 8) -> None:
+    def drag(self, start: tuple[float, float], end: tuple[float, float], steps: int = 3) -> None:
         """Press, move in so many steps, let go."""
         self.mouse("mouseMoved", *start)
         self.mouse("mousePressed", *start)

@@ -19,7 +19,7 @@ from ..scene import Path as Line
 from ..shapes import Sphere
 from ..sheet import ACCENT, INK, leg_colour
 from ..stage import Stage
-from ..terrain import block, on_ground
+from ..terrain import block, grid_on_ground, on_ground
 from .controls import Controls
 from .page_parts import called, let_camera, named_in, said, set_up, told
 from .player import FPS, Player
@@ -251,12 +251,11 @@ def _ground(scenario: WalkScenario, size_m: float) -> Scene:
     field = scenario.terrain
     low, high = np.array(field.domain_m).T
     sheets = block(field, low, high, facets=2 * CELLS, depth_m=0.25 * size_m, relief_m=0.5 * size_m)
-    pieces = []
-    for axis in (0, 1):
-        along = np.linspace(low[1 - axis], high[1 - axis], 8 * CELLS)
-        for value in GRID_M * np.arange(np.ceil(low[axis] / GRID_M), np.floor(high[axis] / GRID_M) + 1.0):
-            points = np.zeros((len(along), 3))
-            points[:, axis], points[:, 1 - axis] = value, along
-            pieces.append(on_ground(points, field, low, high))
-    grid = Line(pieces_m=np.concatenate(pieces), colour=GRID, opacity=0.35, width=0.35, lift_m=0.006)
+    grid = Line(
+        pieces_m=grid_on_ground(field, low, high, GRID_M, 8 * CELLS),
+        colour=GRID,
+        opacity=0.35,
+        width=0.35,
+        lift_m=0.006,
+    )
     return Scene(sheets=sheets, paths=[grid])

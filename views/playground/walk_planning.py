@@ -57,10 +57,10 @@ class WalkPlanning:
         here, there = context.Pipe()
         process = context.Process(target=_serve, args=(there, task), daemon=True)
         with self._lock:
+            process.start()
             self._process = process
-        process.start()
         there.close()
-        threading.Thread(target=self._listen, args=(number, here, time.monotonic()), daemon=True).start()
+        threading.Thread(target=self._listen, args=(number, process, here, time.monotonic()), daemon=True).start()
 
     def end(self) -> None:
         """Stop planning."""
@@ -70,7 +70,7 @@ class WalkPlanning:
             process.kill()
             process.join()
 
-    def _listen(self, number: int, pipe: Any, begun_s: float) -> None:
+    def _listen(self, number: int, process: Any, pipe: Any, begun_s: float) -> None:
         done = False
         with suppress(EOFError, OSError):
             while not done:
@@ -80,6 +80,9 @@ class WalkPlanning:
                 self._on_answer(number, WalkAnswer(
                     done=done, message=message, seconds=took_s, trajectory=trajectory, report=report,
                 ))  # fmt: skip
+        if not done and self._process is process:  # nobody ended it: it was killed, or there was no memory left
+            message = "the process that planned it ended without an answer"
+            self._on_answer(number, WalkAnswer(done=True, message=message, seconds=time.monotonic() - begun_s))
 
 
 def _serve(pipe: Any, task: GaitTask) -> None:
@@ -99,7 +102,8 @@ def _serve(pipe: Any, task: GaitTask) -> None:
         settings, caps = GaitSettings(max_iterations=ITERATIONS), Caps(iterations=ITERATIONS, total_s=TOTAL_S)
         plan = plan_gait(task, settings, progress, caps=caps)
         best = plan.best if plan.best is not None and plan.best.solution.success else None
-        pipe.send((True, plan.message, best and best.trajectory, best and best.report))
+        answer = (True, plan.message, best and best.trajectory, best and best.report)
     except StancekitError as error:
-        with suppress(OSError):
-            pipe.send((True, str(error), None, None))
+        answer = (True, str(error), None, None)
+    with suppress(OSError):  # nobody asks any more
+        pipe.send(answer)

@@ -290,7 +290,7 @@ def test_every_wrong_key_is_named_with_the_file(write):
     ("changes", "message"),
     [
         ({"gait": "trot"}, "gait: expected 'all', 'tripod' or 'wave', got 'trot'"),
-        ({"gait": [["RF"], "x"]}, "gait[1]: expected a valid list, got 'x'"),
+        ({"gait": [["RF"], "x"]}, "gait[1]: expected a list in brackets, got 'x'"),
         ({"robot": {"mass_kg": 0, "limbs": {"a": {"shoulder_m": [0, 0, 0]}}}},
          "robot.mass_kg: expected greater than 0, got 0; robot.limbs.a.reach_m: expected this key, got nothing"),
         ({"via_m": [[0, 0, 0], {"at": [1, 2, 3]}]},

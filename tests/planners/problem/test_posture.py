@@ -147,7 +147,7 @@ BAD = [
     ((("com_nominal_m",), [0.0, 0.0]), "com_nominal_m: expected shape (3,), got (2,)"),
     ((("com_nominal_m",), [0.0, None, 0.0]), "com_nominal_m[1]: expected a valid number, got None"),
     ((("contacts",), []), "contacts: List should have at least 1 item after validation, not 0, got []"),
-    ((("contacts",), {}), "contacts: expected a valid list, got {}"),
+    ((("contacts",), {}), "contacts: expected a list in brackets, got {}"),
     ((("contacts", 1), "RR"), "contacts[1]: expected a valid dictionary, got 'RR'"),
     (((*ONE, "leg"), "XX"), "contacts[1].leg: expected one of LF, LM, LR, RF, RM, RR, got 'XX'"),
     (((*ONE, "leg"), 3), "contacts[1].leg: expected a valid string, got 3"),
@@ -198,7 +198,7 @@ def test_all_keys_of_the_wrong_kind_are_reported_at_once(record):
     assert sorted(said) == [
         "com_radius_m: expected this key, got nothing",
         "contacts[1].friction: expected a valid number, got None",
-        "contacts[2].normal: expected a valid list, got 5",
+        "contacts[2].normal: expected a list in brackets, got 5",
         "mass_kg: expected a valid number, got 'heavy'",
         "wind: unknown key",
     ]

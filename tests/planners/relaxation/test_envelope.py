@@ -217,7 +217,7 @@ def test_all_wrong_keys_are_reported_at_once(learned):
     assert sorted(refusal(EnvelopeSet.from_json, record).split("; ")) == [
         "colour: unknown key",
         "force_scale_n: expected a valid number, got None",
-        "legs: expected a valid list, got 'RF'",
+        "legs: expected a list in brackets, got 'RF'",
     ]
 
 

@@ -3,6 +3,7 @@ accepts them."""
 
 from __future__ import annotations
 
+import multiprocessing
 import threading
 
 import numpy as np
@@ -63,12 +64,33 @@ def test_only_the_last_walk_that_is_asked_for_is_answered(scenario):
     assert found.trajectory.torso_m[-1, :2] == pytest.approx([0.5, 0.1], abs=1e-3)
 
 
+def test_a_planning_that_is_killed_is_told_and_one_that_is_ended_is_not(scenario):
+    answers, told = [], threading.Event()
+
+    def on_answer(number, answer):
+        answers.append((number, answer))
+        if answer.done:
+            told.set()
+
+    planning = WalkPlanning(on_answer)
+    planning.begin(1, scenario.task())
+    planning.end()
+    planning.begin(2, scenario.task())
+    for process in multiprocessing.active_children():
+        process.kill()
+    assert told.wait(PATIENCE_S)
+    planning.end()
+    assert {number for number, _ in answers} == {2}
+    assert answers[-1][1].message == "the process that planned it ended without an answer"
+    assert not answers[-1][1].accepted
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed (Debian: apt-get install chromium)")
 def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
     pytest.importorskip("viser")
     with (
         served_walk(scenario, folder=tmp_path) as page,
-        opened(page.address, tmp_path / "profile", (1400, 900)) as tab,
+        opened(page.address, tmp_path / "profile", (1000, 640)) as tab,
     ):
         tab.wait_for(f"{VERDICT}?.dataset.patient === '1'")
         tab.wait_for("document.querySelector('#limbs') !== null")
