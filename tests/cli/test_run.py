@@ -182,7 +182,7 @@ def test_the_help_says_what_a_policy_does_where_nothing_is_asked_for(capsys: pyt
         ({"policy": "lift", "replan_m": -1.0}, "--replan-m: expected a number above 0, or inf, got -1"),
         ({"horizon": 2}, "--horizon: expected --policy with it, got none"),
         ({"plan": Path("walls")}, "walls: expected a plan file; a course is walked with --policy, got none"),
-        ({"friction_share": 0.0}, "--friction-share: expected a number above 0, got 0"),
+        ({"friction_share": 0.0}, "--friction-share: expected a number in (0, 1], got 0"),
         ({"friction_share": 0.5, "world": "ros"}, "--friction-share: expected a simulated world with it, got ros"),
         ({"stop_topic": "e_stop"}, "--stop-topic: expected HOST:PORT/TOPIC, as localhost:9090/e_stop, got 'e_stop'"),
         ({"hung": True}, "hung: expected a robot that can hang in a stand, world mujoco has none"),

@@ -49,11 +49,11 @@ def test_a_published_map_that_folds_ends_with_one(capsys):
     [
         ({"cells": "8,8"}, "--cells: expected 3 numbers with commas between them, got '8,8'"),
         ({"cells": "1,8,3"}, "--cells: expected three whole numbers in [2, 200], got (1, 8, 3)"),
-        ({"height_m": -1.0}, "--height-m: expected a number above 0, got -1"),
+        ({"height_m": -1.0}, "--height-m: expected a number in (0, 100], got -1"),
         ({"iterations": 0}, "--iterations: expected 1 to 10000, got 0"),
         ({"file": TerrainFile(heights_m="0,1")}, "--heights-m: expected a .png with it, got "),
         ({"file": TerrainFile(heights_m="0")}, "--heights-m: expected 2 numbers with commas between them, got '0'"),
-        ({"file": TerrainFile(spacing_m=0.0)}, "--spacing-m: expected a number above 0, got 0"),
+        ({"file": TerrainFile(spacing_m=0.0)}, "--spacing-m: expected a number in (0, 200], got 0"),
     ],
 )
 def test_bad_options_are_one_line_and_two(grid, capsys, options, message):

@@ -197,7 +197,7 @@ def test_it_is_the_same_twice(climb: Plan) -> None:
     ("given", "message"),
     [
         ({"torque_nm": 0.0}, "torque_nm: expected a number above 0, got 0"),
-        ({"share": 0.0}, "torque_share: expected a number above 0, got 0"),
+        ({"share": 0.0}, "torque_share: expected a number in (0, 1], got 0"),
         ({"share": 1.5}, "torque_share: expected a number in (0, 1], got 1.5"),
         ({"steps": -1}, "steps: expected 0 or more, got -1"),
     ],

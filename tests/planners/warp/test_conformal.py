@@ -99,7 +99,7 @@ def test_reports_are_json_with_distributions():
     [
         ({"cells": (1, 8, 3)}, "cells: expected three whole numbers in [2, 200], got (1, 8, 3)"),
         ({"cells": (150, 150, 50)}, "cells: expected 200000 control points or fewer, got 1240677"),
-        ({"height_m": 0.0}, "height_m: expected a number above 0, got 0"),
+        ({"height_m": 0.0}, "height_m: expected a number in (0, 100], got 0"),
     ],
 )
 def test_bad_grids_are_refused(options, message):

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import multiprocessing
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -98,7 +99,12 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
         goal = page.playground.scenario.torso_m(page.playground.scenario.goal_m)
         east = np.array([1.0, 0.0, 0.0])
         tab.drag(*(pixel_of(page, tab, goal + along * east) for along in (0.10, 0.16)))
-        tab.wait_for(f"{VERDICT}.dataset.change > 0 && {VERDICT}.dataset.patient === '1'")
+        tab.wait_for(f"{VERDICT}.dataset.change > 0")
+        until = time.monotonic() + PATIENCE_S
+        while (answer := page.playground.answer) is None or not answer.done:  # the last of the drag's changes
+            assert time.monotonic() < until, page.playground.answer
+            time.sleep(0.05)
+        tab.wait_for(f"{VERDICT}.dataset.change === '{page.playground.number}' && {VERDICT}.dataset.patient === '1'")
         assert page.playground.scenario.goal_m == pytest.approx((0.56, 0.1), abs=0.02)
         tab.click(*middle_of(tab, "[...document.querySelectorAll('button')].find(b => b.innerText === 'save walk')"))
         tab.wait_for("document.querySelector('#saved') !== null")
