@@ -360,7 +360,7 @@ def test_a_shard_whose_label_never_comes_gives_up_early_and_one_whose_label_came
 
 
 def test_a_failure_in_a_worker_process_arrives(tmp_path: Path) -> None:
-    with pytest.raises(LabellingFailed, match=r"^wall-3: shard \d lacks .* rows after 5 draws: .*trivial$"):
+    with pytest.raises(LabellingFailed, match=r"^wall-3: shard \d lacks .* rows after 5 draws: \d+ "):
         label(replace(PLAN, feasible=0, infeasible=10, shard_size=5), tmp_path, workers=2, draws_per_row=1)
 
 
