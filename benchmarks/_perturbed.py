@@ -12,6 +12,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.problem.course import Course
 from stancekit.planners.terrain.patch import Patch
 from stancekit.planners.terrain.polygon import Surface
+from stancekit.runner.control.surfaces import coplanar
 from stancekit.runner.worlds import Imperfections
 from stancekit.runner.worlds.drives import Push
 
@@ -19,7 +20,6 @@ START_M, HOLE_M = 0.10, 0.04
 """Half sides of squares: where feet stand at first the ground is as planned, and a place where there is none."""
 PUSH_S, PUSHED_S = (0.5, 12.0), (0.1, 0.3)
 """When a push comes, and how long it lasts."""
-PLANE = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,9 +37,9 @@ def moved(plan: Plan, rng: np.random.Generator, far_m: float, turned_rad: float)
 
     def of(patch: Patch) -> Patch:
         for plane, move in planes:
-            if in_plane(patch, plane):
+            if coplanar(patch, plane):
                 return move(patch)
-        middle = np.mean([c.centre_m for f in course.footholds for c in f.candidates if in_plane(c, patch)] or
+        middle = np.mean([c.centre_m for f in course.footholds for c in f.candidates if coplanar(c, patch)] or
                          [patch.centre_m], axis=0)  # fmt: skip
         across = patch.frame[:, 1:] @ (lambda a: np.array([np.cos(a), np.sin(a)]))(rng.uniform(0.0, 2.0 * np.pi))
         turn = Rotation.from_rotvec(rng.uniform(-turned_rad, turned_rad) * across).as_matrix()
@@ -58,7 +58,7 @@ def moved(plan: Plan, rng: np.random.Generator, far_m: float, turned_rad: float)
     for patch in course.terrain:
         kept, rest = [], [patch]
         for index, toe in zip(course.holds[0], plan.toes_at(0), strict=True):
-            if in_plane(course.patch(int(index), plan.choice), patch):
+            if coplanar(course.patch(int(index), plan.choice), patch):
                 kept.append(Surface(patch, 0.0).window(toe, 2.0 * START_M))
                 rest = [piece for each in rest for piece in Surface(each, 0.0).around(toe, 2.0 * START_M)]
         terrain += [each for each in kept if each is not None] + list(map(of, rest))
@@ -79,7 +79,7 @@ def missing(plan: Plan, rng: np.random.Generator) -> Perturbed:
 
     def left(patch: Patch) -> tuple[Patch, ...]:
         surface = Surface(patch, 0.0)
-        hit = in_plane(patch, place) and surface.window(toe, 2.0 * HOLE_M) is not None
+        hit = coplanar(patch, place) and surface.window(toe, 2.0 * HOLE_M) is not None
         return surface.around(toe, 2.0 * HOLE_M) if hit else (patch,)
 
     footholds = tuple(
@@ -97,9 +97,3 @@ def pushed(plan: Plan, rng: np.random.Generator, share: float) -> Perturbed:
     force = rng.uniform(0.5, 1.0) * share * course.weight_n * way / np.linalg.norm(way)
     push = Push(force_n=tuple(force.tolist()), at_s=rng.uniform(*PUSH_S), seconds=rng.uniform(*PUSHED_S))
     return Perturbed(terrain=course.terrain, course=course, imperfections=Imperfections(pushes=(push,)))
-
-
-def in_plane(patch: Patch, other: Patch) -> bool:
-    """Whether two patches are of one plane, and look the same way."""
-    apart = (patch.centre_m - other.centre_m) @ other.normal
-    return bool(patch.normal @ other.normal > 1.0 - 1e-6 and abs(apart) < PLANE)

@@ -13,9 +13,9 @@ from stancekit.planners.search.friction_margin import SHARES
 class LoopSettings:
     """horizon: key frames a plan; 0 for all that are left. replan_m: a body or a foot farther than this from the plan
     has the rest planned anew, at the next moment when all feet stand; inf for never. most: so many plans at most;
-    tries: so many in a row that come no farther.
-    shares: of the friction that is counted on, that are planned with. goal_m: how far from where its last plan has it
-    the centre of mass may end. learn_friction: estimate it from what feet feel."""
+    tries: so many in a row that come no farther. shares: of the friction that is counted on, that are planned with.
+    goal_m: how far from where its last plan has it the centre of mass may end. learn_friction: estimate it from what
+    feet feel."""
 
     horizon: int = 0
     replan_m: float = 0.012

@@ -1,4 +1,7 @@
-"""The way back: a step that found no ground is undone, along its own path, to the stance that it began from."""
+"""The way back: a step that found no ground is undone, along its own path, to the stance that it began from.
+
+It is the motion of an accepted plan in reverse and slower; the guard looks at what is sent, no verifier judges it anew.
+"""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ class EmptyStep:
         self._bore = self._empty = np.zeros(limbs, dtype=int)
 
     def found(self, target: Target, state: State) -> NDArray[np.bool_]:
-        """shape (N,)."""
+        """Which feet came down on nothing, shape (N,), by what was sent and measured in this period and before."""
         sample = target.sample
         foothold = np.array(sample.foothold)
         if self._foothold is None:  # those that stand from the beginning stand on something
@@ -92,12 +92,13 @@ def without(course: Course, place: Patch, toe_m: Array, frame: int) -> Course:
 def _around(patch: Patch, place: Patch, toe_m: Array) -> tuple[Patch, ...]:
     """The patch, or its pieces around the toe where it is of the same plane and covers some of what is missing."""
     surface = Surface(patch, 0.0)
-    if not _coplanar(patch, place) or surface.window(toe_m, 2.0 * MISSING_M) is None:
+    if not coplanar(patch, place) or surface.window(toe_m, 2.0 * MISSING_M) is None:
         return (patch,)
     return surface.around(toe_m, 2.0 * MISSING_M)
 
 
-def _coplanar(patch: Patch, other: Patch) -> bool:
+def coplanar(patch: Patch, other: Patch) -> bool:
+    """Whether two patches are of one plane, and look the same way."""
     apart = (patch.vertices_m[0] - other.vertices_m[0]) @ other.normal
     return bool(patch.normal @ other.normal > 1.0 - 1e-6 and abs(apart) < PLANE_M)
 
@@ -118,7 +119,7 @@ class Offsets:
     def moved(self, patch: Patch) -> Patch:
         """The patch where it was found to be."""
         for plane, offset in zip(self.planes, self.offsets_m, strict=True):
-            if _coplanar(patch, plane):
+            if coplanar(patch, plane):
                 return patch.with_vertices(patch.vertices_m + offset * patch.normal)
         return patch
 
@@ -151,7 +152,7 @@ def found_offsets(patches: tuple[Patch, ...], state: State, kinematics: Kinemati
         if force @ patch.normal < TOUCH_N:
             continue
         offset = float((foot - radius * patch.normal - patch.centre_m) @ patch.normal)
-        same = [k for k, plane in enumerate(planes) if _coplanar(patch, plane)]
+        same = [k for k, plane in enumerate(planes) if coplanar(patch, plane)]
         if same:
             found[same[0]].append(offset)
         else:

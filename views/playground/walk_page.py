@@ -251,11 +251,6 @@ def _ground(scenario: WalkScenario, size_m: float) -> Scene:
     field = scenario.terrain
     low, high = np.array(field.domain_m).T
     sheets = block(field, low, high, facets=2 * CELLS, depth_m=0.25 * size_m, relief_m=0.5 * size_m)
-    grid = Line(
-        pieces_m=grid_on_ground(field, low, high, GRID_M, 8 * CELLS),
-        colour=GRID,
-        opacity=0.35,
-        width=0.35,
-        lift_m=0.006,
-    )
+    lines = grid_on_ground(field, low, high, GRID_M, 8 * CELLS)
+    grid = Line(pieces_m=lines, colour=GRID, opacity=0.35, width=0.35, lift_m=0.006)
     return Scene(sheets=sheets, paths=[grid])
