@@ -30,6 +30,7 @@ def walk(
     heading_rad: float = 0.0,
     robot: GaitRobot | str | Path | None = None,
     gait: Literal["trot", "walk", "pace", "bound", "gallop", "tripod"] = "trot",
+    cycle_s: float | None = None,
     duration_s: float = 10.0,
     friction: float = 0.75,
     adhesive: Sequence[str] = (),
@@ -47,6 +48,8 @@ def walk(
         robot: "anymal", "hexapod", a .urdf file, a .yaml file that names one or has a walker's numbers, or what
             ``load`` gives of such a file; ANYmal where there is none.
         gait: order of the steps; tripod is for six feet, the others are for four.
+        cycle_s: how long a cycle of it lasts; its own if missing, shorter for a low robot that balances on two
+            feet [s].
         duration_s: time to walk [s].
         friction: Coulomb coefficient ν of the ground.
         adhesive: names of feet that stick: they may pull.
@@ -83,6 +86,7 @@ def walk(
         adhesive=tuple(name in adhesive for name in body.foot_names),
         suction_n=suction_n,
         gait=gait,
+        cycle_s=cycle_s,
     )
     attempts = None if chart == "portfolio" else [Attempt(chart=chart)]
     return plan_gait(task, caps=Caps(total_s=total_s), attempts=attempts)

@@ -64,6 +64,9 @@ class Gait:
         tyro.conf.arg(metavar="{trot,walk,pace,bound,gallop,tripod}"),
     ] = None
     """Order of steps; trot on four feet, tripod on six."""
+    cycle_s: OptionalFloat = None
+    """How long a cycle of it lasts; where there is none its own, shorter for a low robot that balances on two feet
+    [s]."""
     dynamics: Literal["centred", "printed", "newton-euler"] = "centred"
     """How forces balance: the centred discrete model, the paper's, or Newton-Euler's equations."""
     hessian: Literal["exact", "lbfgs"] = "exact"
@@ -188,6 +191,7 @@ class Gait:
                 adhesive=tuple(name in sticky for name in robot.foot_names),
                 suction_n=self.suction_n,
                 gait=self.gait or ("trot" if len(robot.feet) == 4 else "tripod"),
+                cycle_s=self.cycle_s,
                 timings=self.timings,
             )
         except InvalidInput as error:

@@ -54,6 +54,7 @@ def in_options(message: str) -> str:
     parts = []
     for part in message.split("; "):
         name, colon, rest = part.partition(":")
-        known = names.get(name, name if name in ("duration_s", "friction", "gait", "timings", "adhesive") else "")
+        same = ("duration_s", "friction", "gait", "cycle_s", "timings", "adhesive")
+        known = names.get(name, name if name in same else "")
         parts.append(f"--{known.replace('_', '-')}{colon}{rest}" if known else part)
     return "; ".join(parts)

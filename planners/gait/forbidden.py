@@ -23,7 +23,6 @@ from ..files.arrays import Array
 from ..robot.single_body import GRAVITY_M_S2
 from ..terrain.heightfield import HeightField
 from .task import GaitSettings, GaitTask
-from .variables.phases import gait_named, schedule
 
 FRICTION_ROOM = 0.02
 """Friction is taken to be this much more than it is: nothing is forbidden that the verifier tolerates."""
@@ -151,7 +150,7 @@ def _always_stands(task: GaitTask, settings: GaitSettings) -> bool:
     """Whether some foot is on the ground at every moment, as the timing has it."""
     if task.timings != "fixed":
         return False
-    feet = schedule(gait_named(task.gait), task.robot.foot_names, task.duration_s, settings.step_s)
+    feet = task.phases(settings.step_s)
     edges = np.unique(np.concatenate([foot.edges_s for foot in feet]))
     moments = np.concatenate([0.5 * (edges[1:] + edges[:-1]), edges])
     return bool(np.any([foot.stands(moments) for foot in feet], axis=0).all())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, get_args
 
 import numpy as np
@@ -12,7 +12,7 @@ from ..files.arrays import Array, check_numbers, checked, checked_choice, checke
 from ..robot.single_body import GaitRobot
 from ..terrain.heightfield import HeightField
 from .charts import CHARTS
-from .variables.phases import gait_named
+from .variables.phases import FootPhases, gait_named, schedule
 
 Dynamics = Literal["centred", "printed", "newton-euler"]
 Timings = Literal["fixed", "optimised"]
@@ -36,6 +36,8 @@ class GaitTask:
         adhesive: feet that stick, one truth value for each foot or none at all.
         suction_n: what such a foot may pull with [N], s in ‖f_t‖ ≤ ν (f_n + s); SUCTION times the weight if missing.
         gait: a name of ``variables.phases.GAITS``, for as many feet as the robot has.
+        cycle_s: of the gait [s]; the gait's own if missing, shorter for a low robot that balances on fewer than three
+            feet.
         timings: ``fixed``, phases of the gait's schedule; ``optimised``, switching times are variables.
     Raises:
         InvalidInput: for a place off the terrain or where the robot cannot stand.
@@ -51,6 +53,7 @@ class GaitTask:
     adhesive: tuple[bool, ...] = ()
     suction_n: float | None = None
     gait: str = "trot"
+    cycle_s: float | None = None
     timings: Timings = "fixed"
 
     def __post_init__(self) -> None:
@@ -60,6 +63,8 @@ class GaitTask:
             raise InvalidInput(f"adhesive: expected {feet} truth values, got {len(self.adhesive)}")
         checked_choice(self.timings, "timings", get_args(Timings))
         gait_named(self.gait)
+        if self.cycle_s is not None:
+            checked(self.cycle_s, "cycle_s", above=0.0)
         sucks = SUCTION * self.robot.weight_n if self.suction_n is None else self.suction_n
         collect_errors(
             lambda: self._set("start_xy_m", read_only(self.start_xy_m, (2,), "start_xy_m")),
@@ -70,6 +75,13 @@ class GaitTask:
             lambda: self._set("suction_n", checked(sucks, "suction_n", least=0.0)),
         )
         collect_errors(lambda: self._check_place("start"), lambda: self._check_place("goal"))
+
+    def phases(self, step_s: float) -> tuple[FootPhases, ...]:
+        """When every foot stands and swings, on the grid of step_s. Raises InvalidInput where no cycle fits."""
+        gait = gait_named(self.gait)
+        own = gait.at(self.robot.stand_height_m, step_s)
+        timed = own if self.cycle_s is None else replace(gait, cycle_s=self.cycle_s)
+        return schedule(timed, self.robot.foot_names, self.duration_s, step_s)
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)

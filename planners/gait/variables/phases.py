@@ -1,9 +1,14 @@
-"""When feet stand and swing: gaits by name, and the schedule that a task gets of one (paper W §III-A)."""
+"""When feet stand and swing: gaits by name, and the schedule that a task gets of one (paper W §III-A).
+
+A robot on fewer than three feet falls over them as an inverted pendulum does: what it is off grows by e^(t/√(h/g)). A
+lower one has to take shorter steps, or no tracker holds it: cycles go with √h (dynamic similarity, R. McN. Alexander
+and A. S. Jayes, J. Zool. 201, 1983).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +19,8 @@ from ...files.arrays import Array, checked_choice, read_only
 
 @dataclass(frozen=True, kw_only=True)
 class Gait:
-    """A periodic gait. duty: share of the cycle that a foot stands; offsets: when in the cycle each foot lifts off."""
+    """A periodic gait. cycle_s: of a robot whose centre of mass is at HEIGHT_M; duty: share of the cycle that a foot
+    stands; offsets: when in the cycle each foot lifts off."""
 
     name: str
     cycle_s: float
@@ -26,6 +32,24 @@ class Gait:
         """How long a foot is in the air [s]."""
         return (1.0 - self.duty) * self.cycle_s
 
+    @property
+    def balances(self) -> bool:
+        """Whether there are moments at which fewer than three feet stand."""
+        since = np.subtract.outer(self.offsets, self.offsets) % 1.0
+        swinging = (since < 1.0 - self.duty - 1e-9).sum(axis=1)
+        return bool(len(self.offsets) - swinging.max() < 3)
+
+    def at(self, height_m: float, step_s: float) -> Gait:
+        """The same for a robot whose centre of mass stands so high: a cycle of that robot's, halves of it on the grid
+        of step_s, no longer than this one. Gaits on three feet stay as they are."""
+        if not self.balances:
+            return self
+        halves = max(1.0, np.rint(0.5 * self.cycle_s * np.sqrt(height_m / HEIGHT_M) / step_s))
+        return replace(self, cycle_s=min(self.cycle_s, 2.0 * float(halves) * step_s))
+
+
+HEIGHT_M = 0.42
+"""How high the centre of mass of ``anymal`` stands, whose cycles these are [m]."""
 
 GAITS = {
     gait.name: gait

@@ -12,7 +12,6 @@ from ..charts.chart import Chart
 from ..task import GaitSettings, GaitTask
 from ..transcription.blocks import Rows, Selection, VariableGroup
 from .layout import Index, Layout
-from .phases import gait_named, schedule
 from .timing import FootGroup, entry_group, moving_groups, scheduled_groups
 
 
@@ -29,7 +28,7 @@ class Structure:
         self.mean_s = settings.step_s if settings.mean_forces else 0.0
         self.times_s: Array = np.asarray(settings.step_s * np.arange(steps + 1), dtype=np.float64)
         self.layout = Layout(
-            schedule(gait_named(task.gait), task.robot.foot_names, task.duration_s, settings.step_s),
+            task.phases(settings.step_s),
             task.duration_s,
             torso_knot_s=settings.torso_knot_s,
             force_knot_s=settings.force_knot_s,

@@ -55,6 +55,21 @@ def test_every_gait_begins_and_ends_on_all_feet_and_keeps_its_duty(name: str) ->
         assert np.rint(foot.switches_s / 0.05) * 0.05 == pytest.approx(foot.switches_s)
 
 
+@pytest.mark.parametrize("name", sorted(GAITS))
+def test_a_gait_balances_where_a_foot_less_than_three_stands_at_some_moment(name: str) -> None:
+    gait = GAITS[name]
+    times = np.linspace(2.0, 2.0 + gait.cycle_s, 1001)
+    feet = schedule(gait, ["foot"] * len(gait.offsets), 10.0, 0.001)
+    assert gait.balances == (np.sum([foot.stands(times) for foot in feet], axis=0).min() < 3)
+
+
+@pytest.mark.parametrize(("height_m", "cycle_s"), [(0.42, 1.0), (0.42 / 4.0, 0.5), (0.42 * 0.64, 0.8), (2.0, 1.0)])
+def test_low_robots_step_faster_as_pendulums_of_their_height_fall(height_m: float, cycle_s: float) -> None:
+    assert GAITS["trot"].at(height_m, 0.05).cycle_s == pytest.approx(cycle_s)
+    assert GAITS["trot"].at(height_m, 0.05).duty == GAITS["trot"].duty
+    assert GAITS["tripod"].at(height_m, 0.05) is GAITS["tripod"]
+
+
 def test_a_gait_that_does_not_fit_is_refused_in_one_line() -> None:
     with pytest.raises(InvalidInput, match=r"duration_s: expected 1\.3 s or more for one cycle of the trot, got 1 s"):
         schedule(GAITS["trot"], ["LF", "RF", "LH", "RH"], 1.0, 0.05)
