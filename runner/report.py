@@ -35,9 +35,9 @@ class RunReport:
     execution: planned against measured, where body and forces are measured. replay_rad: largest difference of a
     command from that in the log which is replayed. needs, loads: of the joints, as planned, and as measured where
     torques are; None where the motion never began. friction: what feet felt of it, as a share of what was planned with,
-    None where body or forces are not measured. stopped_s: when the latch was tripped, on the monotonic clock
-    that all processes of a machine share, None where it was not; after: commands on their way at that moment, whose
-    write returned up to after_s later.
+    None where body or forces are not measured. loop_share: of their stiffness, that joint loops were found to have, 1
+    where feet feel nothing. stopped_s: when the latch was tripped, on the monotonic clock that all processes of a machine
+    share, None where it was not; after: commands on their way at that moment, whose write returned up to after_s later.
     """
 
     world: str
@@ -68,6 +68,7 @@ class RunReport:
     needs: JointNeeds | None = None
     loads: JointNeeds | None = None
     friction: FrictionInterval | None = None
+    loop_share: float = 1.0
     stopped_s: float | None = None
     after: int = 0
     after_s: float = 0.0
@@ -123,6 +124,7 @@ class RunReport:
             needs=planned,
             loads=felt if measured else None,
             friction=estimated(record, 1.0 / world.rate_hz) if execution is not None and prepared.sees else None,
+            loop_share=1.0 if last is None else last[0].loop_share,
             stopped_s=latch.time_s if latch.tripped else None,
             after=latch.after,
             after_s=latch.after_s,

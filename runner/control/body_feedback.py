@@ -38,8 +38,8 @@ class BodyFeedback:
     step aside by what the body's velocity error makes in this time; for walks it is set by how high the robot stands.
     """
 
-    position_s2: float = 160.0
-    velocity_s: float = 25.0
+    position_s2: float = 80.0
+    velocity_s: float = 18.0
     rotation_s2: float = 250.0
     turn_s: float = 30.0
     cone_share: float = 0.8

@@ -45,7 +45,8 @@ class ContactFeedback:
 
     touch_n: a foot that presses this hard on its patch touches it. seek_m_s, seek_m: how fast a foot that should touch
     and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed, on steep surfaces
-    only, 0 for never; press_n: most of them a foot. waits: the motion waits for a foot that should touch.
+    only, 0 for never; press_n: most of them a foot. waits: the motion waits for a foot that should touch. memory_s: of
+    how stiff joint loops were found to be (``LoopStiffness``), 0 to count on what they should be.
     """
 
     touch_n: float = 1.5
@@ -54,6 +55,7 @@ class ContactFeedback:
     press_hz: float = 4.0
     press_n: float = 40.0
     waits: bool = True
+    memory_s: float = 5.0
 
     def __post_init__(self) -> None:
         check_numbers(self, "feedback.", least=[name for name in self.__annotations__ if name != "waits"])

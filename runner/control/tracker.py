@@ -28,6 +28,7 @@ from ..worlds.world import State
 from .body_feedback import BodyController, BodyFeedback, BodyPose
 from .command import command
 from .foot_placement import FADES, ContactFeedback, FootPlacement
+from .loop_stiffness import LoopStiffness
 from .swing_speed import SwingSpeed
 
 DRAWN_S = 0.1
@@ -43,7 +44,7 @@ class Target:
     targets_rad: shape (J,). sample: what should be at its end. origin_m: of the body's frame, shape (3,); the centre
     of mass, which should be at sample.com_m, is shift_m away in the body. angles_rad, torques_nm: planned, shape (J,).
     rolled_m: how far the feet should have rolled since they were put down, shape (N, 3). error_m: of the inverse
-    kinematics, shape (N,).
+    kinematics, shape (N,). loop_share: of their stiffness, that joint loops were found to have.
     """
 
     targets_rad: Array
@@ -54,12 +55,13 @@ class Target:
     torques_nm: Array
     rolled_m: Array
     error_m: Array
+    loop_share: float = 1.0
 
     def entry(self) -> dict[str, Any]:
         """What a log keeps of it beside the command: the planned body and forces, and what every foot stands on."""
         sample = self.sample
         return {"origin_m": self.origin_m, "forces_n": sample.forces_n, "foothold": list(sample.foothold),
-                "rolled_m": self.rolled_m}  # fmt: skip
+                "rolled_m": self.rolled_m, "loop_share": self.loop_share}  # fmt: skip
 
 
 class Tracker:
@@ -85,7 +87,8 @@ class Tracker:
         self._weight = kinematics.robot.mass_kg * kinematics.gravity_m_s2
         self._body = BodyController(kinematics.robot.mass_kg, model.body.inertia_kgm2, self._weight, body)
         self._feels_body = body.acts
-        self._found: State | None = None
+        self._loops = LoopStiffness(self._drives, self._period_s, feedback.memory_s)
+        self._found: _Found | None = None
         self._placed: tuple[Array, Array] | None = None
         self._rates = np.zeros(len(kinematics.joints))
         limbs = len(kinematics.robot.limbs)
@@ -123,7 +126,11 @@ class Tracker:
 
         forces_n: felt by the feet just now, shape (N, 3) [N]. state: where a world measures the body's pose.
         """
-        self._found = state if self._feels_body else None
+        self._found = None
+        if state is not None and self._feels_body:
+            self._found = _Found(state, self._kinematics.loads(state.angles_rad, state.rotation))
+            given = self._kinematics.torques_of(self._found.loads, forces_n)
+            self._loops.see(state, given, self._of(self._feet.touched))
         if self._time_s >= self._motion.seconds:
             return None
         now, then = self._motion.at(self._time_s), self.coming
@@ -132,7 +139,7 @@ class Tracker:
         seen = None
         if self._found is not None and self._placed is not None:
             origin, rotation = self._placed
-            seen = self._found, BodyPose(origin_m=origin, rotation=rotation, velocity=self._velocity)
+            seen = self._found.state, BodyPose(origin_m=origin, rotation=rotation, velocity=self._velocity)
         self._feet.follow(now, then, felt, self._rolled, seen)
         self._press(then, forces_n, np.array(then.foothold) >= 0)
         if lands.any():
@@ -173,26 +180,27 @@ class Tracker:
         self._roll(sample, rotation @ self._kinematics.foot_frames(angles))
         self._shift = self._kinematics.com_offset(angles)
         return Target(
-            targets_rad=command(self._drives, angles, given, rates, rising), sample=sample, origin_m=origin,
-            shift_m=shift, angles_rad=angles, torques_nm=planned, rolled_m=self._rolled, error_m=error,
+            targets_rad=command(self._drives, angles, given, rates, rising, self._loops.share), sample=sample,
+            origin_m=origin, shift_m=shift, angles_rad=angles, torques_nm=planned, rolled_m=self._rolled, error_m=error,
+            loop_share=self._loops.share,
         )  # fmt: skip
 
     def _given(self, sample: MotionSample, loads: tuple[Array, Array], origin: Array, rotation: Array) -> Array:
         """Torques for the planned forces, those that are missing, and those that bring the body to its place."""
-        found = self._found
         pressed = sample.forces_n + self._pressed
         placed, self._placed = self._placed, (origin, rotation)
-        if found is None:
+        if self._found is None:
             return self._kinematics.torques_of(loads, pressed)
         if placed is not None:
             turn = Rotation.from_matrix(rotation @ placed[1].T).as_rotvec()
             self._velocity = np.concatenate([origin - placed[0], turn]) / self._period_s
         pressed = np.where(self._feet.touched[:, None], pressed, 0.0)
         wanted = BodyPose(origin_m=origin + self._feet.shift_m, rotation=rotation, velocity=self._velocity)
+        found = self._found.state
         seen = BodyPose(origin_m=found.position_m, rotation=found.rotation, velocity=found.velocity)
         arms = found.feet_m - found.position_m - found.rotation @ self._shift
         forces = self._body.forces(self._body.wrench(wanted, seen), sample, arms, pressed, self._feet.touched)
-        return self._kinematics.torques(found.angles_rad, found.rotation, forces)
+        return self._kinematics.torques_of(self._found.loads, forces)
 
     def _roll(self, sample: MotionSample, turned: Array) -> None:
         """A sphere that rolls by a small turn ω moves by ω × r n. turned: orientations of the feet, (N, 3, 3)."""
@@ -225,6 +233,14 @@ class Tracker:
             stuck &= straight | (missed < error)
             angles, error = np.where(self._of(stuck), other, angles), np.where(stuck, missed, error)
         return angles, error, origin
+
+
+@dataclass(frozen=True)
+class _Found:
+    """What a world measured, and the loads of its joints there."""
+
+    state: State
+    loads: tuple[Array, Array]
 
 
 def _skew(v: Array) -> Array:

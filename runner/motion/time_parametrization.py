@@ -167,7 +167,7 @@ def joint_profile(
     )  # fmt: skip
 
 
-BLIND = ContactFeedback(press_hz=0.0)
+BLIND = ContactFeedback(press_hz=0.0, memory_s=0.0)
 """For feet that feel nothing: what is expected is taken for felt."""
 STEADY = replace(BLIND, waits=False)
 """The same of a gait, which waits for nothing."""

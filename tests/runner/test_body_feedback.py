@@ -73,7 +73,7 @@ def pose(turn: Rotation = Rotation.identity(), origin: Array | None = None, spee
 
 
 def test_the_wrench_pulls_back_and_damps_and_is_nothing_where_nothing_is_off() -> None:
-    of = controller()
+    of = controller(position_s2=160.0, turn_s=30.0, rotation_s2=250.0)
     np.testing.assert_allclose(of.wrench(pose(), pose()), 0.0, atol=1e-12)
     low = of.wrench(pose(), pose(origin=np.array([0.0, 0.0, -0.01])))
     np.testing.assert_allclose(low, [0.0, 0.0, MASS * 160.0 * 0.01, 0.0, 0.0, 0.0], atol=1e-9)

@@ -14,9 +14,11 @@ pytest.importorskip("pinocchio")
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
+from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.robot_model import RobotModel, model_of
 from stancekit.planners.terrain.heightfield import HeightField
+from stancekit.runner.control.loop_stiffness import LoopStiffness
 from stancekit.runner.worlds import Imperfections, make_world
 from stancekit.runner.worlds.simulated_body import simulated_body
 from stancekit.runner.worlds.world import Ground, State, World
@@ -210,8 +212,14 @@ def test_a_heavier_robot_and_softer_loops_are_as_said() -> None:
     masses = [float(m.get("value", "0")) for m in ElementTree.fromstring(again.urdf).findall("link/inertial/mass")]
     assert sum(masses) == pytest.approx(1.15 * of.body.mass_kg)
     pytest.importorskip("mujoco")
-    sunk = []
+    sunk, legs = [], Kinematics(robot(of))
     for share in (1.0, 0.7):
         with make_world("mujoco", robot(of), imperfections=Imperfections(stiffness_share=share)) as world:
-            sunk.append(of.stand_height_m - float(of.body.com_m[2]) - dropped(world, of).position_m[2])
+            stands = dropped(world, of)
+            sunk.append(of.stand_height_m - float(of.body.com_m[2]) - stands.position_m[2])
+            loops = LoopStiffness(world.drives, 1.0, 100.0)
+            torques = legs.torques(stands.angles_rad, stands.rotation, stands.forces_n)
+            for _ in range(100):
+                loops.see(stands, torques, np.ones(len(torques), dtype=np.bool_))
+        assert loops.share == pytest.approx(share, abs=0.02)
     assert sunk[1] > 1.2 * sunk[0] > 0.0
