@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
@@ -46,6 +47,8 @@ def printable(text: str) -> str:
 
 
 LONGEST_COMPLAINT = 2000
+EVERY_S = 10.0
+"""Where standard error is no terminal, long work says so often where it is."""
 out = _console()
 err = _console(stderr=True, highlight=False)
 
@@ -114,9 +117,24 @@ def as_options(*names: str) -> Iterator[None]:
         raise InvalidInput(f"--{name.replace('_', '-')}{colon}{rest}") from None
 
 
+class Lines:
+    """What long work says where standard error is no terminal: a plain line now and then, nothing elsewhere."""
+
+    def __init__(self, title: str) -> None:
+        self._title, self._asks = title, not err.is_terminal
+        self._began_s = self._said_s = time.monotonic()
+
+    def say(self, where: str) -> None:
+        """Print where the work is, unless that was said a moment ago."""
+        now_s = time.monotonic()
+        if self._asks and now_s - self._said_s >= EVERY_S:
+            self._said_s = now_s
+            err.print(f"{self._title}: {where}, {now_s - self._began_s:.0f} s")
+
+
 @contextmanager
 def progress(title: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on standard error; call it with (done, total). Silent where standard error is no terminal."""
+    """A progress bar on standard error, or lines where that is no terminal; call it with (done, total)."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -125,8 +143,13 @@ def progress(title: str) -> Iterator[Callable[[int, int], None]]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        task = bar.add_task(title, total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
+        task, lines = bar.add_task(title, total=None), Lines(title)
+
+        def show(done: int, total: int) -> None:
+            bar.update(task, completed=done, total=total)
+            lines.say(f"{done} of {total}")
+
+        yield show
 
 
 @contextmanager

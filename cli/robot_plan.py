@@ -13,7 +13,9 @@ def bent_lines(details: Mapping[str, float]) -> Iterator[str]:
     how = f"in {steps} step{'s' * (steps != 1)}" if steps else "by other forces"
     before, after = (details.get(name, math.nan) for name in ("torque_nm_before", "torque_nm"))
     if math.isfinite(after) and before != after:
-        yield f"torque: {before:.1f} → {after:.1f} Nm {how}"
+        used = [details.get(f"torque_share{when}", math.nan) for when in ("_before", "")]
+        why = f": of the joint nearest to its limit, {used[0]:.2f} → {used[1]:.2f} of it" if after > before else ""
+        yield f"torque: {before:.1f} → {after:.1f} Nm {how}{why}"
     before, after = (1e3 * details.get(name, math.nan) for name in ("depth_m_before", "depth_m"))
     if math.isfinite(after) and before != after:
         yield f"deepest collision: {before:.1f} → {after:.1f} mm {how}"

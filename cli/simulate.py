@@ -12,7 +12,7 @@ from rich.text import Text
 
 from stancekit.planners.errors import InvalidInput
 
-from .console import as_options, complain, emit, out
+from .console import as_options, complain, emit, out, progress
 from .options import OptionalPath, check_drawn
 
 if TYPE_CHECKING:
@@ -70,8 +70,8 @@ class Simulate:
             return 1
         timing = Timing().at_pace(self.pace)
         settings = RunSettings(timing=timing, forces=self.forces, check_limits=False)
-        with as_options("world"):
-            report = simulate(plan, self.world, settings=settings)
+        with as_options("world"), progress(f"simulate {plan.course.name} in {self.world}") as bar:
+            report = simulate(plan, self.world, settings=settings, progress=bar)
         execution = report.execution
         if execution is None:
             complain(f"stancekit: failed: {self.plan}: {report.message}")

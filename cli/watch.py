@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
-from .console import err
+from .console import Lines, err
 
 
 class Named(Protocol):
@@ -43,14 +43,15 @@ def interruptible() -> Iterator[Callable[[], bool]]:
 def watching(title: str) -> Iterator[Callable[[Named, int, float, float, str], None]]:
     """Yields what shows an iteration (attempt, number, violation, cost, phase) on standard error.
 
-    One line with the time that has passed; silent where standard error is no terminal.
+    One line with the time that has passed, or one now and then where standard error is no terminal.
     """
     columns = (SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn())
     with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        line = bar.add_task(title, total=None)
+        line, lines = bar.add_task(title, total=None), Lines(title)
 
         def show(attempt: Named, iteration: int, violation: float, cost: float, phase: str) -> None:
             said = f"{attempt.name}, {phase}: iteration {iteration}, violation {violation:.1e}, cost {cost:.3g}"
             bar.update(line, description=said)
+            lines.say(said)
 
         yield show

@@ -282,13 +282,14 @@ def simulate(
     rate_hz: float | None = None,
     terrain: Sequence[Patch] | None = None,
     actuators: Actuators | None = None,
+    progress: Progress = lambda done, total: None,
 ) -> RunReport:
     """Run a plan in a simulated world, at the pace asked for: what was planned against what happened.
 
     world: "mujoco", "bullet", or FILE.py:NAME. servo: of every joint. rate_hz: targets a second, the world's own where
-    None. terrain: what the world has, where that is not the plan's. actuators: in place of the servo's limits. Raises
-    InvalidInput for a plan that the verifier rejects, a schedule that lifts all limbs at once, a world that is no
-    simulation, and without pinocchio.
+    None. terrain: what the world has, where that is not the plan's. actuators: in place of the servo's limits. progress:
+    as of ``Runner``. Raises InvalidInput for a plan that the verifier rejects, a schedule that lifts all limbs at once,
+    a world that is no simulation, and without pinocchio.
     """
     accepted, course = Accepted.verified(plan, plan.course.name), plan.course
     made = make_world(
@@ -297,4 +298,4 @@ def simulate(
     if made.kind != "simulation":
         made.close()
         raise InvalidInput(f"world: expected a simulation, got {world}, which is {made.kind}")
-    return Runner(made, settings=settings).run(accepted, terrain)
+    return Runner(made, settings=settings, progress=progress).run(accepted, terrain)

@@ -10,7 +10,7 @@ from importlib import import_module
 
 import pytest
 
-from stancekit.cli import sample
+from stancekit.cli import console, sample
 from stancekit.cli.main import verbs
 from stancekit.cli.names import NAMES
 from stancekit.planners.errors import PlanningFailed
@@ -30,6 +30,19 @@ def test_help_shows_a_session_and_every_verb(arguments, stancekit):
     listed = re.findall(r"^  (\w+) +[A-Z]", ran.out, re.MULTILINE)
     assert listed == list(verbs())
     assert {"sample", "solve", "verify", "label", "fit", "evaluate", "picture", "demo"} <= set(listed)
+
+
+def test_long_work_says_where_it_is_without_a_terminal(capsys, monkeypatch):
+    with console.progress("quick") as show:
+        show(1, 2)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr(console, "EVERY_S", 0.0)
+    with console.progress("walls [1]") as show:
+        show(1, 2)
+        show(2, 2)
+    first, last = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(r"walls \[1\]: 1 of 2, \d+ s", first)
+    assert last.startswith("walls [1]: 2 of 2, ")
 
 
 def options_of(kind):
