@@ -287,9 +287,9 @@ def simulate(
     """Run a plan in a simulated world, at the pace asked for: what was planned against what happened.
 
     world: "mujoco", "bullet", or FILE.py:NAME. servo: of every joint. rate_hz: targets a second, the world's own where
-    None. terrain: what the world has, where that is not the plan's. actuators: in place of the servo's limits. progress:
-    as of ``Runner``. Raises InvalidInput for a plan that the verifier rejects, a schedule that lifts all limbs at once,
-    a world that is no simulation, and without pinocchio.
+    None. terrain: what the world has, where that is not the plan's. actuators: in place of the servo's limits.
+    progress: as of ``Runner``. Raises InvalidInput for a plan that the verifier rejects, a schedule that lifts all
+    limbs at once, a world that is no simulation, and without pinocchio.
     """
     accepted, course = Accepted.verified(plan, plan.course.name), plan.course
     made = make_world(
