@@ -15,10 +15,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.files.arrays import Array, check_numbers
+from stancekit.planners.robot.urdf_reader import pinocchio
 from stancekit.planners.terrain.patch import contact_frames
 
 from ..motion.motion import MotionSample
@@ -70,13 +70,14 @@ class BodyController:
     def __init__(self, mass_kg: float, inertia_kgm2: Array, weight_n: float, feedback: BodyFeedback) -> None:
         self._mass, self._inertia, self._weight, self._feedback = mass_kg, inertia_kgm2, weight_n, feedback
         self._rows: dict[int, Rows[_Asked]] = {}
+        self._log = pinocchio().log3
 
     def wrench(self, wanted: BodyPose, found: BodyPose) -> Array:
         """Force [N] and moment [Nm] on the body in the world, shape (6,)."""
         gains, turn = self._feedback, found.rotation
         late = wanted.velocity - found.velocity
         force = gains.position_s2 * (wanted.origin_m - found.origin_m) + gains.velocity_s * late[:3]
-        away = Rotation.from_matrix(wanted.rotation @ turn.T).as_rotvec()
+        away = self._log(wanted.rotation @ turn.T)
         moment = turn @ self._inertia @ turn.T @ (gains.rotation_s2 * away + gains.turn_s * late[3:])
         return np.concatenate([self._mass * force, moment])
 

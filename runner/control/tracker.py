@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.motion.joints import STRAY_M
-from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
 
 from ..motion.motion import Motion, MotionSample
 from ..motion.redundancy import RedundancyResolution, resolved
@@ -192,7 +191,7 @@ class Tracker:
         if self._found is None:
             return self._kinematics.torques_of(loads, pressed)
         if placed is not None:
-            turn = Rotation.from_matrix(rotation @ placed[1].T).as_rotvec()
+            turn = pinocchio().log3(rotation @ placed[1].T)
             self._velocity = np.concatenate([origin - placed[0], turn]) / self._period_s
         pressed = np.where(self._feet.touched[:, None], pressed, 0.0)
         wanted = BodyPose(origin_m=origin + self._feet.shift_m, rotation=rotation, velocity=self._velocity)
