@@ -27,22 +27,24 @@ def change_of(tab):
     return int(tab.value(f"{VERDICT} ? {VERDICT}.dataset.change : -1"))
 
 
-@pytest.fixture
-def shown(tmp_path):
-    """A playground over two walls, and the tab that shows it."""
+@pytest.fixture(scope="module")
+def shown(tmp_path_factory):
+    """A playground over two walls, the tab that shows it, and the folder that it saves in: one for all, as starting a
+    browser takes longer than what is done in it."""
     if CHROMIUM is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
     pytest.importorskip("viser")
+    folder = tmp_path_factory.mktemp("playground")
     with (
-        served(KeysScenario.of("walls"), folder=tmp_path) as page,
-        opened(page.address, tmp_path / "profile", SIZE_PX) as tab,
+        served(KeysScenario.of("walls"), folder=folder) as page,
+        opened(page.address, folder / "profile", SIZE_PX) as tab,
     ):
         tab.wait_for(f"{VERDICT} !== null")
-        yield page, tab
+        yield page, tab, folder
 
 
-def test_it_is_opened_dragged_and_read(shown, tmp_path):
-    page, tab = shown
+def test_it_is_opened_dragged_and_read(shown):
+    page, tab, folder = shown
     tab.wait_for(f"{VERDICT}.dataset.patient === '1'")
     text = tab.text()
     assert "Accepted" in text
@@ -67,13 +69,13 @@ def test_it_is_opened_dragged_and_read(shown, tmp_path):
     for words in ("save plan", "save course"):
         tab.click(*middle_of(tab, f"[...document.querySelectorAll('button')].find(b => b.innerText === '{words}')"))
         tab.wait_for(f"document.querySelector('#saved')?.innerText.includes('{words.split()[1]}.')")
-    assert check_file(tmp_path / "played-plan.json").accepted
-    again = read_course(tmp_path / "played-course.yaml")
+    assert check_file(folder / "played-plan.json").accepted
+    again = read_course(folder / "played-course.yaml")
     assert again.goal_m == pytest.approx(scenario.course().goal_m, abs=1e-9)
 
 
 def test_a_slider_takes_the_friction_away_and_the_page_says_how_much_is_missing(shown):
-    page, tab = shown
+    page, tab, _ = shown
     x, y = middle_of(tab, "document.querySelector('[role=slider]')")
     tab.drag((x, y), (x - 400.0, y))
     tab.wait_for(f"{VERDICT}.innerText.startsWith('No plan')")
@@ -81,6 +83,23 @@ def test_a_slider_takes_the_friction_away_and_the_page_says_how_much_is_missing(
     assert re.search(r"friction .* would have to change from 0 by 0\.\d+ or more", said), said
     assert "in hand" not in tab.text()
     assert page.playground.session.scenario.sliders()[0].value == 0.0
+
+
+def test_a_surface_is_picked_by_a_click_and_the_courses_file_is_shown(shown):
+    page, tab, _ = shown
+    course = page.playground.session.scenario.course()
+    button = "[...document.querySelectorAll('button')].find(b => b.innerText === '{}')"
+    tab.click(*middle_of(tab, button.format("pick a surface")))
+    tab.wait_for("document.body.innerText.includes('click a surface')")
+    tab.click(*pixel_of(page, tab, course.com_nominal_m[2] + np.array([0.0, 0.38, 0.05])))
+    tab.wait_for("document.body.innerText.includes('friction of the picked surface')")
+    scenario = page.playground.session.scenario
+    assert scenario.kind == "polygons"
+    assert scenario.keys["terrain"]["polygons"][scenario.chosen]["vertices_m"][0][1] == pytest.approx(0.38)
+    tab.click(*middle_of(tab, button.format("show course")))
+    said = tab.wait_for("document.querySelector('#course')?.innerText")
+    assert said.startswith("name: walls\n")
+    assert "kind: polygons" in said
 
 
 def test_without_viser_the_extra_is_named(monkeypatch):
@@ -95,21 +114,3 @@ def test_without_viser_the_extra_is_named(monkeypatch):
         pytest.raises(InvalidInput, match=r"expected viser; install it with pip install 'stancekit\[viz\]'"),
     ):
         served(KeysScenario.of("walls")).__enter__()
-
-
-def test_a_surface_is_picked_by_a_click_and_the_courses_file_is_shown(shown):
-    page, tab = shown
-    tab.wait_for(f"{VERDICT}.dataset.patient === '1'")
-    course = page.playground.session.scenario.course()
-    button = "[...document.querySelectorAll('button')].find(b => b.innerText === '{}')"
-    tab.click(*middle_of(tab, button.format("pick a surface")))
-    tab.wait_for("document.body.innerText.includes('click a surface')")
-    tab.click(*pixel_of(page, tab, course.com_nominal_m[2] + np.array([0.0, 0.38, 0.05])))
-    tab.wait_for("document.body.innerText.includes('friction of the picked surface')")
-    scenario = page.playground.session.scenario
-    assert scenario.kind == "polygons"
-    assert scenario.keys["terrain"]["polygons"][scenario.chosen]["vertices_m"][0][1] == pytest.approx(0.38)
-    tab.click(*middle_of(tab, button.format("show course")))
-    said = tab.wait_for("document.querySelector('#course')?.innerText")
-    assert said.startswith("name: walls\n")
-    assert "kind: polygons" in said
