@@ -1,32 +1,38 @@
-"""Plays the key frames of whatever plan there is, until it is told to stop."""
+"""A button and a slider with which what was planned is played: they know what time is shown."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any
 
 FPS = 15.0
-STEP_S = 1.0
-"""From one key frame to the next."""
 
 
 class Player:
-    """on_tick(step): called ``FPS`` times a second while it plays, in a thread of its own; step: in key frames."""
+    """In the tab that is open on ``gui``, one second, or key frame, of it a second.
 
-    def __init__(self, on_tick: Callable[[float], None]) -> None:
-        self._on_tick = on_tick
+    unit: what the slider counts. on_time: called, with ``lock`` held, when another time is to be shown. at: the time
+    that is shown; last: where it ends.
+    """
+
+    def __init__(self, gui: Any, unit: str, on_time: Callable[[], None], lock: AbstractContextManager[Any]) -> None:
+        self._on_time, self._lock = on_time, lock
         self._stop: threading.Event | None = None
+        self.at, self.last = 0.0, 0.0
+        self._button = gui.add_button("play")
+        self._button.on_click(self._clicked)
+        self._slider = gui.add_slider(unit, min=0.0, max=1.0, step=0.02, initial_value=0.0)
+        self._slider.on_update(self._slid)
 
-    @property
-    def plays(self) -> bool:
-        """Whether it does."""
-        return self._stop is not None
-
-    def start(self) -> None:
-        """Play."""
-        if self._stop is None:
-            self._stop = threading.Event()
-            threading.Thread(target=self._run, args=(self._stop,), name="player", daemon=True).start()
+    def show(self, at: float, last: float) -> None:
+        """From now on it ends there, and this is shown; ``on_time`` is not called."""
+        self.last, self.at = last, min(max(at, 0.0), last)
+        if abs(self._slider.max - max(last, 1.0)) > 1e-9:
+            self._slider.max = max(last, 1.0)
+        if abs(self._slider.value - self.at) > 0.01:
+            self._slider.value = round(self.at, 2)
 
     def stop(self) -> None:
         """Stay where it is."""
@@ -34,6 +40,22 @@ class Player:
             self._stop.set()
             self._stop = None
 
-    def _run(self, stop: threading.Event) -> None:
+    def _clicked(self, _event: Any) -> None:
+        if self._stop is not None:
+            self.stop()
+        else:
+            self._stop = threading.Event()
+            threading.Thread(target=self._play, args=(self._stop,), name="player", daemon=True).start()
+        self._button.label = "play" if self._stop is None else "stop"
+
+    def _slid(self, event: Any) -> None:
+        if event.client is not None:
+            with self._lock:
+                self.at = min(max(float(event.target.value), 0.0), self.last)
+                self._on_time()
+
+    def _play(self, stop: threading.Event) -> None:
         while not stop.wait(1.0 / FPS):
-            self._on_tick(1.0 / (FPS * STEP_S))
+            with self._lock:
+                self.show(0.0 if self.at >= self.last else self.at + 1.0 / FPS, self.last)
+                self._on_time()

@@ -46,12 +46,11 @@ class Playground:
         self._pictures = Pictures()
         self._answer: Answer = first
         self._view: PlanView | None = None
-        self._time = float(course.frames - 1)
         self._solver: tuple[Any, Kinematics | None] | None = None
         self._set_up(course)
         self._stage = Stage(server.scene, self._distance_m)
         self._lay_out(scenario, robots, folder)
-        self._player = Player(self._tick)
+        self._player.show(float(course.frames - 1), float(course.frames - 1))
         self.session = Session(scenario, self._draw)
         self._controls.update(scenario.sliders(), scenario.grips(course))
         self.session.start()
@@ -99,10 +98,7 @@ class Playground:
         with panel.add_tab("Plan"):
             self._verdict = gui.add_html("")
             self._summary = gui.add_html("")
-            self._play = gui.add_button("play")
-            self._play.on_click(self._play_or_stop)
-            self._slider = gui.add_slider("key frame", min=0.0, max=1.0, step=0.02, initial_value=0.0)
-            self._slider.on_update(self._time_slid)
+            self._player = Player(gui, "key frame", self._move, self._drawing)
             self._limbs = gui.add_html("")
         panel.dock_right()
         panel.set_width(380)
@@ -159,19 +155,16 @@ class Playground:
     def _draw(self, number: int, scenario: Scenario, answer: Answer, since: float) -> None:
         """Show an answer, all of it at once."""
         with self._drawing:
-            followed = self._answer.course is None or self._time >= self._answer.course.frames - 1.001
+            followed = self._answer.course is None or self._player.at >= self._answer.course.frames - 1.001
             kept = self._answer.course
             self._answer = answer
             course = answer.course
             with self._server.atomic():
                 if course is not None:
                     last = float(course.frames - 1)
-                    self._time = last if followed or kept is None else min(self._time, last)
+                    self._player.show(last if followed or kept is None else self._player.at, last)
                     self._stage.show(self._pictures.ground(course), "/ground")
                     self._controls.update(scenario.sliders(), scenario.grips(course))
-                    if abs(self._slider.max - max(last, 1.0)) > 1e-9:
-                        self._slider.max = max(last, 1.0)
-                    self._set_time()
                 self._view = None if answer.plan is None else self._pictures.view(answer.plan)
                 self._show_plan(course)
                 drawn_ms = 1e3 * (time.perf_counter() - since)
@@ -191,9 +184,9 @@ class Playground:
 
     def _pose(self, view: PlanView) -> None:
         """The robot at the time that is shown, and what its limbs give then."""
-        at = round(self._time)
-        rests = abs(self._time - at) < 0.01
-        moment = view.motion.key(at) if rests else view.motion.at(self._time)
+        at = round(self._player.at)
+        rests = abs(self._player.at - at) < 0.01
+        moment = view.motion.key(at) if rests else view.motion.at(self._player.at)
         scene, names = self._pictures.moment(view, moment)
         self._stage.pose(scene)
         self._stage.show(names, "/names")
@@ -209,38 +202,11 @@ class Playground:
             self._solver = (key, solver_of(course))
         return self._solver[1]
 
-    # ---------------------------------------------------------------------------------------------------- the time
-
-    def _time_slid(self, event: Any) -> None:
-        if event.client is not None:
-            self._go(float(event.target.value))
-
-    def _play_or_stop(self, _event: Any) -> None:
-        if self._player.plays:
-            self._player.stop()
-        else:
-            self._player.start()
-        self._play.label = "stop" if self._player.plays else "play"
-
-    def _tick(self, step: float) -> None:
-        with self._drawing:
-            course = self._answer.course
-            if self._view is not None and course is not None:
-                last = course.frames - 1
-                self._go(0.0 if self._time >= last else min(self._time + step, last))
-                self._set_time()
-
-    def _go(self, at: float) -> None:
-        with self._drawing:
-            if self._view is not None:
-                self._time = min(max(at, 0.0), float(self._view.plan.course.frames - 1))
-                with self._server.atomic():
-                    self._pose(self._view)
-
-    def _set_time(self) -> None:
-        shown = round(self._time, 2)
-        if abs(self._slider.value - shown) > 1e-9 and shown <= self._slider.max:
-            self._slider.value = shown
+    def _move(self) -> None:
+        """To the time that the player shows."""
+        if self._view is not None:
+            with self._server.atomic():
+                self._pose(self._view)
 
 
 def struck(course: Course, origin: Any, direction: Any) -> int | None:

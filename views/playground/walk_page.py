@@ -22,7 +22,7 @@ from ..stage import Stage
 from ..terrain import block, grid_on_ground, on_ground
 from .controls import Controls
 from .page_parts import called, let_camera, named_in, said, set_up, told
-from .player import FPS, Player
+from .player import Player
 from .tables import GOOD, UNSURE, LimbLoad, cone_share, key_values, limb_table
 from .walk_planning import WalkAnswer, WalkPlanning
 from .walk_scenario import WalkScenario
@@ -40,7 +40,7 @@ class WalkPage:
         self.scenario, self.number = scenario, 0
         self.answer: WalkAnswer | None = None
         self._view: GaitView | None = None
-        self._time_s, self._timer = 0.0, threading.Timer(0.0, lambda: None)
+        self._timer = threading.Timer(0.0, lambda: None)
         size = scenario.walker.stand_height_m
         self._ground = _ground(scenario, size)
         way = 0.5 * (scenario.torso_m(scenario.start_m) + scenario.torso_m(scenario.goal_m))
@@ -49,7 +49,7 @@ class WalkPage:
         let_camera(server, way, far_m, np.array([-0.45, -0.75, 0.5]))
         self._stage = Stage(server.scene, far_m)
         self._lay_out(robots)
-        self._player, self._planning = Player(self._tick), WalkPlanning(self._told)
+        self._planning = WalkPlanning(self._told)
         self._stage.show(self._ground, "/ground")
         self._ask()
 
@@ -81,10 +81,7 @@ class WalkPage:
         panel = gui.add_panel()
         with panel.add_tab("Walk"):
             self._verdict, self._summary = gui.add_html(""), gui.add_html("")
-            self._play = gui.add_button("play")
-            self._play.on_click(self._play_or_stop)
-            self._slider = gui.add_slider("time [s]", min=0.0, max=1.0, step=0.02, initial_value=0.0)
-            self._slider.on_update(self._time_slid)
+            self._player = Player(gui, "time [s]", self._move, self._lock)
             self._limbs = gui.add_html("")
         panel.dock_right()
         panel.set_width(380)
@@ -147,8 +144,8 @@ class WalkPage:
             self._say(GOOD if answer.accepted else ACCENT, "Accepted" if answer.accepted else "No walk",
                       answer.message.removeprefix("accepted: "), took)  # fmt: skip
             if answer.trajectory is not None:
-                self._view, self._time_s = GaitView(answer.trajectory), 0.0
-                self._slider.max, self._slider.value = answer.trajectory.duration_s, 0.0
+                self._view = GaitView(answer.trajectory)
+                self._player.show(0.0, answer.trajectory.duration_s)
                 self._summary.content = self._numbers()
                 with self._server.atomic():
                     self._stage.show(Scene(paths=self._view.fixed.paths[1:]), "/way")
@@ -175,7 +172,7 @@ class WalkPage:
         view = self._view
         assert view is not None
         trajectory = view.trajectory
-        sample = int(np.argmin(np.abs(trajectory.times_s - trajectory.times_s[0] - self._time_s)))
+        sample = int(np.argmin(np.abs(trajectory.times_s - trajectory.times_s[0] - self._player.at)))
         self._stage.pose(view.at(sample) + Scene(bodies=[body for k, body in view.footholds if k <= sample]))
         feet, forces = trajectory.feet_m[sample], trajectory.forces_n[sample]
         rows, labels = list[LimbLoad](), list[Label]()
@@ -188,7 +185,7 @@ class WalkPage:
             if down:
                 labels.append(Label(name=limb, position_m=feet[k], text=f"{limb} {size_n:.0f} N", colour=leg_colour(k)))
         self._stage.show(Scene(labels=labels), "/names")
-        self._limbs.content = limb_table(rows, f"{self._time_s:.2f} s of {trajectory.duration_s:g} s")
+        self._limbs.content = limb_table(rows, f"{self._player.at:.2f} s of {trajectory.duration_s:g} s")
 
     def _numbers(self) -> str:
         """The walk in a few numbers."""
@@ -201,32 +198,13 @@ class WalkPage:
                 ("chart", str(trajectory.provenance.get("chart", "–")))]  # fmt: skip
         return key_values(rows)
 
-    # -------------------------------------------------------------------------------------------- time, and files
+    # ------------------------------------------------------------------------------------------ the time, and files
 
-    def _time_slid(self, event: Any) -> None:
-        if event.client is not None:
-            self._go(float(event.target.value))
-
-    def _play_or_stop(self, _event: Any) -> None:
-        if self._player.plays:
-            self._player.stop()
-        else:
-            self._player.start()
-        self._play.label = "stop" if self._player.plays else "play"
-
-    def _tick(self, _step: float) -> None:
-        with self._lock:
-            if self._view is not None:
-                last = self._view.trajectory.duration_s
-                self._go(0.0 if self._time_s >= last else min(self._time_s + 1.0 / FPS, last))
-                self._slider.value = round(self._time_s, 2)
-
-    def _go(self, at_s: float) -> None:
-        with self._lock:
-            if self._view is not None:
-                self._time_s = at_s
-                with self._server.atomic():
-                    self._pose()
+    def _move(self) -> None:
+        """To the time that the player shows."""
+        if self._view is not None:
+            with self._server.atomic():
+                self._pose()
 
     def save(self) -> Path:
         """Write the walk that is shown; where it is. Raises InvalidInput where none was accepted."""
