@@ -42,7 +42,7 @@ def unsupported(scaled: ScaledBatch) -> NDArray[np.bool_]:
 
 
 class Standing:
-    """Whether there are c, Θ and f with the toes held: fix-toes (``held``) with moments that vanish, nothing to minimise.
+    """Whether there are c, Θ and f for toes that are held: fix-toes (``held``), its moments zero, nothing to minimise.
 
     implied: leave out the rows of the force box that the cones imply (``Scaled.box_implied``).
     """
