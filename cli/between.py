@@ -43,7 +43,7 @@ class Between:
     ) -> Course:
         """The course of a file or a name, or over a terrain's file from start to goal. Raises InvalidInput."""
         from stancekit.planners.problem.course_file import read_course
-        from stancekit.planners.terrain.terrain_file import SUFFIXES
+        from stancekit.planners.terrain.import_options import SUFFIXES
 
         if self.start is None and self.goal is None:
             if Path(name).suffix.lower() in SUFFIXES:

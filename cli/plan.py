@@ -131,9 +131,10 @@ class PlanCourse:
             if self._has_sets(course) and outcome.certificate is not None:
                 around = self.between.course(self.course, self.frames, self.robot, "outer")
                 course, outcome = refuted(course, outcome, around, planner.solve(around))
-            outcome = self._whole_body(outcome)
+            outcome, report = self._whole_body(outcome)
             bar(1, 1)
-        report = None if outcome.plan is None else self._write(outcome.plan)
+        if outcome.plan is not None and report is not None:
+            self._write(outcome.plan, report)
         proved = outcome.certificate is not None
         message = message_of(course, outcome)
         if self.proof is not None and outcome.certificate is not None:
@@ -156,11 +157,12 @@ class PlanCourse:
         with as_options("torque_nm", "torque_share", "clearance_m"):
             return WholeBodyLimits(torque_nm=self.torque_nm, share=self.torque_share, clearance_m=self.clearance_m)
 
-    def _whole_body(self, outcome: PlanOutcome) -> PlanOutcome:
-        """With joint angles, within torque limits, and judged along its motion, where the legs are known."""
-        from stancekit.planners.search.whole_body_outcome import with_whole_body  # slow to import
+    def _whole_body(self, outcome: PlanOutcome) -> tuple[PlanOutcome, Report | None]:
+        """With joint angles, within torque limits, where the legs are known; and what the verifier says of all of it,
+        along its motion, too."""
+        from stancekit.planners.search.whole_body_outcome import judged_whole_body  # slow to import
 
-        return with_whole_body(outcome, self._limits())
+        return judged_whole_body(outcome, self._limits())
 
     def _has_sets(self, course: Course) -> bool:
         """Whether the course has inner and outer sets of a robot's own legs; one in JSON has what it has."""
@@ -212,11 +214,8 @@ class PlanCourse:
             )  # fmt: skip
             return make_course_planner(self.planner, options)
 
-    def _write(self, plan: Plan) -> Report:
-        """Verify the plan once more, and write the files that were asked for."""
-        from stancekit.planners.verify import check_plan
-
-        report = check_plan(plan, joints=True)
+    def _write(self, plan: Plan, report: Report) -> None:
+        """Write the files that were asked for. report: the verifier's, of this plan."""
         if self.out is not None:
             from stancekit.planners.answer.plan_file import write_plan
 
@@ -237,7 +236,6 @@ class PlanCourse:
             from stancekit.views.plans import PlanView
 
             write_page(self.html, PlanView(plan).film(step_s=1.5))
-        return report
 
     def _said(self, outcome: PlanOutcome, report: Report) -> Iterator[str]:
         """What people are told of a plan, below the table."""

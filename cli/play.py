@@ -112,7 +112,7 @@ class Play:
     def _scenario(self, robot: str | None) -> Scenario:
         """What the page begins with. Raises InvalidInput."""
         from stancekit.planners.problem.course_file import described
-        from stancekit.planners.terrain.terrain_file import SUFFIXES
+        from stancekit.planners.terrain.import_options import SUFFIXES
         from stancekit.views.playground.between_scenario import BetweenScenario
         from stancekit.views.playground.fixed_scenario import FixedScenario
         from stancekit.views.playground.keys_scenario import KeysScenario

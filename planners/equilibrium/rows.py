@@ -107,7 +107,7 @@ class Rows(Generic[D]):
         self._cones: list[object] = []
         self._blocks: list[tuple[Index, Index, Values[D]]] = []
         self._right: list[tuple[Index, Values[D]]] = []
-        self._squares: list[tuple[Index, Index, Fill[D]]] = []
+        self._squares: list[tuple[Index, Index, Fill[D] | float]] = []
         self._linear: list[tuple[Index, Values[D]]] = []
         self._constants: list[Fill[D]] = []
         self._solver: clarabel.DefaultSolver | None = None
@@ -154,10 +154,10 @@ class Rows(Generic[D]):
         """Add to b at these rows."""
         self._right.append((rows, values))
 
-    def square(self, first: Index, second: Index | None, weight: Fill[D]) -> None:
+    def square(self, first: Index, second: Index | None, weight: Fill[D] | float) -> None:
         """Add weight · Σ (x[first] − x[second])² to the objective, or weight · Σ x[first]² where second is None.
 
-        first, second: columns of one shape. weight: of a problem, a number ≥ 0.
+        first, second: columns of one shape. weight: a number ≥ 0, or what gives it for a problem.
         """
         pairs = [(first, first, 2.0)]
         if second is not None:
@@ -218,7 +218,7 @@ class Rows(Generic[D]):
         loaded = {"A": self._a.load(numbers, data).tolist(), "b": self._b.load(numbers, data).tolist()}
         if self._q.constant is None:
             loaded["q"] = self._q.load(numbers, data).tolist()
-        if self._squares:
+        if any(callable(weight) for *_, weight in self._squares):
             loaded["P"] = self._hessian(data).data.tolist()
         solver.update(**loaded)
 
@@ -278,15 +278,15 @@ class Rows(Generic[D]):
                 gather.add(index, values)
 
     def _hessian(self, data: D) -> Columns:
-        values = [np.broadcast_to(fill(data), row.shape) for row, _, fill in self._squares]
+        values = [np.broadcast_to(w(data) if callable(w) else w, row.shape) for row, _, w in self._squares]
         if not values:
             return self._squared
         added = np.bincount(self._square_places, np.concatenate(values))
         return replace(self._squared, data=added.astype(np.float64, copy=False))
 
 
-def _scaled(factor: float, weight: Fill[D]) -> Fill[D]:
-    return lambda d: factor * np.asarray(weight(d))
+def _scaled(factor: float, weight: Fill[D] | float) -> Fill[D] | float:
+    return (lambda d: factor * np.asarray(weight(d))) if callable(weight) else factor * weight
 
 
 def _part(values: Array, index: Index) -> Array:

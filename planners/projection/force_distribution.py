@@ -83,7 +83,7 @@ class ForceDistribution:
         cone = rows.cones("cone", contacts, 3)
         rows.put(cone[:, 0], forces[:, 0], lambda d: -d.friction)
         rows.put(cone[:, 1:], forces[:, 1:], -1.0)
-        rows.square(forces, None, lambda _: TIES if len(foot_of) else 1.0)
+        rows.square(forces, None, TIES if len(foot_of) else 1.0)
         if len(foot_of):
             share, joints = rows.variable("share", 1), len(foot_of)
             above, below = rows.at_most("above", joints), rows.at_most("below", joints)

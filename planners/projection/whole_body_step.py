@@ -245,8 +245,8 @@ class WholeBodyStep:
             points = None if free is None else free.points
             keep_clear(rows, (body.com, body.rotation, joints, points), at, at.close(at.near), at.clearance_m)
         objective(rows, layout, body, free)
-        rows.square(joints, None, lambda _: STILL)
-        rows.square(forces.columns, None, lambda _: EVEN)
+        rows.square(joints, None, STILL)
+        rows.square(forces.columns, None, EVEN)
         rows.linear(share, TORQUE_PRICE)
 
     def _feet(self, body: Body, toes: Toes, joints: Index, leg_of: Index, layout: Layout) -> None:

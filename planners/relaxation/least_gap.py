@@ -76,5 +76,5 @@ def least_gap(rows: Rows[Given], layout: Layout, toes: FreeToes, forces: Forces)
         toes.weights[vertex][:, None, None],
         lambda d: -arms(d)[:, :, None] * d.held.forces[contact][:, None, :],
     )
-    rows.square(gap, None, lambda d: 1.0)
+    rows.square(gap, None, 1.0)
     return gap

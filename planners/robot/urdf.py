@@ -7,7 +7,7 @@ Paper E takes the centre of mass at the body's origin: nearly all of the mass is
 from __future__ import annotations
 
 from dataclasses import dataclass
-from xml.sax.saxutils import quoteattr
+from html import escape
 
 import numpy as np
 
@@ -156,4 +156,4 @@ def _link(name: str, mass: float, inertia: tuple[float, ...], middle: float, sha
 
 def _quoted(name: str) -> str:
     """A name as the value of an attribute, quotes included."""
-    return quoteattr(name, {'"': "&quot;", "'": "&apos;"})
+    return f'"{escape(name)}"'

@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..equilibrium.batch import ScaledBatch
+from ..equilibrium.layout import Layout
 from ..equilibrium.programs import Programs
+from ..equilibrium.rows import Rows
 from ..equilibrium.scaled import Point, Scaled
+from ..equilibrium.terms import Body, Forces, Given, HeldToes
 from ..files.arrays import Array
-from ..projection.held import FixToes
-from ..projection.project import SURFACE
+from ..projection.held import held_moments
 
 CLEAR = 1e-3
 """Contacts have to lack this share of the weight, so that a solver's tolerance has no say."""
@@ -39,8 +41,30 @@ def unsupported(scaled: ScaledBatch) -> NDArray[np.bool_]:
     return np.asarray((pushed < scaled.like.weight * (DIRECTIONS[:, 2] - CLEAR)).any(axis=1))
 
 
+class Standing:
+    """Whether there are c, Θ and f for toes that are held: fix-toes (``held``), its moments zero, nothing to minimise.
+
+    implied: leave out the rows of the force box that the cones imply (``Scaled.box_implied``).
+    """
+
+    def __init__(self, layout: Layout, implied: bool) -> None:
+        self._rows = rows = Rows[Given](keep=layout.frames == 1)
+        body, forces = Body(rows, layout), Forces.of_contacts(rows, layout)
+        forces.balance()
+        held_moments(layout, body, forces).vanish(rows)
+        forces.in_cones()
+        forces.in_box(implied=implied)
+        body.reach(HeldToes(rows), inner=True)
+        body.limits()
+
+    def admits(self, scaled: Scaled, toes: Array) -> bool:
+        """Whether the solver met its own tolerances at a point with these toes, shape (N, 3)."""
+        nothing = np.zeros((1, 3))
+        held = Point(com=nothing, rotation=nothing, toes=toes, forces=toes, residual=float("inf"))
+        solution = self._rows.solve(Given(scaled, held))
+        return solution.solved and solution.exact
+
+
 def stands(programs: Programs, scaled: Scaled, toes: Array) -> bool:
     """Whether a posture problem has a posture with these toes, shape (N, 3), non-dimensional."""
-    nothing = np.zeros((1, 3))
-    start = Point(com=nothing, rotation=nothing, toes=toes, forces=toes, residual=float("inf"))
-    return programs.get(FixToes, scaled.layout, False, True).solve(scaled, start).residual <= SURFACE
+    return programs.get(Standing, scaled.layout, scaled.box_implied).admits(scaled, toes)

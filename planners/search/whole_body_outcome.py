@@ -10,7 +10,7 @@ from ..errors import InvalidInput
 from ..projection.whole_body import whole_body
 from ..projection.whole_body_limits import WholeBodyLimits
 from ..robot.kinematics import Kinematics
-from ..verify import check_plan
+from ..verify import Report, check_plan
 from .answer import objective_of
 
 
@@ -21,18 +21,36 @@ def with_whole_body(outcome: PlanOutcome, limits: WholeBodyLimits = WholeBodyLim
     proved of others. The outcome as it is where there is no plan, and, where no torque is asked for, for a robot
     without a file whose legs are not known, or without pinocchio. Raises InvalidInput where these are needed.
     """
+    return _with_joints(outcome, limits, between=False)[0]
+
+
+def judged_whole_body(
+    outcome: PlanOutcome, limits: WholeBodyLimits = WholeBodyLimits()
+) -> tuple[PlanOutcome, Report | None]:
+    """``with_whole_body``, and all that the verifier says of its plan, as it is to be written; None without a plan.
+
+    Raises InvalidInput as ``with_whole_body`` does.
+    """
+    outcome, report = _with_joints(outcome, limits, between=True)
     if outcome.plan is None:
-        return outcome
+        return outcome, None
+    return outcome, report or check_plan(outcome.plan, joints=True)
+
+
+def _with_joints(outcome: PlanOutcome, limits: WholeBodyLimits, *, between: bool) -> tuple[PlanOutcome, Report | None]:
+    """The outcome, and what the verifier says of a plan that joints were found for. between: as for ``check_plan``."""
+    if outcome.plan is None:
+        return outcome, None
     course = outcome.plan.course
     try:
         solver = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
     except InvalidInput:
         if limits.concern(course.robot):
             raise
-        return outcome
+        return outcome, None
     found = whole_body(outcome.plan, limits, solver)
-    report = check_plan(found.plan, joints=True, between=False)
-    return replace(
+    report = check_plan(found.plan, joints=True, between=between)
+    outcome = replace(
         outcome,
         status=Status.UNDECIDED if report.failures else outcome.status,
         message=report.failures or outcome.message,
@@ -41,3 +59,4 @@ def with_whole_body(outcome: PlanOutcome, limits: WholeBodyLimits = WholeBodyLim
         residual=report.worst,
         details={**outcome.details, **found.details},
     )
+    return outcome, report

@@ -15,8 +15,6 @@ from ..files.documents import read_bytes
 from .grid_file import table
 from .mesh_file import MOST_BYTES, check_declared, loaded
 
-SUFFIXES = (".pcd", ".xyz")
-"""Of files that hold nothing else."""
 MOST_POINTS = 20_000_000
 
 

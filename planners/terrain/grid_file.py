@@ -17,7 +17,6 @@ from .elevation import ElevationMap
 from .heightfield import MOST_POINTS
 from .import_options import ImportOptions
 
-SUFFIXES = (".npy", ".npz", ".csv", ".png")
 POINTS = (3,)
 """Columns of an array that may be points as well as heights."""
 

@@ -15,6 +15,13 @@ Kind = Literal["mesh", "grid", "cloud"]
 Holes = Literal["no-go", "fill"]
 UPS = ("x", "y", "z")
 KINDS: tuple[Kind, ...] = ("mesh", "grid", "cloud")
+SUFFIXES_OF: dict[Kind, tuple[str, ...]] = {
+    "grid": (".npy", ".npz", ".csv", ".png"),
+    "mesh": (".stl", ".obj", ".ply", ".dae", ".off", ".glb"),
+    "cloud": (".pcd", ".xyz"),
+}
+"""Of files that say by their name what they hold, but for a .ply."""
+SUFFIXES = tuple(suffix for suffixes in SUFFIXES_OF.values() for suffix in suffixes)
 HOLES: tuple[Holes, ...] = ("no-go", "fill")
 MOST_TRIANGLES = 200_000
 """Of a mesh, unless it is said otherwise."""

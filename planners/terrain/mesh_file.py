@@ -18,7 +18,6 @@ from ..files.documents import decoded, parse_json, read_bytes
 MOST_BYTES = 128_000_000
 MOST_TRIANGLES = 3_000_000
 """Of any mesh, a robot's or a terrain's, unless fewer are wanted."""
-SUFFIXES = (".stl", ".obj", ".ply", ".dae", ".off", ".glb")
 PLY_HEAD = 65_536
 """Bytes within which a PLY file's header ends."""
 

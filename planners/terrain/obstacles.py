@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +17,11 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import ConvexHull
 
 from ..files.arrays import Array
-from .heightfield import HeightField
 from .patch import Patch
 from .prism import Solid
+
+if TYPE_CHECKING:
+    from .heightfield import HeightField  # splines are slow to import
 
 WELD_M = 1e-6
 """Corners of patches that are closer are one."""

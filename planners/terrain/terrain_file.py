@@ -13,15 +13,10 @@ from ..files.documents import read_bytes
 from . import cloud_file, grid_file, mesh_file
 from .elevation import ElevationMap
 from .heightfield import WIDEST_M, HeightField
-from .import_options import ImportOptions, Kind
+from .import_options import SUFFIXES, SUFFIXES_OF, ImportOptions, Kind
 from .triangle_mesh import TriangleMesh
 
-SUFFIXES = tuple(dict.fromkeys((*grid_file.SUFFIXES, *mesh_file.SUFFIXES, *cloud_file.SUFFIXES)))
-MAY_HOLD: dict[Kind, tuple[str, ...]] = {
-    "mesh": mesh_file.SUFFIXES,
-    "grid": grid_file.SUFFIXES,
-    "cloud": (*cloud_file.SUFFIXES, ".ply", ".npy", ".csv"),
-}
+MAY_HOLD = SUFFIXES_OF | {"cloud": (*SUFFIXES_OF["cloud"], ".ply", ".npy", ".csv")}
 ROWS_POINTS = 200_000
 """Points at which a spline is looked at in one go."""
 TOLERANCE_M = 0.025

@@ -13,18 +13,14 @@ FLAT = 1e-12
 """A polygon whose corners leave its plane by less than this share of its size is the fan of its triangles."""
 
 
-FOLLOWING = np.array([1, 2, 0])
-"""The corner of a triangle after each."""
+FOLLOWING, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
+"""The corner of a triangle, or the axis of space, after each, and the one after that."""
 
 
 def cross(a: Array, b: Array) -> Array:
-    """a × b along the last axis (``np.cross`` takes five times as long on a few vectors)."""
-    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
-    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
-    x = ay * bz - az * by
-    out = np.empty((*x.shape, 3))
-    out[..., 0], out[..., 1], out[..., 2] = x, az * bx - ax * bz, ax * by - ay * bx
-    return out
+    """a × b along the last axis (``np.cross`` takes ten times as long on a few vectors)."""
+    first = a.take(FOLLOWING, axis=-1) * b.take(LAST, axis=-1)
+    return np.asarray(first - a.take(LAST, axis=-1) * b.take(FOLLOWING, axis=-1))
 
 
 def length(vectors: Array) -> Array:
@@ -82,7 +78,7 @@ def patch_distances(polygons: list[Array], toes: Array) -> Array:
 
 def triangle_distances(triangles: Array, points: Array) -> Array:
     """Distance of points, shape (T, 3), from triangles, shape (T, 3, 3); shape (T,)."""
-    edges = triangles[:, FOLLOWING] - triangles
+    edges = triangles.take(FOLLOWING, axis=1) - triangles
     away = points[:, None] - triangles
     normals = cross(edges[:, 0], edges[:, 1])
     sides = np.vecdot(cross(edges, away), normals[:, None])  # all ≥ 0 above the inside, either way round

@@ -13,8 +13,8 @@ from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.reach_sets import refuted
 from stancekit.planners.search.replan import replan
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.planners.search.whole_body_outcome import with_whole_body
-from stancekit.planners.verify import Report, check_plan, explain
+from stancekit.planners.search.whole_body_outcome import judged_whole_body
+from stancekit.planners.verify import Report, explain
 
 from .scenario import Scenario
 
@@ -75,8 +75,7 @@ def patient_answer(scenario: Scenario) -> Answer:
         if outcome.certificate is not None and course.robot.model is not None:
             around = scenario.course("outer")
             course, outcome = refuted(course, outcome, around, planner.solve(around))
-        outcome = with_whole_body(outcome)
-        report = None if outcome.plan is None else check_plan(outcome.plan, joints=True)
+        outcome, report = judged_whole_body(outcome)
     except StancekitError as error:
         return Answer(message=str(error), patient=True, seconds=(time.process_time() - begin, 0.0))
     return _answer(course, outcome, (laid - begin, time.process_time() - laid), report, patient=True)

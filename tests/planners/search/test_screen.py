@@ -6,6 +6,8 @@ import pytest
 from stancekit.envs.distributions.postures import distribution
 from stancekit.planners.answer.outcome import Certificate, Status
 from stancekit.planners.equilibrium.batch import ScaledBatch
+from stancekit.planners.equilibrium.scaled import Point
+from stancekit.planners.projection.project import SURFACE, project
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.screen import DIRECTIONS, stands, unsupported
 from stancekit.planners.verify import check_certificates
@@ -39,6 +41,15 @@ def test_what_stands_on_the_middles_is_feasible(drawn):
     feasible = [outcome.status is Status.FEASIBLE for outcome in outcomes]
     assert all(one for one, stood in zip(feasible, said, strict=True) if stood)
     assert sum(said) > 0.5 * sum(feasible) > 0
+
+
+def test_what_stands_is_what_fix_toes_leaves_no_moment_of(drawn):
+    batch, scaled, planner, _ = drawn
+    for k in range(len(batch)):
+        numbers, toes = scaled.problem(k), scaled.middles[k]
+        start = Point(com=np.zeros((1, 3)), rotation=np.zeros((1, 3)), toes=toes, forces=toes, residual=float("inf"))
+        left = project(planner.programs, "fix-toes", numbers, start).residual
+        assert stands(planner.programs, numbers, toes) == (left <= SURFACE)
 
 
 @pytest.mark.parametrize("wanted", [Status.FEASIBLE, Status.INFEASIBLE])

@@ -18,7 +18,7 @@ from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
 pytest.importorskip("pinocchio")
-from stancekit.planners.search.whole_body_outcome import with_whole_body
+from stancekit.planners.search.whole_body_outcome import judged_whole_body, with_whole_body
 
 
 @pytest.fixture(scope="module")
@@ -27,12 +27,15 @@ def planned() -> PlanOutcome:
 
 
 def test_a_plan_within_torque_is_feasible_with_the_numbers_of_what_it_became(planned: PlanOutcome) -> None:
-    outcome = with_whole_body(planned, WholeBodyLimits(torque_nm=10.0))
+    outcome, said = judged_whole_body(planned, WholeBodyLimits(torque_nm=10.0))
     assert outcome.plan is not None
     assert planned.plan is not None
+    assert said is not None
     assert outcome.status is Status.FEASIBLE
     report = check_plan(outcome.plan, joints=True)
     assert report.accepted
+    assert said.answer is outcome.plan
+    assert said.to_json() == report.to_json()
     assert outcome.objective == objective_of(outcome.plan) != planned.objective
     assert outcome.residual <= 1e-6
     assert outcome.details["torque_nm"] == pytest.approx(report.torque["torque_nm"])
@@ -68,6 +71,7 @@ def test_what_torque_forbids_is_undecided_and_says_where(planned: PlanOutcome) -
 def test_without_a_plan_there_is_nothing_to_bend(planned: PlanOutcome) -> None:
     none = replace(planned, plan=None, status=Status.UNDECIDED)
     assert with_whole_body(none, WholeBodyLimits(torque_nm=10.0)) is none
+    assert judged_whole_body(none) == (none, None)
 
 
 def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_asked_for(
@@ -75,6 +79,10 @@ def test_without_pinocchio_a_robot_of_balls_has_no_joints_unless_torques_are_ask
 ) -> None:
     monkeypatch.setitem(sys.modules, "pinocchio", None)
     assert with_whole_body(planned) is planned
+    outcome, report = judged_whole_body(planned)
+    assert outcome is planned
+    assert report is not None
+    assert (report.accepted, report.joints["verdict"]) == (True, "not checked")
     with pytest.raises(InvalidInput, match="pinocchio"):
         with_whole_body(planned, WholeBodyLimits(torque_nm=10.0))
 
