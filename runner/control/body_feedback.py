@@ -122,8 +122,8 @@ class BodyController:
             rows.right(least, -self._feedback.least_share)
             rows.put(cone[:, 0], forces[:, 0], lambda d: -d.friction)
             rows.put(cone[:, 1:], forces[:, 1:], -1.0)
-            rows.square(lacks, None, lambda _: 1.0)
-            rows.square(forces, None, lambda _: EVEN)
+            rows.square(lacks, None, 1.0)
+            rows.square(forces, None, EVEN)
             rows.linear(forces, lambda d: -2.0 * EVEN * d.planned)
         return self._rows[count]
 
