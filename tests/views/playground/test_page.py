@@ -27,21 +27,36 @@ def change_of(tab):
     return int(tab.value(f"{VERDICT} ? {VERDICT}.dataset.change : -1"))
 
 
-@pytest.fixture
-def shown(tmp_path):
-    """A playground over two walls, and the tab that shows it."""
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Where the playground saves."""
+    return tmp_path_factory.mktemp("playground")
+
+
+@pytest.fixture(scope="module")
+def opened_once(folder, tmp_path_factory):
+    """A playground, and the tab that shows it."""
     if CHROMIUM is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
     pytest.importorskip("viser")
     with (
-        served(KeysScenario.of("walls"), folder=tmp_path) as page,
-        opened(page.address, tmp_path / "profile", SIZE_PX) as tab,
+        served(KeysScenario.of("walls"), folder=folder) as page,
+        opened(page.address, tmp_path_factory.mktemp("profile"), SIZE_PX, draws=False) as tab,
     ):
         tab.wait_for(f"{VERDICT} !== null")
         yield page, tab
 
 
-def test_it_is_opened_dragged_and_read(shown, tmp_path):
+@pytest.fixture
+def shown(opened_once):
+    """It over two walls, as they are at first."""
+    page, tab = opened_once
+    number = page.playground.session.change(lambda _: KeysScenario.of("walls"))
+    tab.wait_for(f"{VERDICT}.dataset.change >= {number}")
+    return page, tab
+
+
+def test_it_is_opened_dragged_and_read(shown, folder):
     page, tab = shown
     tab.wait_for(f"{VERDICT}.dataset.patient === '1'")
     text = tab.text()
@@ -53,8 +68,9 @@ def test_it_is_opened_dragged_and_read(shown, tmp_path):
 
     goal = page.playground.session.scenario.course().goal_m  # drag it up by its arrow
     start, end = (pixel_of(page, tab, goal + up * UP) for up in (0.10, 0.16))
+    before = page.playground.session.number
     tab.drag(start, end)
-    tab.wait_for(f"{VERDICT}.dataset.change > 0")
+    tab.wait_for(f"{VERDICT}.dataset.change > {before}")
     scenario = page.playground.session.scenario
     moved = scenario.course().goal_m - goal
     assert moved[2] == pytest.approx(0.06, abs=0.015)
@@ -67,8 +83,8 @@ def test_it_is_opened_dragged_and_read(shown, tmp_path):
     for words in ("save plan", "save course"):
         tab.click(*middle_of(tab, f"[...document.querySelectorAll('button')].find(b => b.innerText === '{words}')"))
         tab.wait_for(f"document.querySelector('#saved')?.innerText.includes('{words.split()[1]}.')")
-    assert check_file(tmp_path / "played-plan.json").accepted
-    again = read_course(tmp_path / "played-course.yaml")
+    assert check_file(folder / "played-plan.json").accepted
+    again = read_course(folder / "played-course.yaml")
     assert again.goal_m == pytest.approx(scenario.course().goal_m, abs=1e-9)
 
 
