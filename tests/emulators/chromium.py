@@ -23,6 +23,23 @@ OFFLINE = (
     "--host-resolver-rules=MAP * ~NOTFOUND, EXCLUDE 127.0.0.1", "--remote-debugging-port=0",
 )  # fmt: skip
 PATIENCE_S = 120.0
+SELDOM = """
+window.requestAnimationFrame = then => setTimeout(() => then(performance.now()), 250);
+const GL = WebGL2RenderingContext.prototype, DRAWS = ["drawElements", "drawElementsInstanced", "drawArrays"];
+"""
+"""Without a graphics card a picture takes a tenth of a second or more: four a second are enough for a test."""
+UNLIT = """
+let target = null;
+const {bindFramebuffer} = GL;
+GL.bindFramebuffer = function (kind, buffer) { target = buffer; return bindFramebuffer.call(this, kind, buffer); };
+for (const name of DRAWS) {
+    const draw = GL[name];
+    GL[name] = function (...how) { if (target === null) draw.apply(this, how); };
+}
+"""
+"""What is seen is drawn, but not the light of the surroundings, which takes as long as twenty pictures."""
+UNDRAWN = "for (const name of DRAWS) GL[name] = () => {};"
+"""For a page that is read and clicked, but not looked at."""
 
 
 class Tab:
@@ -91,12 +108,12 @@ class Tab:
 
 
 @contextmanager
-def opened(address: str, profile: Path, size_px: tuple[int, int] = (800, 600)) -> Iterator[Tab]:
-    """A tab that shows an address; the browser is gone when the block ends."""
+def opened(address: str, profile: Path, size_px: tuple[int, int] = (800, 600), *, draws: bool = True) -> Iterator[Tab]:
+    """A tab that shows an address; the browser is gone when the block ends. draws: whether 3D scenes are drawn."""
     from websockets.sync.client import connect
 
     assert CHROMIUM is not None
-    command = [CHROMIUM, *OFFLINE, f"--window-size={size_px[0]},{size_px[1]}", f"--user-data-dir={profile}", address]
+    command = [CHROMIUM, *OFFLINE, f"--window-size={size_px[0]},{size_px[1]}", f"--user-data-dir={profile}"]
     browser = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
         assert browser.stderr is not None
@@ -104,7 +121,11 @@ def opened(address: str, profile: Path, size_px: tuple[int, int] = (800, 600)) -
         with urlopen(f"http://{at[1]}/json/list") as answer:
             tab = next(tab for tab in json.load(answer) if tab["type"] == "page")
         with connect(tab["webSocketDebuggerUrl"], max_size=None) as line:
-            yield Tab(line)
+            shown = Tab(line)
+            shown.ask("Page.enable")
+            shown.ask("Page.addScriptToEvaluateOnNewDocument", source=SELDOM + (UNLIT if draws else UNDRAWN))
+            shown.ask("Page.navigate", url=address)
+            yield shown
     finally:
         browser.kill()
         browser.communicate()

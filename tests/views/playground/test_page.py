@@ -28,23 +28,37 @@ def change_of(tab):
 
 
 @pytest.fixture(scope="module")
-def shown(tmp_path_factory):
-    """A playground over two walls, the tab that shows it, and the folder that it saves in: one for all, as starting a
-    browser takes longer than what is done in it."""
+def folder(tmp_path_factory):
+    """Where the playground saves."""
+    return tmp_path_factory.mktemp("playground")
+
+
+@pytest.fixture(scope="module")
+def opened_once(folder, tmp_path_factory):
+    """A playground, and the tab that shows it."""
     if CHROMIUM is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
     pytest.importorskip("viser")
     folder = tmp_path_factory.mktemp("playground")
     with (
         served(KeysScenario.of("walls"), folder=folder) as page,
-        opened(page.address, folder / "profile", SIZE_PX) as tab,
+        opened(page.address, tmp_path_factory.mktemp("profile"), SIZE_PX, draws=False) as tab,
     ):
         tab.wait_for(f"{VERDICT} !== null")
         yield page, tab, folder
 
 
-def test_it_is_opened_dragged_and_read(shown):
-    page, tab, folder = shown
+@pytest.fixture
+def shown(opened_once):
+    """It over two walls, as they are at first."""
+    page, tab = opened_once
+    number = page.playground.session.change(lambda _: KeysScenario.of("walls"))
+    tab.wait_for(f"{VERDICT}.dataset.change >= {number}")
+    return page, tab
+
+
+def test_it_is_opened_dragged_and_read(shown, folder):
+    page, tab = shown
     tab.wait_for(f"{VERDICT}.dataset.patient === '1'")
     text = tab.text()
     assert "Accepted" in text
@@ -55,8 +69,9 @@ def test_it_is_opened_dragged_and_read(shown):
 
     goal = page.playground.session.scenario.course().goal_m  # drag it up by its arrow
     start, end = (pixel_of(page, tab, goal + up * UP) for up in (0.10, 0.16))
+    before = page.playground.session.number
     tab.drag(start, end)
-    tab.wait_for(f"{VERDICT}.dataset.change > 0")
+    tab.wait_for(f"{VERDICT}.dataset.change > {before}")
     scenario = page.playground.session.scenario
     moved = scenario.course().goal_m - goal
     assert moved[2] == pytest.approx(0.06, abs=0.015)

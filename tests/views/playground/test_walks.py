@@ -91,7 +91,7 @@ def test_a_walk_is_dragged_planned_and_saved_in_a_browser(scenario, tmp_path):
     pytest.importorskip("viser")
     with (
         served_walk(scenario, folder=tmp_path) as page,
-        opened(page.address, tmp_path / "profile", (1000, 640)) as tab,
+        opened(page.address, tmp_path / "profile", (1000, 640), draws=False) as tab,
     ):
         tab.wait_for(f"{VERDICT}?.dataset.patient === '1'")
         tab.wait_for("document.querySelector('#limbs') !== null")
