@@ -39,13 +39,12 @@ def opened_once(folder, tmp_path_factory):
     if CHROMIUM is None:
         pytest.skip("no Chromium is installed (Debian: apt-get install chromium)")
     pytest.importorskip("viser")
-    folder = tmp_path_factory.mktemp("playground")
     with (
         served(KeysScenario.of("walls"), folder=folder) as page,
         opened(page.address, tmp_path_factory.mktemp("profile"), SIZE_PX, draws=False) as tab,
     ):
         tab.wait_for(f"{VERDICT} !== null")
-        yield page, tab, folder
+        yield page, tab
 
 
 @pytest.fixture
@@ -90,7 +89,7 @@ def test_it_is_opened_dragged_and_read(shown, folder):
 
 
 def test_a_slider_takes_the_friction_away_and_the_page_says_how_much_is_missing(shown):
-    page, tab, _ = shown
+    page, tab = shown
     x, y = middle_of(tab, "document.querySelector('[role=slider]')")
     tab.drag((x, y), (x - 400.0, y))
     tab.wait_for(f"{VERDICT}.innerText.startsWith('No plan')")
@@ -98,23 +97,6 @@ def test_a_slider_takes_the_friction_away_and_the_page_says_how_much_is_missing(
     assert re.search(r"friction .* would have to change from 0 by 0\.\d+ or more", said), said
     assert "in hand" not in tab.text()
     assert page.playground.session.scenario.sliders()[0].value == 0.0
-
-
-def test_a_surface_is_picked_by_a_click_and_the_courses_file_is_shown(shown):
-    page, tab, _ = shown
-    course = page.playground.session.scenario.course()
-    button = "[...document.querySelectorAll('button')].find(b => b.innerText === '{}')"
-    tab.click(*middle_of(tab, button.format("pick a surface")))
-    tab.wait_for("document.body.innerText.includes('click a surface')")
-    tab.click(*pixel_of(page, tab, course.com_nominal_m[2] + np.array([0.0, 0.38, 0.05])))
-    tab.wait_for("document.body.innerText.includes('friction of the picked surface')")
-    scenario = page.playground.session.scenario
-    assert scenario.kind == "polygons"
-    assert scenario.keys["terrain"]["polygons"][scenario.chosen]["vertices_m"][0][1] == pytest.approx(0.38)
-    tab.click(*middle_of(tab, button.format("show course")))
-    said = tab.wait_for("document.querySelector('#course')?.innerText")
-    assert said.startswith("name: walls\n")
-    assert "kind: polygons" in said
 
 
 def test_without_viser_the_extra_is_named(monkeypatch):
@@ -129,3 +111,21 @@ def test_without_viser_the_extra_is_named(monkeypatch):
         pytest.raises(InvalidInput, match=r"expected viser; install it with pip install 'stancekit\[viz\]'"),
     ):
         served(KeysScenario.of("walls")).__enter__()
+
+
+def test_a_surface_is_picked_by_a_click_and_the_courses_file_is_shown(shown):
+    page, tab = shown
+    tab.wait_for(f"{VERDICT}.dataset.patient === '1'")
+    course = page.playground.session.scenario.course()
+    button = "[...document.querySelectorAll('button')].find(b => b.innerText === '{}')"
+    tab.click(*middle_of(tab, button.format("pick a surface")))
+    tab.wait_for("document.body.innerText.includes('click a surface')")
+    tab.click(*pixel_of(page, tab, course.com_nominal_m[2] + np.array([0.0, 0.38, 0.05])))
+    tab.wait_for("document.body.innerText.includes('friction of the picked surface')")
+    scenario = page.playground.session.scenario
+    assert scenario.kind == "polygons"
+    assert scenario.keys["terrain"]["polygons"][scenario.chosen]["vertices_m"][0][1] == pytest.approx(0.38)
+    tab.click(*middle_of(tab, button.format("show course")))
+    said = tab.wait_for("document.querySelector('#course')?.innerText")
+    assert said.startswith("name: walls\n")
+    assert "kind: polygons" in said
