@@ -167,9 +167,11 @@ def planned(
         return path
     robot = walker_of(named_robot(robot_file(ROBOTS[name], folder, keep / f"{name}.yaml")))
     far = way[1] * HEIGHTS * robot.stand_height_m
-    found = stancekit.walk(
-        terrain, (far * np.cos(way[0]), far * np.sin(way[0])), robot=robot, friction=FRICTION, total_s=120.0
-    )
+    goal = far * np.cos(way[0]), far * np.sin(way[0])
+    try:
+        found = stancekit.walk(terrain, goal, robot=robot, friction=FRICTION, total_s=120.0)
+    except InvalidInput as error:  # ground that it cannot stand on, for one
+        return str(error)
     if found.trajectory is None:
         return str(found.message)
     write_trajectory(path, found.trajectory, stancekit.verify(found.trajectory))
