@@ -13,6 +13,7 @@ import re
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,8 @@ INTERNAL = {
 """Models of files that nobody writes by hand, and parts of others, and why the reference leaves them out."""
 
 
-def forbidding() -> set[str]:
+@cache
+def forbidding() -> frozenset[str]:
     """Every class of the package that refuses unknown keys, as module:class, found by reading the sources."""
     classes: dict[str, tuple[str, bool, list[str]]] = {}
     for folder in FOLDERS:
@@ -107,7 +109,7 @@ def forbidding() -> set[str]:
             if place not in found and (names & set(bases) or ("_Keys" in bases and place.split(":")[0] in local))
         }  # fmt: skip
         if not more:
-            return {place for place in found if not place.endswith(":_Keys")}
+            return frozenset(place for place in found if not place.endswith(":_Keys"))
         found |= more
 
 

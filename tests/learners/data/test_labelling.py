@@ -31,7 +31,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.search.canonical import canonical
 from stancekit.planners.search.exact import ExactPlanner
 
-PLAN = LabelPlan(distribution="wall-3", feasible=18, infeasible=14, shard_size=6, seed=5)
+PLAN = LabelPlan(distribution="wall-3", feasible=9, infeasible=7, shard_size=3, seed=5)
 NATURAL = LabelPlan(distribution="wall-3", feasible=0, infeasible=40, shard_size=20, seed=6, natural=True)
 
 RUN = """
@@ -101,8 +101,8 @@ def contents(path: Path) -> dict[str, str]:
 
 def test_a_balanced_set_has_exactly_the_planned_rows(balanced: Path) -> None:
     data = Dataset.open(balanced)
-    assert (len(data.feasible), len(data.infeasible), len(data)) == (18, 14, 32)
-    assert [tally.rows.total for tally in data.ledger.tallies.values()] == [6, 5, 5, 6, 5, 5]
+    assert (len(data.feasible), len(data.infeasible), len(data)) == (9, 7, 16)
+    assert [tally.rows.total for tally in data.ledger.tallies.values()] == [3, 3, 2, 3, 2, 3]
     for shard, tally in data.ledger.tallies.items():
         assert (tally.rows.feasible, tally.rows.infeasible) == PLAN.quota(shard)
 
@@ -239,7 +239,7 @@ def test_a_run_on_two_processes_that_is_killed_is_resumed_to_the_same_bytes(bala
     assert run.stdout is not None
     while run.stdout.readline().strip() != "2":
         assert run.poll() is None
-    time.sleep(0.02)  # a shard takes about twice as long
+    time.sleep(0.01)  # a shard takes about twice as long
     run.kill()
     run.wait()
     label(PLAN, tmp_path, workers=2)  # while the orphans finish what they were given
@@ -262,7 +262,7 @@ def test_what_a_killed_run_was_writing_is_removed(balanced: Path, tmp_path: Path
     ("changes", "message"),
     [
         ({"seed": 6, "max_nodes": 9}, "seed: expected 6 as planned, got 5"),
-        ({"feasible": 17}, "feasible: expected 17 as planned, got 18"),
+        ({"feasible": 8}, "feasible: expected 8 as planned, got 9"),
         ({"natural": True}, "natural: expected True as planned, got False"),
         ({"distribution": "wall-5"}, "distribution: expected 'wall-5' as planned, got 'wall-3'"),
     ],
@@ -407,15 +407,15 @@ def test_progress_begins_with_what_is_there_and_ends_with_everything(balanced: P
     seen: list[Progress] = []
     summary = label(PLAN, tmp_path, progress=seen.append)
     assert [p.shards_done for p in seen] == list(range(7))
-    assert (seen[-1].rows, seen[-1].drawn, seen[-1].shards) == (32, summary.drawn.total, 6)
+    assert (seen[-1].rows, seen[-1].drawn, seen[-1].shards) == (16, summary.drawn.total, 6)
     assert seen[0].rate == 0.0 < seen[-1].rate
     label(PLAN, balanced, progress=seen.append)
-    assert (seen[-1].shards_done, seen[-1].rows, seen[-1].rate) == (6, 32, 0.0)
+    assert (seen[-1].shards_done, seen[-1].rows, seen[-1].rate) == (6, 16, 0.0)
 
 
 def test_the_summary_counts_and_times_all_samples(tmp_path: Path) -> None:
     summary = label(replace(PLAN, shard_size=40), tmp_path)
-    assert summary.rows == ledger.Counts(feasible=18, infeasible=14)
+    assert summary.rows == ledger.Counts(feasible=9, infeasible=7)
     assert 0.1 < summary.solve_ms_median < summary.solve_ms_p99
     (timing,) = Dataset.open(tmp_path).ledger.timings()
     assert len(timing.solve_ms) == summary.drawn.total

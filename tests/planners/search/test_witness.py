@@ -87,7 +87,7 @@ def test_the_same_witness_is_found_in_fewer_steps_where_it_is_found(name):
 @NAMES
 def test_no_solver_takes_part_in_a_witness(name, programs):
     """What another solver, with other settings, would make of the problem cannot move it: labels are its check."""
-    batch = batch_of(name, 60, seed=4)
+    batch = batch_of(name, 30, seed=4)
     found = contents(canonical(batch))
     answers = solve_all(ExactPlanner(programs=programs, time_limit_s=np.inf), batch)
     other = solve_all(ExactPlanner(programs=Programs(engine="cvxpy"), time_limit_s=np.inf), batch)
@@ -95,7 +95,7 @@ def test_no_solver_takes_part_in_a_witness(name, programs):
         assert ours.status is theirs.status
         if k in found:
             assert ours.posture.to_json() == theirs.posture.to_json() == found[k]
-    assert len(found) > 20
+    assert len(found) > 10
 
 
 @NAMES
