@@ -25,20 +25,12 @@ OFFLINE = (
 PATIENCE_S = 120.0
 SELDOM = """
 window.requestAnimationFrame = then => setTimeout(() => then(performance.now()), 250);
-const GL = WebGL2RenderingContext.prototype, DRAWS = ["drawElements", "drawElementsInstanced", "drawArrays"];
 """
 """Without a graphics card a picture takes a tenth of a second or more: four a second are enough for a test."""
-UNLIT = """
-let target = null;
-const {bindFramebuffer} = GL;
-GL.bindFramebuffer = function (kind, buffer) { target = buffer; return bindFramebuffer.call(this, kind, buffer); };
-for (const name of DRAWS) {
-    const draw = GL[name];
-    GL[name] = function (...how) { if (target === null) draw.apply(this, how); };
-}
+UNDRAWN = """
+for (const name of ["drawElements", "drawElementsInstanced", "drawArrays"])
+    WebGL2RenderingContext.prototype[name] = () => {};
 """
-"""What is seen is drawn, but not the light of the surroundings, which takes as long as twenty pictures."""
-UNDRAWN = "for (const name of DRAWS) GL[name] = () => {};"
 """For a page that is read and clicked, but not looked at."""
 
 
@@ -123,7 +115,7 @@ def opened(address: str, profile: Path, size_px: tuple[int, int] = (800, 600), *
         with connect(tab["webSocketDebuggerUrl"], max_size=None) as line:
             shown = Tab(line)
             shown.ask("Page.enable")
-            shown.ask("Page.addScriptToEvaluateOnNewDocument", source=SELDOM + (UNLIT if draws else UNDRAWN))
+            shown.ask("Page.addScriptToEvaluateOnNewDocument", source=SELDOM if draws else SELDOM + UNDRAWN)
             shown.ask("Page.navigate", url=address)
             yield shown
     finally:

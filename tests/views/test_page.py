@@ -132,10 +132,11 @@ def test_recording_says_nothing_on_standard_output(plan, capsys):
 
 
 def is_climb(shown):
-    """Terrain, ice, and dark limbs or the path of the centre of mass."""
+    """Terrain, ice, and dark limbs or the path of the centre of mass; faces, not their borders alone."""
     red, green, blue = (shown[..., k] for k in range(3))
     rough, icy = (green - blue > 0.08) & (green > 0.4), (blue - red > 0.05) & (blue > 0.6)
-    return min(rough.mean(), icy.mean()) > 0.01 and (shown.max(axis=-1) < 0.45).mean() > 0.001
+    faces = (shown[190:400].min(axis=-1) < 0.9).mean()
+    return min(rough.mean(), icy.mean(), 0.1 * faces) > 0.01 and (shown.max(axis=-1) < 0.45).mean() > 0.001
 
 
 def is_walk(shown):
