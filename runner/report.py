@@ -36,9 +36,9 @@ class RunReport:
     command from that in the log which is replayed. needs, loads: of the joints, as planned, and as measured where
     torques are; None where the motion never began. friction: what feet felt of it, as a share of what was planned with,
     None where body or forces are not measured. loop_share: of their stiffness, that joint loops were found to have, 1
-    where feet feel nothing. stopped_s: when the latch was tripped, on the monotonic clock that all processes of a
-    machine share, None where it was not; after: commands on their way at that moment, whose write returned up to
-    after_s later.
+    where feet feel nothing or nobody knows where the body is. stopped_s: when the latch was tripped, on the monotonic
+    clock that all processes of a machine share, None where it was not; after: commands on their way at that moment,
+    whose write returned up to after_s later.
     """
 
     world: str

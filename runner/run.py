@@ -292,9 +292,8 @@ def simulate(
     limbs at once, a world that is no simulation, and without pinocchio.
     """
     accepted, course = Accepted.verified(plan, plan.course.name), plan.course
-    made = make_world(
-        world, course.robot, servo, rate_hz=rate_hz, gravity_m_s2=course.gravity_m_s2, actuators=actuators
-    )  # fmt: skip
+    gravity = course.gravity_m_s2
+    made = make_world(world, course.robot, servo, rate_hz=rate_hz, gravity_m_s2=gravity, actuators=actuators)
     if made.kind != "simulation":
         made.close()
         raise InvalidInput(f"world: expected a simulation, got {world}, which is {made.kind}")

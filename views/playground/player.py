@@ -13,11 +13,12 @@ FPS = 15.0
 class Player:
     """In the tab that is open on ``gui``, one second, or key frame, of it a second.
 
-    unit: what the slider counts. on_time: called, with ``lock`` held, when another time is to be shown. at: the time
-    that is shown; last: where it ends.
+    unit: what the slider counts. on_time: called, with ``lock`` held, when another time is to be shown; it returns
+    whether there is anything to show, and where there is nothing the time stays. at: the time that is shown; last:
+    where it ends.
     """
 
-    def __init__(self, gui: Any, unit: str, on_time: Callable[[], None], lock: AbstractContextManager[Any]) -> None:
+    def __init__(self, gui: Any, unit: str, on_time: Callable[[], bool], lock: AbstractContextManager[Any]) -> None:
         self._on_time, self._lock = on_time, lock
         self._stop: threading.Event | None = None
         self.at, self.last = 0.0, 0.0
@@ -51,11 +52,17 @@ class Player:
     def _slid(self, event: Any) -> None:
         if event.client is not None:
             with self._lock:
-                self.at = min(max(float(event.target.value), 0.0), self.last)
-                self._on_time()
+                self._go(min(max(float(event.target.value), 0.0), self.last))
 
     def _play(self, stop: threading.Event) -> None:
         while not stop.wait(1.0 / FPS):
             with self._lock:
-                self.show(0.0 if self.at >= self.last else self.at + 1.0 / FPS, self.last)
-                self._on_time()
+                if self._go(0.0 if self.at >= self.last else min(self.at + 1.0 / FPS, self.last)):
+                    self.show(self.at, self.last)
+
+    def _go(self, at: float) -> bool:
+        """To another time; whether there was anything to show there."""
+        before, self.at = self.at, at
+        shown = self._on_time()
+        self.at = at if shown else before
+        return shown

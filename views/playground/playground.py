@@ -202,11 +202,12 @@ class Playground:
             self._solver = (key, solver_of(course))
         return self._solver[1]
 
-    def _move(self) -> None:
-        """To the time that the player shows."""
+    def _move(self) -> bool:
+        """To the time that the player shows; whether there is anything to show."""
         if self._view is not None:
             with self._server.atomic():
                 self._pose(self._view)
+        return self._view is not None
 
 
 def struck(course: Course, origin: Any, direction: Any) -> int | None:

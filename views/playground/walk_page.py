@@ -200,11 +200,12 @@ class WalkPage:
 
     # ------------------------------------------------------------------------------------------ the time, and files
 
-    def _move(self) -> None:
-        """To the time that the player shows."""
+    def _move(self) -> bool:
+        """To the time that the player shows; whether there is anything to show."""
         if self._view is not None:
             with self._server.atomic():
                 self._pose()
+        return self._view is not None
 
     def save(self) -> Path:
         """Write the walk that is shown; where it is. Raises InvalidInput where none was accepted."""

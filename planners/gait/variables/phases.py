@@ -44,12 +44,14 @@ class Gait:
         of step_s, no longer than this one. Gaits on three feet stay as they are."""
         if not self.balances:
             return self
-        halves = max(1.0, np.rint(0.5 * self.cycle_s * np.sqrt(height_m / HEIGHT_M) / step_s))
+        halves = max(0.5 * SHORTEST, np.rint(0.5 * self.cycle_s * np.sqrt(height_m / HEIGHT_M) / step_s))
         return replace(self, cycle_s=min(self.cycle_s, 2.0 * float(halves) * step_s))
 
 
 HEIGHT_M = 0.42
 """How high the centre of mass of ``anymal`` stands, whose cycles these are [m]."""
+SHORTEST = 4.0
+"""Steps of the grid in the shortest cycle: in two of them a foot swings."""
 
 GAITS = {
     gait.name: gait
@@ -126,12 +128,15 @@ def gait_named(name: str) -> Gait:
 def schedule(gait: Gait, feet: Sequence[str], duration_s: float, step_s: float) -> tuple[FootPhases, ...]:
     """Phases of all feet: as many whole cycles as fit between two stands of all feet, switches on the grid of step_s.
 
-    Raises InvalidInput where the gait is for another number of feet, or no cycle fits into the duration.
+    Raises InvalidInput where the gait is for another number of feet, its cycle is too short for the grid, or none fits
+    into the duration.
     """
     if len(gait.offsets) != len(feet):
         raise InvalidInput(
             f"gait: expected one for {len(feet)} feet, got {gait.name}, which is for {len(gait.offsets)}"
         )
+    if gait.cycle_s < SHORTEST * step_s - 1e-9:
+        raise InvalidInput(f"cycle_s: expected {SHORTEST * step_s:g} s or more, got {gait.cycle_s:g} s")
     lifts = [offset * gait.cycle_s for offset in gait.offsets]
     tail = max(lifts) + gait.swing_s - gait.cycle_s  # how far the last swing reaches over its cycle's end
     cycles = int(np.floor((duration_s - 2.0 * SHORTEST_STAND_S - tail) / gait.cycle_s + 1e-9))

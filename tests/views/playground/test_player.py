@@ -41,6 +41,7 @@ def played():
     def on_time():
         seen.append(player.at)
         moved.release()
+        return player.at != 3.0  # as if nothing were to be seen then
 
     player = Player(gui, "s", on_time, threading.RLock())
     return gui, player, seen, moved
@@ -55,6 +56,8 @@ def test_a_slider_shows_another_time_when_a_person_slides_it(played):
     gui.slide(2.5)
     gui.slide(9.0)
     assert seen == [2.5, 4.0]
+    gui.slide(3.0)
+    assert player.at == 4.0
 
 
 def test_it_plays_from_the_beginning_to_the_end_and_again_until_it_is_stopped(played):

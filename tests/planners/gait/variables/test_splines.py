@@ -1,5 +1,7 @@
 """Bases against SciPy's splines and against finite differences."""
 
+from dataclasses import replace
+
 import casadi as cs
 import numpy as np
 import pytest
@@ -56,7 +58,7 @@ def test_every_gait_begins_and_ends_on_all_feet_and_keeps_its_duty(name: str) ->
 
 
 @pytest.mark.parametrize("name", sorted(GAITS))
-def test_a_gait_balances_where_a_foot_less_than_three_stands_at_some_moment(name: str) -> None:
+def test_a_gait_balances_where_fewer_than_three_feet_stand_at_some_moment(name: str) -> None:
     gait = GAITS[name]
     times = np.linspace(2.0, 2.0 + gait.cycle_s, 1001)
     feet = schedule(gait, ["foot"] * len(gait.offsets), 10.0, 0.001)
@@ -68,6 +70,15 @@ def test_low_robots_step_faster_as_pendulums_of_their_height_fall(height_m: floa
     assert GAITS["trot"].at(height_m, 0.05).cycle_s == pytest.approx(cycle_s)
     assert GAITS["trot"].at(height_m, 0.05).duty == GAITS["trot"].duty
     assert GAITS["tripod"].at(height_m, 0.05) is GAITS["tripod"]
+
+
+@pytest.mark.parametrize("name", sorted(GAITS))
+def test_the_shortest_cycle_has_phases_and_a_shorter_one_is_refused_in_one_line(name: str) -> None:
+    gait = replace(GAITS[name], cycle_s=0.2)
+    assert schedule(gait, ["foot"] * len(gait.offsets), 4.0, 0.05)[0].swings > 10
+    assert GAITS["trot"].at(1e-6, 0.05).cycle_s == pytest.approx(0.2)
+    with pytest.raises(InvalidInput, match=r"^cycle_s: expected 0\.2 s or more, got 0\.15 s$"):
+        schedule(replace(gait, cycle_s=0.15), ["foot"] * len(gait.offsets), 4.0, 0.05)
 
 
 def test_a_gait_that_does_not_fit_is_refused_in_one_line() -> None:
