@@ -44,6 +44,7 @@ from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.friction_margin import SHARES, plan_with_reserve, slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.planners.search.whole_body_outcome import with_whole_body
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.loop_report import LoopReport
@@ -115,10 +116,17 @@ def first_plan(course: Course, arguments: Arguments) -> Accepted | str:
     outcome = plan_with_reserve(TwoStageCoursePlanner(), course, shares, presses=())
     if outcome.plan is None:
         return f"not begun: {outcome.message or outcome.status.value}"
-    try:
-        return Accepted.verified(outcome.plan, course.name)
-    except InvalidInput as error:
-        return f"not begun: {error}"
+    why = ""
+    for bent in (False, True):  # where bodies collide, as the loop does it
+        found = with_whole_body(outcome).plan if bent else outcome.plan
+        try:
+            accepted = Accepted.verified(found or outcome.plan, course.name)
+            with make_world(arguments.world, course.robot, gravity_m_s2=course.gravity_m_s2) as world:
+                Runner(world).prepare(accepted)
+            return accepted
+        except InvalidInput as error:
+            why = f"not begun: {error}"
+    return why
 
 
 def ran(plan: Accepted | str, index: int, wrong: str, share: float, mode: str, arguments: Arguments) -> Ran:

@@ -34,8 +34,8 @@ from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
-from stancekit.runner.control.closed_loop import Observation
 from stancekit.runner.control.envelope_choice import SelectorPolicy
+from stancekit.runner.control.replanning import Observation
 
 LIFT = "lift"
 

@@ -273,14 +273,15 @@ class Moments:
         """Every component is zero."""
         self._put(rows, rows.equal("moment", len(self._layout.stances), 3), 1.0)
 
-    def within(self, rows: Rows[Given]) -> Index:
-        """Every component is at most the residual s ≥ 0, either way; its column."""
-        residual = rows.variable("residual", 1)
+    def within(self, rows: Rows[Given], *, each: bool = False) -> Index:
+        """Every component is at most the residual s ≥ 0, either way; its column. each: one residual a stance, (S,)."""
+        stances = len(self._layout.stances)
+        residual = rows.variable("residual", stances if each else 1)
         for name, sign in (("above", 1.0), ("below", -1.0)):
-            net = rows.at_most(name, len(self._layout.stances), 3)
+            net = rows.at_most(name, stances, 3)
             self._put(rows, net, sign)
-            rows.put(net, residual, -1.0)
-        rows.put(rows.at_most("residual", 1), residual, -1.0)
+            rows.put(net, residual[:, None], -1.0)
+        rows.put(rows.at_most("residual", len(residual)), residual, -1.0)
         return residual
 
     def _put(self, rows: Rows[Given], net: Index, sign: float) -> None:

@@ -224,7 +224,8 @@ class WholeBodyStep:
         if free is None:
             held_moments(layout, body, forces).vanish(rows)
         else:
-            rows.linear(linearised_moments(layout, body, free, forces).within(rows), MOMENT_PRICE)
+            moments = linearised_moments(layout, body, free, forces)
+            rows.linear(moments.within(rows, each=True), MOMENT_PRICE)  # what one cannot help is no other's to leave
         forces.in_cones()
         forces.in_box(implied=False)
         body.reach(toes, inner=True)
@@ -281,7 +282,7 @@ class WholeBodyStep:
         point = Point(
             com=solution.value("com"), rotation=solution.value("rotation"), forces=solution.value("forces"),
             toes=toes_of(solution, at.scaled) if free else at.held.toes,
-            residual=float(solution.value("residual")[0]) if free else 0.0,
+            residual=float(solution.value("residual").max()) if free else 0.0,
             objective=solution.objective, seconds=solution.seconds,
         )  # fmt: skip
         return point, at.angles + solution.value("joints")

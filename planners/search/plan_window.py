@@ -106,6 +106,39 @@ def with_pause(course: Course, frame: int) -> Course:
     )
 
 
+def one_at_a_time(course: Course, first: int, last: int) -> Course:
+    """The course on which limbs that are lifted together before key frames ``first`` to ``last`` are lifted one after
+    the other, in the robot's order, with a key frame each; the body has as far to go in all, and the least progress is
+    a share of it.
+
+    Raises InvalidInput for frames that there are not.
+    """
+    if not 1 <= first <= last < course.frames:
+        raise InvalidInput(f"frames: expected within 1 to {course.frames - 1}, got {first} to {last}")
+    order, lifts, of = course.robot.limb_names, list[tuple[str, ...]](), list[int]()
+    put, parts = dict[tuple[int, str], int](), list[float]()
+    for frame, lifted in enumerate(course.lifts):
+        turns = [(name,) for name in order if name in lifted] if first <= frame <= last and lifted else [lifted]
+        for number, names in enumerate(turns, 1):
+            put |= {(frame, name): len(lifts) for name in names}
+            lifts.append(tuple(names))
+            of.append(frame)
+            parts.append(number / len(turns))
+    before = np.maximum(np.array(of) - 1, 0)
+    part = np.array(parts)[:, None]
+    return replace(
+        course,
+        footholds=tuple(
+            replace(each, frame=put[each.frame, each.limb] if each.frame else 0) for each in course.footholds
+        ),
+        lifts=tuple(lifts),
+        com_nominal_m=(1.0 - part) * course.com_nominal_m[before] + part * course.com_nominal_m[of],
+        com_radius_m=course.com_radius_m[of],
+        steps=replace(course.steps, progress_m=course.steps.progress_m * min(parts)),
+        modes=None if course.modes is None else tuple(course.modes[k] for k in of),
+    )
+
+
 def _room(course: Course, first: int, com_m: Array, radius_m: Array) -> float:
     """How far the first step can go along its line [m]; 0 where the body stands ahead of where it should go next."""
     if len(com_m) < 2:

@@ -10,21 +10,17 @@ step onto nothing is undone and planned anew without that place. Where there is 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.answer.plan import PlanOutcome
 from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.course import Course
+from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.robot.kinematics import Kinematics
-from stancekit.planners.search.answer import CoursePlanner
-from stancekit.planners.search.friction_margin import slippery
-from stancekit.planners.search.plan_window import Standing, with_pause
-from stancekit.planners.search.replan import replan
+from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 
@@ -39,30 +35,12 @@ from .estimation import deviation_m, estimate_standing, measured_com_m
 from .friction import FrictionEstimator
 from .loop_report import LoopReport
 from .loop_settings import LoopSettings
+from .replanning import Policy, Replanner
 from .retreat import step_back
 from .slip_recovery import Shares, SlipDetector, SlipRecovery
 from .surfaces import EmptyStep, found_offsets, without
 from .tracker import Target
 from .waiting import held_while
-
-NEAR = (0.94, 0.97)
-"""More shares of the lower end, between the last two, once feet slid: every bit of reserve counts then."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Observation:
-    """What a policy sees. window: the coming key frames as a course, from where the robot stands (``standing``, None
-    at the beginning); state: measured last, None at the beginning. friction_share: of the course's friction, the most
-    likely by what feet felt so far. frame: of the whole course."""
-
-    window: Course
-    standing: Standing | None
-    state: State | None
-    friction_share: float
-    frame: int
-
-
-Policy = Callable[[Observation], CoursePlanner]
 
 
 class ClosedLoop:
@@ -75,16 +53,15 @@ class ClosedLoop:
         self, course: Course, runner: Runner, policy: Policy | None = None, settings: LoopSettings = LoopSettings()
     ) -> None:
         planner = TwoStageCoursePlanner()
-        self.course, self.runner, self.settings = course, runner, settings
-        self._policy: Policy = policy or (lambda observation: planner)
+        self.runner, self.settings = runner, settings
         self._friction = FrictionEstimator(1.0 / runner.world.rate_hz)
-        self._planned_share = self._counted = 1.0
-        self._frame = self._plans = self._replans = self._stuck = 0
+        self._planning = Replanner(course, policy or (lambda observation: planner), settings, runner, self._friction)
+        self._frame = self._replans = self._stuck = 0
         self._kinematics = Kinematics(course.robot, runner.world.servo, gravity_m_s2=course.gravity_m_s2)
         self._recovery = SlipRecovery(runner, self._kinematics)
         self._watch()
-        self._surfaces, self._body = list[str](), runner.settings.body
-        self._plan_s = self._seconds = self._worst = 0.0
+        self._surfaces = list[str]()
+        self._seconds = self._worst = 0.0
 
     def run(self, terrain: Sequence[Patch] | None = None, first: Accepted | None = None) -> LoopReport:
         """Walk. terrain: what the world really has, where that is not the course's. first: a plan of the whole course
@@ -93,8 +70,8 @@ class ClosedLoop:
         Raises InvalidInput and PlanningFailed before anything moves; what goes wrong later is in the report.
         """
         begin, runner = time.perf_counter(), self.runner
-        prepared = runner.prepare(self._planned(None) if first is None else first)
-        self._plans, self._prepared = 1, prepared
+        prepared = self._ready(None) if first is None else runner.prepare(first)
+        self._prepared = prepared
         ended, message = runner.perform(prepared, self._walk, terrain)
         prepared = self._prepared
         final = float("nan")
@@ -103,10 +80,10 @@ class ClosedLoop:
         if not message and final > self.settings.goal_m:
             message = f"the centre of mass ended {1e3 * final:.0f} mm from its last plan's"
         report = LoopReport(
-            succeeded=not message, message=message, ended=ended, plans=self._plans, replans=self._replans,
-            frames=self._frame, friction=self._friction.interval, planned_share=self._counted,
+            succeeded=not message, message=message, ended=ended, plans=self._planning.plans, replans=self._replans,
+            frames=self._frame, friction=self._friction.interval, planned_share=self._planning.counted,
             surfaces="; ".join(self._surfaces), com_final_m=final, deviation_m=self._worst, seconds=self._seconds,
-            plan_s=self._plan_s, wall_s=time.perf_counter() - begin,
+            plan_s=self._planning.plan_s, wall_s=time.perf_counter() - begin,
         )  # fmt: skip
         runner.log.write("verdict", report.to_json())
         return report
@@ -130,7 +107,7 @@ class ClosedLoop:
         finally:
             self._count(record, begun)
         shares = self._feel(record)
-        if whole and self._frame == self.course.frames - 1:
+        if whole and self._frame == self._planning.course.frames - 1:
             return True
         self._replans += not whole
         target, state = record.pairs[-1]
@@ -140,9 +117,9 @@ class ClosedLoop:
             state, seconds = self._recovery.recover(prepared.motion.plan, record, shares, self._feel)
             self._seconds += seconds
         self._stuck = 0 if self._frame > begun else self._stuck + 1
-        if self._plans >= self.settings.most or self._stuck >= self.settings.tries:
+        if self._planning.plans >= self.settings.most or self._stuck >= self.settings.tries:
             stuck = f"{self._stuck} of them in a row that came no farther, at frame {self._frame}"
-            raise PlanningFailed(f"no plan to the end in {self._plans} plans, {stuck}")
+            raise PlanningFailed(f"no plan to the end in {self._planning.plans} plans, {stuck}")
         why = f"frame {self._frame}, friction {self._friction.interval.line}"
         runner.decide("go on" if whole else "plan anew", why)
         self._prepared = after = self._next(prepared, target, state)
@@ -151,7 +128,7 @@ class ClosedLoop:
 
     def _watch(self) -> None:
         """Look anew, as nothing is known of feet that begin to stand."""
-        rate_hz, limbs = self.runner.world.rate_hz, len(self.course.robot.limbs)
+        rate_hz, limbs = self.runner.world.rate_hz, len(self._planning.course.robot.limbs)
         self._slips, self._steps = SlipDetector(rate_hz), EmptyStep(rate_hz, limbs)
         self._slid, self._fell = False, np.zeros(limbs, dtype=bool)
         self._begun_m: float | None = None
@@ -162,9 +139,9 @@ class ClosedLoop:
         part: of the plan's friction that the record's targets count on.
         """
         if self.settings.learn_friction:
-            self._friction.add(record, part * self._planned_share)
+            self._friction.add(record, part * self._planning.planned_share)
         found = self._friction.interval
-        return tuple(share / self._planned_share for share in dict.fromkeys((found.planned_on, found.share)))
+        return tuple(share / self._planning.planned_share for share in dict.fromkeys((found.planned_on, found.share)))
 
     def _undone(self, prepared: Prepared[PlanMotion], record: Record, begun: int) -> tuple[Target, State]:
         """The step that came down on nothing is taken back, and its place is forgotten; where that leads to."""
@@ -179,13 +156,14 @@ class ClosedLoop:
         back = step_back(runner, prepared, self._frame - begun, state)
         self._count(back, begun)
         for patch, toe_m in places:
-            self.course = without(self.course, patch, toe_m, self._frame + 1)
+            self._planning.course = without(self._planning.course, patch, toe_m, self._frame + 1)
         return back.pairs[-1]
 
     def _next(self, before: Prepared[PlanMotion], target: Target, state: State) -> Prepared[PlanMotion]:
         """The next plan, from where the robot is measured to stand, or else from where it should."""
         index, plan = round(target.sample.frame), before.motion.plan
-        patches = tuple(plan.course.patch(int(p), plan.choice) for p in plan.course.holds[index])
+        held = [plan.course.patch(int(p), plan.choice) for p in plan.course.holds[index]]
+        patches = tuple(patch.with_friction(patch.friction / self._planning.planned_share) for patch in held)
         ends = Standing(
             com_m=plan.com_m[index], rotation_rad=plan.rotation_rad[index], toes_m=plan.toes_at(index), patches=patches
         )  # fmt: skip
@@ -193,83 +171,41 @@ class ClosedLoop:
         if before.sees:
             offsets = found_offsets(patches, state, self._kinematics)
             if offsets.planes:
-                self.course = offsets.course(self.course)
+                self._planning.course = offsets.course(self._planning.course)
                 self._surfaces.append(offsets.line)
                 self.runner.decide("surfaces", offsets.line)
             moved = tuple(map(offsets.moved, patches))
             measured = estimate_standing(moved, state, self._kinematics)
             starts = ([] if measured is None else [measured]) + ([] if offsets.planes else [ends])
         near = np.array(state.angles_rad if before.sees else target.angles_rad)
-        course, servo = self.course, self.runner.world.servo
+        course, servo = self._planning.course, self.runner.world.servo
         failures = []
         for standing in starts:
             kinematics = Continued(course.robot, servo, gravity_m_s2=course.gravity_m_s2, near=near)
             try:
-                accepted = held_while(self.runner, partial(self._planned, standing))
-                return held_while(self.runner, partial(self.runner.prepare, accepted, kinematics))
+                return self._ready(standing, kinematics)
             except (PlanningFailed, InvalidInput) as error:
                 failures.append(str(error))
                 self.runner.decide("no plan", str(error))
         why = failures[0] if failures else "a foot left its patch"
         raise PlanningFailed(f"frame {self._frame}: no plan from here: {why}")
 
-    def _planned(self, standing: Standing | None) -> Accepted:
-        """Observe, choose, plan, verify. Raises PlanningFailed.
+    def _ready(self, standing: Standing | None, kinematics: Kinematics | None = None) -> Prepared[PlanMotion]:
+        """A plan from there, prepared; a bent one where joints or bodies cannot do what contacts can."""
+        runner = self.runner
 
-        Where feet slid and there is no reserve, the body may first move to where there is some, before anybody lifts.
-        """
-        begin, found, shares = time.perf_counter(), self._friction.interval, self.settings.shares
-        share = found.share if found.slides else 1.0
-        if found.planned_on < share:  # the most likely comes last: where the lower end has no plan
-            nearer = (*shares[:-1], *NEAR, shares[-1])
-            shares = (*(cautious * found.planned_on / share for cautious in nearer), 1.0)
-        if standing is not None:
-            duller = share / self._planned_share
-            patches = tuple(patch.with_friction(duller * patch.friction) for patch in standing.patches)
-            standing = replace(standing, patches=patches)
-        course, frame = self.course, self._frame
-        outcome = self._answer(course, share, standing, shares)
-        if (
-            self._slid
-            and standing is not None
-            and any(course.lifts[frame + 1 : frame + 2])
-            and _counts(outcome, share) > share * shares[0]
-        ):
-            paused = with_pause(course, frame)
-            other = self._answer(paused, share, standing, shares)
-            if _counts(other, share) < _counts(outcome, share):
-                outcome, self.course = other, paused
-                self.runner.decide("body first", f"frame {frame}: it leaves more friction to move before feet do")
-        self._plan_s += time.perf_counter() - begin
-        if outcome.plan is None:
-            raise PlanningFailed(f"frame {frame}: {outcome.message or outcome.claim or outcome.status.value}")
+        def made(limits: WholeBodyLimits | None) -> Prepared[PlanMotion]:
+            accepted = self._planning.plan(self._frame, standing, slid=self._slid, limits=limits)
+            return runner.prepare(accepted, kinematics)
+
         try:
-            accepted = Accepted.verified(outcome.plan, f"plan {self._plans + 1}")
+            return made(None) if standing is None else held_while(runner, partial(made, None))
         except InvalidInput as error:
-            raise PlanningFailed(str(error)) from None
-        self._plans, self._planned_share, self._counted = self._plans + 1, share, _counts(outcome, share)
-        body = self._body  # that pulls the body with less than a plan counts on bends the plan's own forces
-        whole = standing is not None and self._counted > body.cone_share * share
-        self.runner.settings = replace(self.runner.settings, body=replace(body, cone_share=1.0) if whole else body)
-        if standing is not None:  # a log begins with its plan
-            self.runner.decide("planned", f"counting on {self._counted:.2f} of the course's friction")
-        return accepted
-
-    def _answer(
-        self, course: Course, share: float, standing: Standing | None, shares: tuple[float, ...]
-    ) -> PlanOutcome:
-        """What a policy's planner says of a course with this share of its friction."""
-
-        def planner_of(window: Course) -> CoursePlanner:
-            observation = Observation(
-                window=window, standing=standing, state=self.runner.state, friction_share=share, frame=self._frame
-            )
-            return self._policy(observation)
-
-        return replan(
-            standing, slippery(course, share), frame=self._frame, horizon=self.settings.horizon or None,
-            planner=planner_of, shares=shares,
-        )  # fmt: skip
+            bent = partial(made, WholeBodyLimits())
+            if standing is None:  # a log begins with its plan
+                return bent()
+            runner.decide("bend the plan", str(error))
+            return held_while(runner, bent)
 
     def _astray(self, target: Target, state: State) -> bool:
         """Feet slide or came down on nothing, or all stand and the robot is astray; where anything is done about it."""
@@ -291,8 +227,3 @@ class ClosedLoop:
         if record.pairs:
             self._frame = begun + round(record.pairs[-1][0].sample.frame)
             self._seconds += len(record.pairs) / self.runner.world.rate_hz
-
-
-def _counts(outcome: PlanOutcome, share: float) -> float:
-    """How much of a course's friction a plan counts on that was made with this share of it; inf where there is none."""
-    return np.inf if outcome.plan is None else share * float(outcome.plan.provenance.get("friction_share", 1.0))

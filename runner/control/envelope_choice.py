@@ -27,8 +27,8 @@ from stancekit.planners.search.enveloped import EnvelopeCoursePlanner
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 
-from .closed_loop import Observation
 from .estimation import nearest_on
+from .replanning import Observation
 
 ROOM = 0.05
 """By which boxes are widened on every side, non-dimensional: they are learned for one stance, and the stances of a

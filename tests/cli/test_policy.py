@@ -18,9 +18,9 @@ from stancekit.planners.answer.answer_file import write_boxes
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.expert import expert_envelopes
-from stancekit.runner.control.closed_loop import Observation
 from stancekit.runner.control.friction import FrictionInterval
 from stancekit.runner.control.loop_report import LoopReport
+from stancekit.runner.control.replanning import Observation
 from stancekit.runner.safety.ending import Ended
 
 COURSE = read_course("walls", frames=3)

@@ -17,8 +17,8 @@ from stancekit.planners.relaxation.envelope import EnvelopeSet
 from stancekit.planners.relaxation.expert import expert_envelopes
 from stancekit.planners.terrain import Patch
 from stancekit.planners.verify import check_plan
-from stancekit.runner.control.closed_loop import Observation
 from stancekit.runner.control.envelope_choice import EnvelopeOrLift, SelectorPolicy, about, chosen, triangular
+from stancekit.runner.control.replanning import Observation
 
 LEARNED = expert_envelopes("wall")
 

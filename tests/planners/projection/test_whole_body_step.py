@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Point, Scaled
+from stancekit.planners.equilibrium.terms import Body, Forces, Given
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.projection.held import held_moments
 from stancekit.planners.projection.restoration import REACHED_M, Restoration
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 
@@ -208,3 +211,27 @@ def test_hips_that_are_drawn_up_stay_off_the_axis_of_yaw_and_those_beyond_go_no_
     others = np.arange(24) % 4 != 1
     np.testing.assert_array_equal(lower[:, others], np.tile(solver.lowest_rad[others], (2, 1)))
     np.testing.assert_array_equal(upper[:, others], np.tile(solver.highest_rad[others], (2, 1)))
+
+
+@pytest.mark.parametrize("each", [False, True])
+def test_what_one_stance_cannot_balance_is_no_others_to_leave(dog_plan: Plan, each: bool) -> None:
+    """The body of a quadruped on level ground is held beside its feet, at the last key frame alone."""
+    restoration, _ = restoration_of(with_joints(dog_plan))
+    point, scaled = restoration.point(), scaled_of(dog_plan)
+    beside = point.com + np.outer(np.arange(len(point.com)) == len(point.com) - 1, [1.0, 1.0, 0.0])
+    rows = Rows[Given](keep=False)
+    body, forces = Body(rows, scaled.layout), Forces.of_contacts(rows, scaled.layout)
+    forces.balance()
+    rows.linear(held_moments(scaled.layout, body, forces).within(rows, each=each), 1.0)
+    forces.in_cones()
+    forces.in_box(implied=False)
+    body.held()
+    found = rows.solve(Given(scaled, replace(point, com=beside)))
+    assert found.solved
+    left, last = found.value("residual"), scaled.layout.stance_frames == len(point.com) - 1
+    if each:
+        assert left[last].min() > 0.1
+        np.testing.assert_allclose(left[~last], 0.0, atol=1e-6)
+    else:
+        assert left.shape == (1,)
+        assert left[0] > 0.1

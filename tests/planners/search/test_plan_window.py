@@ -13,7 +13,7 @@ from stancekit.planners.answer.outcome import Status
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.problem.course_json import course_to_json
-from stancekit.planners.search.plan_window import STANDING_M, Standing, course_window, joined
+from stancekit.planners.search.plan_window import STANDING_M, Standing, course_window, joined, one_at_a_time
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.verify import check_plan
 
@@ -116,3 +116,27 @@ def test_frames_that_there_are_not_are_refused(course, plan, first, last):
 def test_a_later_window_needs_a_standing_robot(course):
     with pytest.raises(InvalidInput, match="window: expected frames within 0 to 4, got 1 to 2"):
         course_window(course, 1, 2)
+
+
+def test_one_limb_at_a_time_is_a_longer_way_to_the_same_footholds(planner, course):
+    alone = one_at_a_time(course, 2, 3)
+    assert [len(lifted) for lifted in alone.lifts] == [0, 3, 1, 1, 1, 1, 1, 1, 3]
+    assert [name for lifted in alone.lifts[2:5] for (name,) in [lifted]] == sorted(
+        course.lifts[2], key=course.robot.limb_names.index
+    )
+    ways = [{(each.limb, tuple(map(id, each.candidates))) for each in of.footholds} for of in (course, alone)]
+    assert ways[0] == ways[1]
+    np.testing.assert_allclose(alone.com_nominal_m[[0, 1, 4, 7, 8]], course.com_nominal_m, atol=1e-12)
+    steps = np.diff(alone.com_nominal_m[1:5], axis=0)
+    np.testing.assert_allclose(steps, np.tile(steps.mean(axis=0), (3, 1)), atol=1e-12)
+    assert alone.steps.progress_m == pytest.approx(course.steps.progress_m / 3.0)
+    found = planner.solve(alone).plan
+    assert found is not None
+    assert check_plan(found).accepted
+    assert {len(stance.limbs) for stance in alone.stances if 2 <= stance.frame <= 6} == {5}
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 1), (2, 5), (3, 2)])
+def test_of_frames_that_there_are_not_nothing_is_lifted_alone(course, first, last):
+    with pytest.raises(InvalidInput, match=f"frames: expected within 1 to 4, got {first} to {last}"):
+        one_at_a_time(course, first, last)
