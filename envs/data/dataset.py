@@ -23,6 +23,7 @@ from stancekit.planners.robot import Limb, Robot
 
 from .labelled_posture import LabelledPosture, problem_of, row_of
 from .ledger import Header, Ledger, shard_name
+from .pools import folder_of
 from .summary import Summary
 
 Index = NDArray[np.intp]
@@ -69,11 +70,11 @@ class Dataset:
 
     @classmethod
     def open(cls, path: str | Path) -> Dataset:
-        """Open a folder that ``labelling.label`` has filled; reads no rows yet.
+        """Open a folder that ``labelling.label`` has filled, or a data set that ships by its name; reads no rows yet.
 
         Raises InvalidInput for what is missing, foreign, damaged or of another version.
         """
-        ledger = Ledger.open(Path(path))
+        ledger = Ledger.open(folder_of(path))
         if ledger.missing:
             first, count = shard_name(ledger.missing[0]), len(ledger.missing)
             raise InvalidInput(f"{path}: {first} and {count - 1} more shards are missing: label this plan again")

@@ -1,9 +1,8 @@
 """Inverse kinematics and joint torques of a robot's legs (extra ``kin``: pinocchio on the URDF of ``legged_model``).
 
-Legs of any number of joints, known by name; arrays of joints are in the model's order. Feet are found by damped least
-squares, all legs at once, inside the joint limits. Legs that are drawn up begin at closed-form postures and their free
-joint is drawn towards a comfortable one; a robot's own legs begin at postures whose feet are near. Torques are those of
-a robot that stands still.
+Arrays of joints are in the model's order. Feet are found by damped least squares, all legs at once, inside the joint
+limits. Legs that are drawn up begin at closed-form postures and their free joint is drawn towards a comfortable one; a
+robot's own legs begin at postures whose feet are near. Torques are those of a robot that stands still.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ DRAWN_AT = 0.2
 
 
 class Kinematics:
-    """The robot's legs as pinocchio knows them, the base fixed. Not for use by several threads at once.
+    """The robot's legs as pinocchio knows them, the base fixed; not for several threads at once.
 
     joints: names, J of them. radii_m: of the feet, shape (N,). lower_rad, upper_rad, torque_nm, velocity_rad_s: limits
     of the joints, shape (J,); torque is inf where the robot's own file has none that can be believed, velocity 0 where
@@ -175,29 +174,36 @@ class Kinematics:
         return np.concatenate([angles[0] for angles in found.angles])
 
     def reach(self, feet: Array, start: Array, wished: Array, *, limits: bool = True) -> tuple[Array, Array]:
-        """Damped least squares from ``start``, drawn towards ``wished`` where that moves no foot; a limb that ends no
-        closer than it started stays as it was.
+        """Damped least squares from ``start``, drawn towards ``wished`` where that moves no foot; joints that would go
+        beyond a limit at which they are wait there, and a limb that ends no closer than it started stays as it was.
 
         feet: centres in the base's frame, shape (N, 3) [m]. Returns angles, shape (J,), and errors, shape (N,) [m].
         """
-        pull, angles = 0.5, np.array(start)
+        lower, upper = (self.lowest_rad, self.highest_rad) if limits else (-np.inf, np.inf)
+        start = np.clip(start, lower, upper)
+        pull, angles = 0.5, start
         for _ in range(STEPS):
             now, jacobian = self._feet_and_jacobian(angles)
             gap = feet - now
             if np.max(np.abs(gap)) < EXACT_M:
                 break
-            damped = jacobian @ jacobian.transpose(0, 2, 1) + DAMPING * np.eye(3) * np.max(np.abs(gap))
-            inverse = jacobian.transpose(0, 2, 1) @ np.linalg.inv(damped)
-            drawn = pull * self.by_leg(wished - angles)[:, :, None]
+            drawn = pull * (wished - angles)
             pull *= 0.7
-            step = (inverse @ (gap[:, :, None] - jacobian @ drawn) + drawn)[:, :, 0]
-            step = step.ravel() if self._even else step[self.legs, self._nth]
-            angles = angles + np.clip(step, -LONGEST_STEP_RAD, LONGEST_STEP_RAD)
-            if limits:
-                angles = np.clip(angles, self.lowest_rad, self.highest_rad)
+            step = self._step(jacobian, gap, drawn)
+            held = ((angles <= lower) & (step < 0.0)) | ((angles >= upper) & (step > 0.0))
+            if held.any():
+                step = self._step(self.by_leg(~held)[:, None] * jacobian, gap, np.where(held, 0.0, drawn))
+            angles = np.clip(angles + np.clip(step, -LONGEST_STEP_RAD, LONGEST_STEP_RAD), lower, upper)
         error, before = (np.linalg.norm(feet - self.feet(q), axis=1) for q in (angles, start))
         better = error <= np.maximum(before, EXACT_M)
         return np.where(self.of_joints(better), angles, start), np.where(better, error, before)
+
+    def _step(self, jacobian: Array, gap: Array, drawn: Array) -> Array:
+        """Of the joints, that brings feet this far and draws joints so far where it does not move them, shape (J,)."""
+        damped = jacobian @ jacobian.transpose(0, 2, 1) + DAMPING * np.eye(3) * np.max(np.abs(gap))
+        inverse = jacobian.transpose(0, 2, 1) @ np.linalg.inv(damped)
+        along = self.by_leg(drawn)[:, :, None]
+        return np.asarray((inverse @ (gap[:, :, None] - jacobian @ along) + along)[self.legs, self._nth, 0])
 
     def beyond(self, angles: Array) -> Array:
         """How far joints are beyond their limits, 0 within, shapes (…, J) [rad, or m where a joint slides]."""

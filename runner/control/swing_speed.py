@@ -35,7 +35,8 @@ class SwingSpeed:
         legs are there, shape (N,).
 
         A leg that is where it should be goes with what it follows; one that is elsewhere comes there, braking in time,
-        and neither turns faster, nor changes how fast it turns by more in a period, than ``RAMP_S`` lets it.
+        and neither turns faster, nor changes how fast it turns by more in a period, than ``RAMP_S`` lets it; at a limit
+        of a joint, which it may be late to brake for, it stops.
         """
         period = self._period_s
         follows = np.zeros_like(angles) if self._wanted is None else (angles - self._wanted) / period
@@ -49,7 +50,8 @@ class SwingSpeed:
         velocity = velocity / self._each(np.maximum(1.0, self._used(velocity)))
         change = velocity - rates
         change = change / self._each(np.maximum(1.0, self._used(change) * RAMP_S / period))
-        led = np.where(self._each(air) > 0.0, before + period * (rates + change), angles)
+        on = np.clip(before + period * (rates + change), self._kinematics.lowest_rad, self._kinematics.highest_rad)
+        led = np.where(self._each(air) > 0.0, on, angles)
         self._wanted = angles
         self.late = self._kinematics.by_leg(np.abs(angles - led)).max(axis=1) > LATE_RAD
         slower = period / PAUSE_S

@@ -34,6 +34,19 @@ __all__ = ["plan"]
 PERIOD_S, VELOCITY_RAD_S = 0.005, 4.0
 
 
+def test_a_joint_that_comes_too_fast_to_brake_stops_at_its_limit() -> None:
+    kinematics = Kinematics(hexapod())
+    swing = SwingSpeed(kinematics, np.full(24, VELOCITY_RAD_S), PERIOD_S)
+    lowest, air = kinematics.lowest_rad[5], np.arange(6) == 1
+    before, rates = np.zeros(24), np.zeros(24)
+    before[5], rates[5] = lowest + 0.005, -0.9 * VELOCITY_RAD_S  # a hip, a few milliradians before its limit
+    goal = np.zeros(24)
+    goal[5] = lowest
+    angles = swing.led(before, rates, goal, air)
+    assert before[5] + PERIOD_S * rates[5] < lowest
+    assert angles[5] == lowest
+
+
 def test_a_joint_that_is_asked_to_jump_comes_to_its_speed_softly_and_the_motion_waits_for_it() -> None:
     kinematics = Kinematics(hexapod())
     swing = SwingSpeed(kinematics, np.full(24, VELOCITY_RAD_S), PERIOD_S)

@@ -112,6 +112,22 @@ def test_a_joint_that_would_have_to_go_beyond_its_limit_is_said_by_how_much() ->
     assert np.all(np.abs(answer.angles.reshape(6, 4)[:, 0]) <= 0.1 + 1e-12)
 
 
+def test_joints_at_a_limit_wait_and_the_others_reach(kinematics: Kinematics) -> None:
+    """Four joints a leg: with the hip at its limit three are left, and a start beyond it is no answer."""
+    rng, count = np.random.default_rng(0), len(kinematics.robot.limbs)
+    lower, upper = (limit.reshape(count, 4) for limit in (kinematics.lowest_rad, kinematics.highest_rad))
+    for _ in range(20):
+        goal = np.tile([0.0, -1.79, 0.3, 2.0], (count, 1)) + rng.uniform(-0.1, 0.1, (count, 4))
+        goal = np.clip(goal, lower, upper)
+        begun = np.clip(goal + rng.uniform(-0.05, 0.05, goal.shape), lower, upper)
+        begun[:, 1] = lower[:, 1] - 0.01
+        wished = begun.copy()
+        wished[:, 1] -= 0.1  # beyond
+        angles, error = kinematics.reach(kinematics.feet(goal.ravel()), begun.ravel(), wished.ravel())
+        assert error.max() < 1e-6
+        assert kinematics.beyond(angles).max() == 0.0
+
+
 def test_torques_are_those_of_virtual_work(kinematics: Kinematics) -> None:
     rng = np.random.default_rng(3)
     angles, turn, forces = rng.uniform(-1.0, 1.0, 24), rotation_of([0.1, -0.2, 0.05]), rng.normal(size=(6, 3)) * 30.0

@@ -1,0 +1,18 @@
+"""Data sets that ship with the package, by name: small pools to draw scenes from without labelling any."""
+
+from __future__ import annotations
+
+from importlib import resources
+from pathlib import Path
+
+
+def pools() -> dict[str, Path]:
+    """The folder of each data set that ships, by its name, pool-CLASS."""
+    folder = Path(str(resources.files("stancekit.envs.pools")))
+    return {path.parent.name: path.parent for path in sorted(folder.glob("pool-*/header.json"))}
+
+
+def folder_of(path: str | Path) -> Path:
+    """This folder; that of a data set that ships where there is none of this name."""
+    folder = Path(path)
+    return folder if folder.exists() else pools().get(str(path), folder)
