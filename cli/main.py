@@ -137,6 +137,7 @@ def parse(arguments: Sequence[str]) -> Verb:
 def _flowing() -> Iterator[None]:
     """Have options' texts broken where the terminal ends; tyro keeps the lines of the source, and breaks them, too."""
     import docstring_parser
+    from tyro._docstrings import parse_docstring_from_object as kept
 
     plain = docstring_parser.parse_from_object
 
@@ -147,6 +148,7 @@ def _flowing() -> Iterator[None]:
         return found
 
     docstring_parser.parse_from_object = flowing
+    kept.cache_clear()  # of verbs that were run before, in this process
     try:
         yield
     finally:

@@ -124,7 +124,7 @@ def prepare_plan(
     if settings.check_limits:
         timed = parametrize(
             plan, kinematics, world.capabilities, settings.timing, forces_n=forces_n, hung=settings.hung,
-            drives=world.drives, longer=longer,
+            drives=world.drives, longer=longer, wished=wished,
         )  # fmt: skip
         motion, pace, bound_by, wished = timed.motion, timed.pace, timed.bound_by, timed.profile.wished
         _check_heat(accepted.source, timed.profile, world)

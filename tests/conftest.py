@@ -167,19 +167,35 @@ def timed() -> dict[str, Any]:
 
 @pytest.fixture
 def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    """Runs of one plan, on one kind of world, at one pace, share its time parametrisation, most of a run's work."""
+    """Runs of one plan, on one kind of world, at one pace, share its postures, its time parametrisation and whether its
+    bodies collide, most of a run's work."""
     from stancekit.runner import prepared
     from stancekit.runner.motion.redundancy import near_of
-    from stancekit.runner.motion.time_parametrization import parametrize
 
-    def once(plan: Any, kinematics: Any, can: Any, *how: Any, **options: Any) -> Any:
-        body = (kinematics.robot, kinematics.servo, kinematics.gravity_m_s2, near_of(kinematics))
-        asked = str(joblib.hash((plan, body, can, how, options)))
+    resolve, parametrize, collide = prepared.resolved, prepared.parametrize, prepared.motion_bodies
+
+    def body(kinematics: Any) -> tuple[Any, ...]:
+        return kinematics.robot, kinematics.servo, kinematics.gravity_m_s2, near_of(kinematics)
+
+    def once(make: Callable[..., Any], key: tuple[Any, ...], *arguments: Any, **options: Any) -> Any:
+        asked = str(joblib.hash((make.__name__, key)))
         if asked not in timed:
-            timed[asked] = parametrize(plan, kinematics, can, *how, **options)
+            timed[asked] = make(*arguments, **options)
         return timed[asked]
 
-    monkeypatch.setattr(prepared, "parametrize", once)
+    def postures(motion: Any, kinematics: Any) -> Any:
+        key = (motion.plan, motion.timing, motion.phases, body(kinematics))
+        return once(resolve, key, motion, kinematics)
+
+    def paced(plan: Any, kinematics: Any, can: Any, *how: Any, **options: Any) -> Any:
+        return once(parametrize, (plan, body(kinematics), can, how, options), plan, kinematics, can, *how, **options)
+
+    def collision(plan: Any, targets: Any, kinematics: Any) -> Any:
+        key = (plan, np.array([target.angles_rad for target in targets]), body(kinematics))
+        return once(collide, key, plan, targets, kinematics)
+
+    for name, kept in (("resolved", postures), ("parametrize", paced), ("motion_bodies", collision)):
+        monkeypatch.setattr(prepared, name, kept)
 
 
 @pytest.fixture(scope="session")

@@ -41,10 +41,11 @@ class MomentumMeasurements:
         impulses = np.concatenate([np.zeros((1, 3)), np.cumsum(residual.values, axis=0)]) * self.step_s
         stride = 1 + (len(impulses) - 1) // MOST_EDGES
         edges = np.unique(np.append(np.arange(0, len(impulses), stride), len(impulses) - 1))
-        sums, lasts = impulses[edges], edges * self.step_s
+        sums, lasts = np.ascontiguousarray(impulses[edges].T), edges * self.step_s
         worst, begins = 0.0, 0
         for apart in range(1, len(edges)):
-            size = np.linalg.norm(sums[apart:] - sums[:-apart], axis=1) - rate * (lasts[apart:] - lasts[:-apart])
+            within = sums[:, apart:] - sums[:, :-apart]
+            size = np.sqrt(np.einsum("ik,ik->k", within, within)) - rate * (lasts[apart:] - lasts[:-apart])
             at = int(size.argmax())
             if size[at] > worst:
                 worst, begins = float(size[at]), int(edges[at])

@@ -103,17 +103,20 @@ def parametrize(
     hung: bool = False,
     drives: Drives | None = None,
     longer: Array | None = None,
+    wished: RedundancyResolution | None = None,
 ) -> TimedMotion:
     """The plan's motion, slowed down until all limits hold.
 
     share: of the limits of velocity and torque that may be used. hung: the robot hangs in a stand, its feet carry
-    nothing. drives: whose torques fall with speed, where they do. longer: as of ``PlanMotion``. Raises InvalidInput,
-    with time, limb and joint, where a foot is out of reach, or a torque at rest too large: no pace helps there.
+    nothing. drives: whose torques fall with speed, where they do. longer: as of ``PlanMotion``. wished: postures of
+    this motion at any pace, where they are known. Raises InvalidInput, with time, limb and joint, where a foot is out
+    of reach, or a torque at rest too large: no pace helps there.
     """
     pace, bound_by = 1.0, ""
     for _ in range(ROUNDS):
         motion = PlanMotion(plan, timing.at_pace(pace), forces_n, longer)
-        profile = joint_profile(motion, kinematics, hung=hung, drives=drives)
+        wished = resolved(motion, kinematics) if wished is None else wished.retimed(motion.knots_s)
+        profile = joint_profile(motion, kinematics, hung=hung, drives=drives, wished=wished)
         check_static(profile, kinematics, can, share)
         uses = limit_use(profile, can, acceleration_rad_s2=acceleration_rad_s2, share=share, drives=drives)
         slower = min((1.0 / use if name in LINEAR else use**-0.5) for name, (use, _) in uses.items() if use > 0.0)
@@ -136,11 +139,12 @@ def joint_profile(
     hung: bool = False,
     balanced: bool = False,
     drives: Drives | None = None,
+    wished: RedundancyResolution | None = None,
 ) -> JointProfile:
     """Inverse kinematics along a whole motion, and what it takes. balanced: the motion's forces are those that push
     the body as it moves, as a gait's are, and not those at rest. drives: whose rotors are turned; the robot's own where
-    none are given."""
-    wished, period_s = resolved(motion, kinematics), 1.0 / rate_hz
+    none are given. wished: postures at the motion's knots, where they are known."""
+    wished, period_s = wished or resolved(motion, kinematics), 1.0 / rate_hz
     targets = undisturbed(motion, kinematics, rate_hz, wished, STEADY if balanced else BLIND)
     angles = np.array([target.angles_rad for target in targets])
     velocity = np.gradient(angles, period_s, axis=0)

@@ -93,7 +93,7 @@ def test_help_lists_the_names_that_there_are(registry):
 
 def test_the_session_of_the_help_is_one_that_runs(stancekit, write, tmp_path):
     small = {"label": ("--feasible", "4", "--infeasible", "4", "--workers", "1"), "fit": ("--steps", "1")}
-    small |= {"plan": ("--frames", "3"), "simulate": ("--pace", "4"), "run": ("--pace", "4")}
+    small |= {"plan": ("--frames", "2"), "simulate": ("--pace", "4"), "run": ("--pace", "4")}
     (tmp_path / "data").mkdir()
     lines = [line.split()[1:] for line in stancekit().out.splitlines() if line.startswith("  stancekit ")]
     assert len(lines) == 7 + len(PLANS)

@@ -248,7 +248,7 @@ def test_in_a_simulation_the_report_is_that_of_an_execution_and_a_replay_sends_t
     again = Runner(make_world("replay", course.robot, setup=path), settings=FAST).run(accepted)
     assert again.replay_rad == 0.0
     assert again.joint_rms_rad == report.joint_rms_rad
-    slower = replace(FAST, timing=Timing())
+    slower = replace(FAST, timing=Timing().at_pace(1.5))
     other = Runner(make_world("replay", course.robot, setup=path), settings=slower).run(accepted)
     assert "the log ends after" in other.message
     figure = draw_tracking(read_log(path))

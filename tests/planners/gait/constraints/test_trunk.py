@@ -8,7 +8,6 @@ import numpy as np
 from stancekit.planners.gait.constraints.trunk import lower_face, near
 from stancekit.planners.gait.formulation import formulate
 from stancekit.planners.gait.gait_program import GaitProgram
-from stancekit.planners.gait.method.densification import densified
 from stancekit.planners.gait.task import GaitTask
 from stancekit.planners.gait.variables.structure import Structure
 from stancekit.planners.robot.single_body import anymal
@@ -37,28 +36,22 @@ def test_level_ground_gets_no_rows_and_a_rim_gets_them_when_the_robot_is_there(
 
 
 def test_a_pit_of_79_degrees_is_climbed_with_the_trunk_clear_between_all_nodes_and_points() -> None:
-    found = pit().solve()
+    found = pit(duration_s=6.0).solve()
     assert found.success
     report = check_trajectory(found.trajectory())
-    assert {group.group for group in report.refused} <= {"traction_impulse", "traction_way"}, report.message
-    if not report.accepted:  # that the cones hold at the nodes alone can leave too much missing between them
-        dense = densified(found.program, report)
-        assert dense is not None
-        found = dense.solve(found.x)
-        report = check_trajectory(found.trajectory())
     assert report.accepted, report.message
-    at, half = found.samples(np.linspace(0.0, 10.0, 1001)), found.program.task.robot.trunk_half_m
+    at, half = found.samples(np.linspace(0.0, 6.0, 1001)), found.program.task.robot.trunk_half_m
     lines = (np.linspace(-side, side, count) for side, count in zip(half[:2], (25, 5), strict=True))
     face = np.array([(x, y, -half[2]) for x, y in product(*lines)])
     points = at.torso_m[:, None] + np.einsum("kij,nj->kni", at.rotation, face)
     assert float((points[..., 2] - found.program.task.terrain.height(points[..., :2])).min()) > 0.0
 
 
-def pit() -> GaitProgram:
+def pit(duration_s: float = 10.0) -> GaitProgram:
     """Out of the pit of 79°, straight ahead."""
     task = GaitTask(
-        robot=anymal(), terrain=reference_terrain("pit"), start_xy_m=np.zeros(2), goal_xy_m=np.array([2.2, 0.0]),
-        adhesive=(True, True, False, False),
+        robot=anymal(), terrain=reference_terrain("pit"), start_xy_m=np.zeros(2), goal_xy_m=np.array([2.0, 0.0]),
+        adhesive=(True, True, False, False), duration_s=duration_s,
     )  # fmt: skip
     return formulate(task)
 
