@@ -181,6 +181,7 @@ class ClosedLoop:
         course, servo = self._planning.course, self.runner.world.servo
         failures = []
         for standing in starts:
+            self._planning.course = course
             kinematics = Continued(course.robot, servo, gravity_m_s2=course.gravity_m_s2, near=near)
             try:
                 return self._ready(standing, kinematics)
@@ -192,9 +193,10 @@ class ClosedLoop:
 
     def _ready(self, standing: Standing | None, kinematics: Kinematics | None = None) -> Prepared[PlanMotion]:
         """A plan from there, prepared; a bent one where joints or bodies cannot do what contacts can."""
-        runner = self.runner
+        runner, course = self.runner, self._planning.course
 
         def made(limits: WholeBodyLimits | None) -> Prepared[PlanMotion]:
+            self._planning.course = course  # what was put in for a plan that cannot be run is forgotten
             accepted = self._planning.plan(self._frame, standing, slid=self._slid, limits=limits)
             return runner.prepare(accepted, kinematics)
 

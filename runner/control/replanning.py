@@ -71,9 +71,9 @@ class Replanner:
         """Observe, choose, plan, verify.
 
         frame: of the course, at which the robot stands so, None at the beginning; its patches with the course's own
-        friction. slid: feet did, so that the body may
-        first move to where there is more reserve, before anybody lifts. limits: of joints and bodies, to which the plan
-        is bent. Raises PlanningFailed where there is none, InvalidInput where the verifier rejects it.
+        friction. slid: feet did, so that the body may first move to where there is more reserve, before anybody lifts.
+        limits: of joints and bodies, to which the plan is bent. Raises PlanningFailed where there is none, InvalidInput
+        where the verifier rejects it.
         """
         begin = time.perf_counter()
         share, shares = self._shares()
