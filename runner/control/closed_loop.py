@@ -71,7 +71,7 @@ class ClosedLoop:
         """
         begin, runner = time.perf_counter(), self.runner
         prepared = self._ready(None) if first is None else runner.prepare(first)
-        self._prepared = prepared
+        self._prepared, self._planning.plans = prepared, 1
         ended, message = runner.perform(prepared, self._walk, terrain)
         prepared = self._prepared
         final = float("nan")
