@@ -17,13 +17,13 @@ LINKS := .editable/stancekit
 BENCHMARKS := $(filter-out benchmarks/_%,$(wildcard benchmarks/*.py))
 
 # One thread a process: the problems are small, and the work is spread over processes.
-test docs demo bench: export OMP_NUM_THREADS = 1
-test docs demo bench: export OPENBLAS_NUM_THREADS = 1
+test docs demo gallery bench: export OMP_NUM_THREADS = 1
+test docs demo gallery bench: export OPENBLAS_NUM_THREADS = 1
 
 # Tests start hundreds of processes: without bytecode each of them compiles the package again.
 test: export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: help setup lint test docs demo bench wheel smoke clean
+.PHONY: help setup lint test docs demo gallery bench wheel smoke clean
 
 help:  ## list these targets
 	@grep -E '^[a-z]+:.*## ' Makefile | sed -E 's/^([a-z]+):.*## (.*)/make \1\t\2/' | expand -t 14
@@ -71,6 +71,9 @@ demo: setup  ## plan on sampled terrain and write pictures and files to out/demo
 	@$(BIN)/stancekit demo --out out/demo
 	@$(BIN)/stancekit plan icy-walls --out out/demo/climb.json --picture out/demo/climb.png
 	@$(BIN)/stancekit simulate out/demo/climb.json
+
+gallery: setup  ## make the pictures, films and pages of docs/gallery.md again: minutes
+	@$(BIN)/python docs/gallery.py
 
 bench: setup  ## run every script in benchmarks/
 	@test -n "$(BENCHMARKS)" || { echo "there is no script in benchmarks/"; exit 1; }

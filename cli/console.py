@@ -5,17 +5,20 @@ from __future__ import annotations
 import io
 import json
 import sys
+import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any, Protocol, TextIO, TypeVar
 
 from rich.console import Console, ConsoleOptions, ConsoleRenderable, RenderableType, RenderHook, RenderResult
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.segment import Segment
 
 from stancekit.planners.errors import InvalidInput
+
+Item = TypeVar("Item")
 
 
 class _Plain:
@@ -129,12 +132,24 @@ class Lines:
         now_s = time.monotonic()
         if self._asks and now_s - self._said_s >= EVERY_S:
             self._said_s = now_s
-            err.print(f"{self._title}: {where}, {now_s - self._began_s:.0f} s")
+            with suppress(OSError, ValueError):  # nobody is there to read it, or not any more
+                err.print(f"{self._title}: {', '.join(filter(None, (where, f'{now_s - self._began_s:.0f} s')))}")
+
+
+class Show(Protocol):
+    """Told how far work is."""
+
+    def __call__(self, done: int, total: int, stage: str = "", /) -> None:
+        """So much of so much; stage: what is being done, where that says more."""
+        ...
 
 
 @contextmanager
-def progress(title: str) -> Iterator[Callable[[int, int], None]]:
-    """A progress bar on standard error, or lines where that is no terminal; call it with (done, total)."""
+def progress(title: str) -> Iterator[Show]:
+    """A progress bar on standard error; call it with (done, total), and what is being done where that says more.
+
+    Where standard error is no terminal, lines: now and then, whether it was called meanwhile or not.
+    """
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -143,13 +158,36 @@ def progress(title: str) -> Iterator[Callable[[int, int], None]]:
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=err, transient=True, disable=not err.is_terminal) as bar:
-        task, lines = bar.add_task(title, total=None), Lines(title)
+        task, lines, ended = bar.add_task(title, total=None), Lines(title), threading.Event()
+        where = [""]
 
-        def show(done: int, total: int) -> None:
-            bar.update(task, completed=done, total=total)
-            lines.say(f"{done} of {total}")
+        def show(done: int, total: int, stage: str = "", /) -> None:
+            bar.update(task, completed=done, total=total, description=f"{title}: {stage}" if stage else title)
+            where[0] = stage or f"{done} of {total}"
+            lines.say(where[0])
 
-        yield show
+        def watch() -> None:
+            while not ended.wait(0.1 * EVERY_S or None):
+                lines.say(where[0])
+
+        watcher = threading.Thread(target=watch, name=title, daemon=True)
+        if not err.is_terminal:
+            watcher.start()
+        try:
+            yield show
+        finally:
+            ended.set()
+            if watcher.ident is not None:
+                watcher.join()
+
+
+def counted(items: Iterable[Item], total: int, title: str) -> Iterator[Item]:
+    """The same items, counted on standard error: each is work, such as a film's frames."""
+    with progress(title) as bar:
+        bar(0, total)
+        for number, item in enumerate(items, 1):
+            bar(number, max(number, total))
+            yield item
 
 
 @contextmanager

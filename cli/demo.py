@@ -38,12 +38,14 @@ def decide(shown: dict[str, tuple[int, ...]], folder: Path) -> None:
             out.print(f"three toes on two leaning walls ({name}, seed {seed}): {outcome.status.value}")
             if outcome.posture is not None:
                 out.print(f"  posture {check_posture(problem, outcome.posture).message}")
+            why = ""
             if outcome.certificate is not None:
+                why = explain(problem, outcome.certificate).message
                 proof = check_certificate(problem, outcome.certificate)
                 verdict = "accepted" if proof.accepted else "refused"
                 out.print(f"  certificate {verdict}, without a solver: no posture, however forces and toes are chosen")
-                out.print(f"  {explain(problem, outcome.certificate).message}")
-            save(draw_posture(problem, outcome.posture), picture)
+                out.print(f"  {why}")
+            save(draw_posture(problem, outcome.posture, why=why), picture)
             out.print(f"  picture {picture}")
     out.print()
 

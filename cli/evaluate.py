@@ -50,7 +50,7 @@ class Evaluate:
     neural-wall-3; or your own."""
     lift: Annotated[bool, tyro.conf.arg(help_behavior_hint="")] = True
     """Leave out the lift, which needs no envelope and is compared with the others unless told so."""
-    project: Annotated[tuple[str, ...], PROJECTION] = ("fix-p", "lift-fix-p", "fix-toes", "scp")
+    projection: Annotated[tuple[str, ...], PROJECTION] = ("fix-p", "lift-fix-p", "fix-toes", "scp")
     """Projections; nlp takes some 30 ms a problem."""
     workers: int = 1
     """Processes. Times of P1 are honest with as many as there are idle cores."""
@@ -73,9 +73,9 @@ class Evaluate:
         from stancekit.planners.answer.answer_file import read_envelopes
         from stancekit.planners.projection.project import PROJECTIONS
 
-        if not self.project:
-            raise InvalidInput("--project: expected one or more projections, got none")
-        for name in self.project:
+        if not self.projection:
+            raise InvalidInput("--projection: expected one or more projections, got none")
+        for name in self.projection:
             PROJECTIONS.get(name)
         if not (self.envelope or self.selector or self.lift):
             raise InvalidInput("--envelope, --selector: expected one or more files to compare, or the lift, got none")
@@ -89,7 +89,7 @@ class Evaluate:
         scenes = scenes_of(dataset)
         if not scenes:
             raise InvalidInput(f"{self.dataset}: expected feasible or not trivially infeasible rows, got none")
-        ways = tuple(dict.fromkeys(self.project))
+        ways = tuple(dict.fromkeys(self.projection))
         run = executor(self.executor, workers=self.workers, address=self.address)
         scores = []
         for where, learned in selectors:
@@ -115,10 +115,11 @@ class Evaluate:
 def score_table(problem_class: str, scores: list[Score]) -> Table:
     """The comparison as a table that fits into 80 columns, with the paper's rows below."""
     from stancekit.learners.evaluation.evaluate import TABLE_I
+    from stancekit.learners.evaluation.leaderboard import title_of
 
     ways = list(scores[0].projected) if scores else []
     counts = f"{scores[0].p1_feasible.of} feasible and {scores[0].p1_infeasible.of} infeasible" if scores else "no"
-    title = f"{problem_class}: % of {counts} postures\n± half the 95 % interval"
+    title = f"{title_of(problem_class)}: % of {counts} postures\n± half the 95 % interval"
     table = Table(
         title=title, title_justify="left", header_style="bold", box=None, padding=(0, 1, 0, 0), pad_edge=False
     )

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .console import err, progress
+from .console import counted, err
 
 if TYPE_CHECKING:
     from stancekit.planners.files.arrays import Array
     from stancekit.planners.gait.method.attempt import Attempted
     from stancekit.planners.gait.method.portfolio import GaitPlan
     from stancekit.planners.gait.task import GaitTask
-    from stancekit.views.video import Frame
 
 PHASES = ("feasible", "smooth", "densify")
 FPS = 25.0
@@ -57,15 +56,7 @@ def draw(
         from stancekit.views.video import write_video
 
         frames = motion_frames(best.trajectory, best.report, warp=_map(best), fps=FPS)
-        write_video(video, _counted(frames, round(FPS * best.trajectory.duration_s)), FPS)
-
-
-def _counted(frames: Iterator[Frame], total: int) -> Iterator[Frame]:
-    """The frames, counted on standard error: a film takes a while."""
-    with progress("film") as bar:
-        for number, frame in enumerate(frames, 1):
-            bar(number, total)
-            yield frame
+        write_video(video, counted(frames, round(FPS * best.trajectory.duration_s), f"film {video}"), FPS)
 
 
 def _map(one: Attempted) -> Callable[[Array], Array] | None:

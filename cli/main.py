@@ -77,10 +77,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
         print(f"stancekit {version('stancekit')}")
         return
-    if arguments in ([], ["--help"], ["-h"]):
-        print(overview())
-        return
     try:
+        if arguments in ([], ["--help"], ["-h"]):
+            print(overview(), flush=True)
+            return
         verb = parse(arguments)
     except BrokenPipeError:  # `stancekit VERB --help | head`
         _close_output()

@@ -29,7 +29,7 @@ class Picture:
     """How to solve it; none draws the scene alone."""
     envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file: drawn, and used by two-stage."""
-    project: Annotated[str, PROJECTION] = "scp"
+    projection: Annotated[str, PROJECTION] = "scp"
     """Projection of two-stage."""
     json: bool = False
     """Print what was drawn as one JSON object."""
@@ -39,6 +39,7 @@ class Picture:
         from stancekit.planners.answer.answer_file import read_envelopes, read_problems
         from stancekit.planners.files.writing import check_writable
         from stancekit.planners.search.methods import PlannerOptions, make_planner
+        from stancekit.planners.verify import explain
         from stancekit.views.postures import draw_posture
         from stancekit.views.sheet import save
 
@@ -55,17 +56,19 @@ class Picture:
                 envelopes.check_fits(problem)
             except InvalidInput as error:
                 raise InvalidInput(f"{where}: {error}") from None
-        caption, posture, chosen, status = "", None, 0, None
+        caption, why, posture, chosen, status = "", "", None, 0, None
         if self.method != "none":
-            options = PlannerOptions(envelopes=envelopes, projection=self.project)
+            options = PlannerOptions(envelopes=envelopes, projection=self.projection)
             outcome = make_planner(self.method, options).solve(problem)
             posture, status = outcome.posture, outcome.status.value
             chosen = int(outcome.details.get("chosen", 0))
             caption = f"{outcome.method}: {outcome.status.value}, {1e3 * outcome.seconds:.1f} ms"
+            if outcome.certificate is not None:
+                why = explain(problem, outcome.certificate).message
         envelope = None if envelopes is None else envelopes.envelopes[chosen]
-        save(draw_posture(problem, posture, envelope=envelope, caption=caption), self.out)
+        save(draw_posture(problem, posture, envelope=envelope, caption=caption, why=why), self.out)
         if self.json:
             emit({"where": where, "out": str(self.out), "method": self.method, "status": status})
         else:
-            out.print(f"{self.out}: {caption or 'the scene alone'}")
+            out.print(f"{self.out}: {'; '.join(filter(None, (caption, why))) or 'the scene alone'}")
         return 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -12,7 +12,7 @@ import tyro
 from stancekit.planners.errors import InvalidInput
 
 from .between import Between
-from .console import as_options, complain, emit, out, progress
+from .console import as_options, complain, counted, emit, out, progress
 from .names import PROJECTION, named
 from .options import OptionalFloat, OptionalInt, OptionalPath, OptionalText, check_drawn, check_planner
 from .plan_table import message_of, row, table_of
@@ -127,12 +127,13 @@ class PlanCourse:
         planner = self._planner()
         course = self.between.course(self.course, self.frames, self.robot, reach=self.reach)
         with progress(f"plan {course.name} by {self.planner}") as bar:
+            bar(0, 2, "contacts and forces")
             outcome = plan_with_reserve(planner, course) if self._reserved() else planner.solve(course)
             if self._has_sets(course) and outcome.certificate is not None:
                 around = self.between.course(self.course, self.frames, self.robot, "outer")
                 course, outcome = refuted(course, outcome, around, planner.solve(around))
+            bar(1, 2, "joints, torques and bodies")
             outcome, report = self._whole_body(outcome)
-            bar(1, 1)
         if outcome.plan is not None and report is not None:
             self._write(outcome.plan, report)
         proved = outcome.certificate is not None
@@ -229,8 +230,7 @@ class PlanCourse:
             from stancekit.views.plans import FPS, frame_count, plan_frames
             from stancekit.views.video import write_video
 
-            with progress(f"video {self.video}") as bar:
-                write_video(self.video, _counted(plan_frames(plan), bar, frame_count(plan)), fps=FPS)
+            write_video(self.video, counted(plan_frames(plan), frame_count(plan), f"film {self.video}"), fps=FPS)
         if self.html is not None:
             from stancekit.views.page import write_page
             from stancekit.views.plans import PlanView
@@ -277,9 +277,3 @@ class PlanCourse:
             record["plan"] = {name: None if array is None else array.tolist() for name, array in arrays}
             record["files"] = [str(path) for path in self._outputs()]
         return record
-
-
-def _counted(frames: Iterator[Any], bar: Callable[[int, int], None], total: int) -> Iterator[Any]:
-    for done, frame in enumerate(frames, 1):
-        bar(done, max(done, total))
-        yield frame

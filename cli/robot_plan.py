@@ -7,15 +7,23 @@ from collections.abc import Iterator, Mapping
 
 
 def bent_lines(details: Mapping[str, float]) -> Iterator[str]:
-    """What planning with the whole body did to the largest torque and the deepest collision; nothing where it had
-    nothing to do."""
+    """What planning with the whole body did to the largest torque and the deepest collision, and what a larger torque
+    is for; nothing where it had nothing to do."""
     steps = int(details.get("torque_steps", 0.0))
     how = f"in {steps} step{'s' * (steps != 1)}" if steps else "by other forces"
-    before, after = (details.get(name, math.nan) for name in ("torque_nm_before", "torque_nm"))
-    if math.isfinite(after) and before != after:
-        used = [details.get(f"torque_share{when}", math.nan) for when in ("_before", "")]
-        why = f": of the joint nearest to its limit, {used[0]:.2f} → {used[1]:.2f} of it" if after > before else ""
-        yield f"torque: {before:.1f} → {after:.1f} Nm {how}{why}"
-    before, after = (1e3 * details.get(name, math.nan) for name in ("depth_m_before", "depth_m"))
-    if math.isfinite(after) and before != after:
-        yield f"deepest collision: {before:.1f} → {after:.1f} mm {how}"
+    torque, share, depth = (_change(details, name) for name in ("torque_nm", "torque_share", "depth_m"))
+    if torque[0] != torque[1] and math.isfinite(torque[1]):
+        why = ""
+        if torque[1] > torque[0]:
+            eased = f"where the joint nearest to its limit needs {share[0]:.0%} → {share[1]:.0%} of it"
+            why = f", {eased}" if share[1] < share[0] else ", the price of bodies that keep apart"
+        said = [f"{each:.1f}" for each in torque]
+        if said[0] != said[1]:
+            yield f"torque: {said[0]} → {said[1]} Nm {how}{why}"
+    if depth[0] != depth[1] and math.isfinite(depth[1]):
+        yield f"deepest collision: {1e3 * depth[0]:.1f} → {1e3 * depth[1]:.1f} mm {how}"
+
+
+def _change(details: Mapping[str, float], name: str) -> tuple[float, float]:
+    """A figure before and after; nan where it is not known."""
+    return details.get(f"{name}_before", math.nan), details.get(name, math.nan)

@@ -1,14 +1,16 @@
-"""The film of a run."""
+"""Films of what was executed."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .console import complain
+from .console import complain, counted
 
 if TYPE_CHECKING:
+    from stancekit.planners.answer.plan import Plan
     from stancekit.runner.acceptance import Accepted, AcceptedGait
+    from stancekit.runner.execution import Execution
     from stancekit.runner.report import RunReport
 
 
@@ -20,10 +22,19 @@ def film(path: Path | None, request: Accepted | AcceptedGait, report: RunReport)
         complain(f"stancekit: no film: {report.message or 'nothing was measured'}")
         return
     from stancekit.runner.acceptance import Accepted
-    from stancekit.views.executions import FPS, execution_frames, walk_frames
+    from stancekit.views.executions import WALK_FPS, walk_frames
     from stancekit.views.video import write_video
 
     if isinstance(request, Accepted):
-        write_video(path, execution_frames(request.plan, report.execution), FPS)
-    else:
-        write_video(path, walk_frames(request.trajectory, report.execution))
+        film_plan(path, request.plan, report.execution)
+        return
+    frames, total = walk_frames(request.trajectory, report.execution), round(WALK_FPS * request.trajectory.duration_s)
+    write_video(path, counted(frames, total, f"film {path}"), WALK_FPS)
+
+
+def film_plan(path: Path, plan: Plan, execution: Execution) -> None:
+    """Write the film of a plan's execution."""
+    from stancekit.views.executions import FPS, execution_frames, frame_count
+    from stancekit.views.video import write_video
+
+    write_video(path, counted(execution_frames(plan, execution), frame_count(execution), f"film {path}"), FPS)

@@ -14,6 +14,7 @@ from stancekit.planners.errors import InvalidInput
 
 from .console import as_options, complain, emit, out, progress
 from .options import OptionalPath, check_drawn
+from .run_film import film_plan
 
 if TYPE_CHECKING:
     from stancekit.planners.answer.plan import Plan
@@ -107,10 +108,7 @@ class Simulate:
 
             save(draw_execution(plan, execution), self.picture)
         if self.video is not None:
-            from stancekit.views.executions import FPS, execution_frames
-            from stancekit.views.video import write_video
-
-            write_video(self.video, execution_frames(plan, execution), FPS)
+            film_plan(self.video, plan, execution)
 
 
 def _message(report: RunReport, run: Execution) -> str:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 OF_METHODS = {
     "envelope": ("p1", "two-stage", "micp"),
-    "project": ("p1", "lift", "two-stage"),
+    "projection": ("p1", "lift", "two-stage"),
     "solver": ("micp",),
     "intervals": ("micp",),
 }
@@ -57,7 +57,7 @@ class Solve:
     as far as the verifier accepts its postures and certificates."""
     envelope: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Envelope file for p1, two-stage and micp."""
-    project: Annotated[OptionalText, PROJECTION] = None
+    projection: Annotated[OptionalText, PROJECTION] = None
     """Projection after the relaxation of two-stage (there scp unless another is named), p1 or lift."""
     solver: Literal["highs", "scip", "gurobi"] = "highs"
     """Solver of micp."""
@@ -87,7 +87,7 @@ class Solve:
         envelopes = None if self.envelope is None else read_envelopes(self.envelope)
         with as_options(*SETTINGS):
             options = PlannerOptions(
-                envelopes=envelopes, projection=self.project, solver=self.solver, intervals=self.intervals,
+                envelopes=envelopes, projection=self.projection, solver=self.solver, intervals=self.intervals,
                 time_limit_s=self.time_limit_s, programs=Programs(engine=self.engine),
             )  # fmt: skip
             planner = make_planner(self.method, options)

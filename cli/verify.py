@@ -39,7 +39,7 @@ class Verify:
     """
 
     problems: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="PROBLEMS")]
-    """Problem file, or - for standard input; or a data set folder, a plan file, a gait file."""
+    """Problem file, or - for standard input; or a data set, by folder or, where it ships, by name; a plan; a gait."""
     answers: Annotated[OptionalPath, tyro.conf.Positional, tyro.conf.arg(metavar="[ANSWERS]")] = None
     """File of answers, or - for standard input; none for a data set, a plan or a gait."""
     tolerance: float = TOLERANCE
@@ -62,6 +62,10 @@ class Verify:
             if getattr(self, option) is not None and not (self.answers is None and self.problems.is_file()):
                 raise InvalidInput(f"--{option}: expected {wanted} file with it")
         if self.answers is None:
+            if not self.problems.exists():
+                from stancekit.envs.data.pools import folder_of
+
+                self.problems = folder_of(self.problems)  # one that ships
             if not self.problems.exists():
                 raise InvalidInput(f"{self.problems}: expected a plan, proof, gait or data set, found nothing there")
             return self._file() if self.problems.is_file() else self._dataset()

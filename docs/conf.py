@@ -34,7 +34,7 @@ extensions = [
     "generated",
 ]
 source_suffix = {".md": "markdown", ".rst": "restructuredtext"}
-exclude_patterns = ["_build", "extensions", "examples", "sg_execution_times.rst"]
+exclude_patterns = ["_build", "gallery", "extensions", "examples", "sg_execution_times.rst"]
 nitpicky = False  # types of other packages have no pages here
 
 myst_enable_extensions = ["dollarmath", "attrs_inline", "colon_fence", "deflist"]
@@ -63,7 +63,7 @@ sphinx_gallery_conf = {
 
 html_theme = "furo"
 html_title = f"Stancekit {release}"
-html_static_path = ["static", "_build/films"]
+html_static_path = ["static", "gallery", "_build/films"]
 html_css_files = ["stancekit.css"]
 html_theme_options = {"navigation_with_keys": True}
 html_copy_source = False

@@ -37,6 +37,25 @@ NEEDS = {
     "docs/learning-own-robot.md": "trimesh", "3_own_robot": "mujoco",
 }  # fmt: skip
 
+PAGE_OF_TWO = """# Page
+```sh
+echo > shared.png
+```
+## First
+<!-- file: one.yaml -->
+```yaml
+a: 1
+```
+```sh
+cat one.yaml > one.png
+```
+## Second
+```sh
+cat shared.png > two.png
+```
+"""
+"""Of a gallery: a heading that is not asked for is not made; what all need is."""
+
 
 def blocks(page: str) -> list[tuple[str, str, str]]:
     """File, language and text of a page's blocks."""
@@ -189,6 +208,30 @@ def test_every_script_that_measures_is_on_the_page_of_benchmarks(extension) -> N
     briefs = extension("scripts").briefs()
     assert len(briefs) > 30
     assert [name for name, (brief, _) in briefs.items() if not brief] == []
+
+
+def test_what_the_gallery_shows_is_there_and_made_by_a_command_on_its_page() -> None:
+    text = (DOCS / "gallery.md").read_text(encoding="utf-8")
+    shown = set(re.findall(r"(?:_static|gallery)/([\w.-]+)", text))
+    made = {name for _, language, block in blocks("docs/gallery.md") if language == "sh" for name in block.split()}
+    assert len(shown) >= 10
+    assert shown == {path.name for path in (DOCS / "gallery").iterdir()}
+    assert shown <= made
+    assert sum(path.stat().st_size for path in (DOCS / "gallery").iterdir()) < 8_000_000
+
+
+def test_the_gallery_is_made_by_the_commands_of_its_page(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(DOCS))
+    gallery = importlib.import_module("gallery")
+    Path("page.md").write_text(PAGE_OF_TWO, encoding="utf-8")
+    for name, place in (("PAGE", "page.md"), ("FOLDER", "shown"), ("WORK", "work")):
+        monkeypatch.setattr(gallery, name, Path(place))
+    assert gallery.main(["Second"]) == 0
+    assert sorted(path.name for path in Path("shown").iterdir()) == ["shared.png", "two.png"]
+    assert gallery.main(["Third"]) == 2
+    assert gallery.main([]) == 0
+    assert (Path("shown") / "one.png").read_text(encoding="utf-8") == "a: 1\n"
+    assert not (Path("shown") / "one.yaml").exists()
 
 
 def test_the_citation_has_both_papers_and_the_version_of_the_package() -> None:

@@ -20,19 +20,21 @@ from stancekit.runner.record import TOUCH_N
 
 from .contact_strip import FILM_PX as WALK_PX
 from .film import film_frames
-from .gaits import motion_frames
+from .gaits import GRID_M, motion_frames
 from .plan_motion import Moment
 from .plans import FILM_PX, PlanView
 from .scene import UP, Layer, Motion, Path, Scene
 from .shapes import polyline
 from .sheet import DEFAULT_STYLE, SIZE_PX, Size, headline, plain_axes, sheet
 from .still import Still
+from .terrain import SCALE
 from .video import Frame
 
 REAL = "#c2410c"
 SPEED = 2.0
 """Films run this much faster than the world."""
-FPS = 10.0
+FPS, WALK_FPS = 20.0, 30.0
+"""Of films of plans, and of walks, which are as fast as the world."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,17 +79,18 @@ class ExecutionView(PlanView):
         most = np.abs(trace.torques_nm[: row + 1]).max()
         return (
             f"{trace.time_s[row]:.1f} s   ·   centre of mass {away:.1f} mm from the plan   ·   "
-            f"largest torque so far {most:.1f} of {self.execution.torque_limit_nm:g} Nm"
+            f"largest torque so far {most:.1f} of {self.execution.torque_limit_nm:g} Nm   ·   {SCALE}"
         )
 
     def played(self) -> Motion:
         """The execution as a motion, ``FPS`` moments a second at ``SPEED`` times the pace."""
         times = self.execution.trace.time_s
-        rows = [int(np.searchsorted(times, time_s)) for time_s in np.arange(0.0, times[-1], SPEED / FPS)]
+        shown = np.arange(frame_count(self.execution)) * SPEED / FPS
+        rows = np.searchsorted(times, shown).tolist()
         return Motion(
             fixed=self.fixed + self.path(len(times) - 1),
             moments=[self.row(row, cone_m=0.3 * self.shape.size_m) for row in rows], step_s=1.0 / FPS,
-            camera=self.camera, title=f"{self.plan.course.name} in {self.execution.world}",
+            camera=self.camera, title=f"{self.plan.course.name} in {self.execution.world}, at {SPEED:g} times its pace",
             notes=[self.note(row) for row in rows], legend=[*self.legend, (REAL, "path that was gone")],
         )  # fmt: skip
 
@@ -112,6 +115,11 @@ def execution_frames(plan: Plan, execution: Execution, *, size_px: Size = FILM_P
     return film_frames(ExecutionView(plan, execution).played(), size_px)
 
 
+def frame_count(execution: Execution) -> int:
+    """Pictures of a film of an executed plan."""
+    return int(np.ceil(execution.trace.time_s[-1] * FPS / SPEED))
+
+
 def walked(trajectory: Trajectory, execution: Execution) -> Trajectory:
     """A trajectory as the world had it: the body, the feet and what they felt, a sample a control period."""
     trace, model = execution.trace, trajectory.robot.model
@@ -125,14 +133,14 @@ def walked(trajectory: Trajectory, execution: Execution) -> Trajectory:
 
 
 def walk_frames(trajectory: Trajectory, execution: Execution, *, size_px: Size = WALK_PX) -> Iterator[Frame]:
-    """The frames of a film of a walk that was executed, 25 a second at its own pace; below, which feet felt forces."""
+    """The frames of an executed walk's film, ``WALK_FPS`` a second at its own pace; below, which feet felt forces."""
     done = "to its end" if execution.fallen_s is None else f"fell after {execution.fallen_s:.1f} s"
     note = (
         f"body {1e3 * execution.body_rms_m:.1f} mm from the plan (RMS)   ·   "
         f"feet slid {1e3 * execution.slip_m.max():.1f} mm at most   ·   "
-        f"{execution.torque_share.max():.0%} of a joint's torque at most"
+        f"{execution.torque_share.max():.0%} of a joint's torque at most   ·   grid {GRID_M:g} m"
     )
     return motion_frames(
         walked(trajectory, execution), caption=f"{trajectory.robot.name} in {execution.world}: {done}", note=note,
-        joints_rad=execution.trace.angles_rad, size_px=size_px,
+        joints_rad=execution.trace.angles_rad, fps=WALK_FPS, size_px=size_px,
     )  # fmt: skip

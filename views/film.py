@@ -21,7 +21,7 @@ from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
 
 from .camera import Camera
-from .scene import Body, Colour, Facet, Motion, Path, Scene, Sheet, borders, fans
+from .scene import Body, Colour, Facet, Layer, Motion, Path, Scene, Sheet, borders, fans
 from .shapes import Box, Capsule, Faces, Mesh, Sphere, triangles_of
 from .sheet import DEFAULT_STYLE, Size, headline, sheet, to_rgb
 from .still import GLASS, is_glass, normals_of
@@ -29,12 +29,14 @@ from .video import Frame, check_video
 
 FINER = 2
 """Rows and columns drawn to a pixel; their mean is what is seen."""
+SHADOW_PX = 1024
+"""Of the map that says what the light reaches."""
 POINT_M = 0.0006
 """Half the width of a line of one point, as a share of the distance."""
 EMPTY = """<mujoco><visual><headlight active="0"/></visual>
 <asset><texture name="sky" type="skybox" builtin="flat" rgb1="1 1 1" rgb2="1 1 1" width="8" height="48"/></asset>
-<worldbody><light type="directional" dir="{} {} {}" castshadow="false" ambient=".78 .78 .78" diffuse=".3 .3 .3"
-specular=".1 .1 .1"/></worldbody></mujoco>"""
+<worldbody><light type="directional" castshadow="false" ambient=".78 .78 .78" diffuse="0 0 0" specular="0 0 0"/>
+<light type="directional" dir="{} {} {}" pos="{} {} {}" diffuse=".3 .3 .3" specular=".1 .1 .1"/></worldbody></mujoco>"""
 GL = "video: expected a GL library for MuJoCo's renderer; install one, e.g. apt-get install libegl1 libgl1"
 
 
@@ -80,7 +82,8 @@ class _Stage:
 
     def __init__(self, motion: Motion) -> None:
         self._mujoco, self._camera, self._fixed = _mujoco(), motion.camera, motion.fixed
-        self._spec = self._mujoco.MjSpec.from_string(EMPTY.format(*-motion.camera.light))
+        light, sun_m = self._camera.light, self._camera.target_m + self._camera.distance_m * self._camera.light
+        self._spec = self._mujoco.MjSpec.from_string(EMPTY.format(*-light, *sun_m))
         self._meshes: dict[int, str] = {}
         for ground in motion.fixed.sheets:
             self._add_sheet(ground)
@@ -121,7 +124,7 @@ class _Stage:
             eye.frustum_bottom, eye.frustum_top = bottom, top
 
     def _put_body(self, scene: Any, body: Body) -> None:
-        kinds = self._mujoco.mjtGeom
+        kinds, casts = self._mujoco.mjtGeom, body.opacity == 1.0 and body.layer is not Layer.TOP
         match body.shape:
             case Capsule(length, radii):
                 kind, size = kinds.mjGEOM_CAPSULE, np.array([np.mean(radii), 0.5 * length, 0.0])
@@ -130,17 +133,19 @@ class _Stage:
             case Box(half):
                 kind, size = kinds.mjGEOM_BOX, half
             case Mesh():
-                self._put_mesh(scene, body)
+                self._put_mesh(scene, body).castshadow = casts
                 return
-        self._put(scene, kind, size, body.position_m, body.rotation, body.colour, body.opacity)
+        self._put(scene, kind, size, body.position_m, body.rotation, body.colour, body.opacity).castshadow = casts
 
-    def _put_mesh(self, scene: Any, body: Body) -> None:
+    def _put_mesh(self, scene: Any, body: Body) -> Any:
         """A mesh, which MuJoCo keeps about its centre and along its axes of inertia."""
         index, own = self.model.mesh(self._meshes[id(body.shape)]).id, np.zeros(9)
         self._mujoco.mju_quat2Mat(own, self.model.mesh_quat[index])
         centre, turn = body.position_m + body.rotation @ self.model.mesh_pos[index], body.rotation @ own.reshape(3, 3)
         kind = self._mujoco.mjtGeom.mjGEOM_MESH
-        self._put(scene, kind, np.ones(3), centre, turn, body.colour, body.opacity).dataid = 2 * index
+        geom = self._put(scene, kind, np.ones(3), centre, turn, body.colour, body.opacity)
+        geom.dataid = 2 * index
+        return geom
 
     def _put(
         self, scene: Any, kind: Any, size: Array, at: Array, turn: Array, colour: Colour, opacity: float = 1.0
@@ -149,6 +154,7 @@ class _Stage:
         geom = scene.geoms[scene.ngeom]
         rgba = np.array([*rgb(colour), opacity], dtype=np.float32)
         self._mujoco.mjv_initGeom(geom, kind, size, np.asarray(at, dtype=np.float64), turn.ravel(), rgba)
+        geom.castshadow = False
         scene.ngeom += 1
         return geom
 
@@ -181,7 +187,8 @@ class _Stage:
         return self._add_mesh(triangles.reshape(-1, 3), faces, usernormal=normals, userfacenormal=own)
 
     def _add_geom(self, **more: Any) -> None:
-        self._spec.worldbody.add_geom(type=self._mujoco.mjtGeom.mjGEOM_MESH, contype=0, conaffinity=0, **more)
+        kind = self._mujoco.mjtGeom.mjGEOM_MESH
+        self._spec.worldbody.add_geom(type=kind, contype=0, conaffinity=0, castshadow=False, **more)
 
 
 Flat = tuple[tuple[float, ...], float, Array, Array]
@@ -222,6 +229,7 @@ def _ribbons(paths: Sequence[Path], camera: Camera) -> list[Flat]:
 def _renderer(model: Any, size_px: Size) -> Iterator[Callable[[Callable[[Any], None]], Frame]]:
     """A function that draws what another one puts into MuJoCo's scene. Raises InvalidInput without a GL library."""
     mujoco, (width, height) = _mujoco(), size_px
+    model.vis.quality.shadowsize = SHADOW_PX
     model.vis.global_.offwidth, model.vis.global_.offheight, model.vis.quality.offsamples = *size_px, 0
     backend = os.environ.get("MUJOCO_GL") or ("egl" if sys.platform == "linux" else "")
     try:
@@ -234,7 +242,7 @@ def _renderer(model: Any, size_px: Size) -> Iterator[Callable[[Callable[[Any], N
         scene = mujoco.MjvScene(model, maxgeom=20_000)
         target = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, target)
-        scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = False
+        scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = True
         rect, pixels = mujoco.MjrRect(0, 0, width, height), np.empty((height, width, 3), dtype=np.uint8)
 
         def draw(fill: Callable[[Any], None]) -> Frame:

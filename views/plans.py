@@ -36,7 +36,7 @@ from .sheet import (
     sheet,
 )  # fmt: skip
 from .still import Still
-from .terrain import ICE, ICE_EDGE, ICY, patches, tint
+from .terrain import ICE, ICE_EDGE, ICY, SCALE, patches, tint
 from .video import Frame
 
 GOAL = "#e8a317"
@@ -234,7 +234,7 @@ class PlanView:
         return Motion(
             fixed=self.fixed, moments=[self.at(each, cone_m=height) for each in moments], step_s=1.0 / fps,
             camera=self.camera, title=self.plan.course.name, legend=self.legend,
-            notes=[f"key frame {each.frame} of {last}" for each in moments],
+            notes=[f"key frame {each.frame} of {last}   ·   {SCALE}" for each in moments],
         )  # fmt: skip
 
     @property
@@ -279,7 +279,7 @@ def draw_plan(
         entries.append(Entry(text="ice, μ = 0", sign="ice", colour=ICE_EDGE, fill=ICE))
     draw_legend(figure, 12.0, entries, view.friction)
     to_goal_mm = 1e3 * float(np.linalg.norm(plan.com_m[-1] - plan.course.goal_m))
-    words = [f"the robot at key frame {shown} of {frames - 1}", f"{to_goal_mm:.0f} mm from goal at the end"]
+    words = [f"the robot at key frame {shown} of {frames - 1}", f"{to_goal_mm:.0f} mm from goal at the end", SCALE]
     said = "   ·   ".join(filter(None, (note, *words)))
     headline(figure, caption or f"{plan.course.name}: {frames} key frames", said)
     return figure

@@ -244,6 +244,7 @@ def draw_posture(
     *,
     envelope: Envelope | None = None,
     caption: str = "",
+    why: str = "",
     size_px: Size = SIZE_PX,
 ) -> Figure:
     """Draw a posture problem, and a posture and an envelope where given.
@@ -251,7 +252,8 @@ def draw_posture(
     Patches are coloured by friction and stand out of the wall or ground behind them; the force at a toe is an arrow in
     its friction cone, which is as high as the normal force. The envelope's bounds on p are boxes about the centre of
     mass, and a strip below shows all of its bounds with the posture in them. Without a posture the body is shown at the
-    nominal centre of mass, and the caption says so. size_px: width and height. Raises InvalidInput.
+    nominal centre of mass, and the line below the caption is ``why`` there is none, or says that this is not known.
+    size_px: width and height. Raises InvalidInput.
     """
     count = len(problem.contacts)
     if posture is not None:
@@ -272,17 +274,20 @@ def draw_posture(
         entries.append(Entry(text="envelope on $p$", sign="box", colour=LEG_COLOURS[0], fill="#e7f1f3"))
         draw_strip(figure, problem.legs, envelope, None if posture is None else _point(problem, posture))
     draw_legend(figure, foot + 12.0, entries, view.friction)
-    headline(figure, *_words(view, caption), alarm=posture is None)
+    headline(figure, *_words(view, caption, why), alarm=posture is None)
     return figure
 
 
-def _words(view: PostureView, caption: str) -> tuple[str, str]:
+def _words(view: PostureView, caption: str, why: str) -> tuple[str, str]:
     """Title and the line below it."""
     problem, posture = view.problem, view.posture
     weight = f"{problem.weight_n:.1f} N"
     if posture is None:
         title = caption or f"{len(problem.contacts)} contacts, {weight}: no posture"
-        return title, "no posture (infeasible or unsolved): patches, and the shoulders at the nominal centre of mass"
+        return (
+            title,
+            why or "no posture (infeasible or unsolved): patches, and the shoulders at the nominal centre of mass",
+        )
     count = len(problem.contacts)
     limbs = f"{COUNT_WORDS[count] if count < len(COUNT_WORDS) else count} limb{'s' if count > 1 else ''}"
     away_mm = 1e3 * float(np.linalg.norm(posture.com_m - problem.com_nominal_m))

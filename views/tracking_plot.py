@@ -15,9 +15,10 @@ from stancekit.planners.files.validation import shown
 from stancekit.planners.robot.urdf import JOINTS
 from stancekit.runner.log import TOPICS, Recorded, table
 
-from .sheet import DEFAULT_STYLE, leg_colour
+from .sheet import DEFAULT_STYLE, MEASURE_COLOURS, headline, leg_colour, quiet_axes
 
-SIZE_IN = (9.6, 8.6)
+AXIS_COLOURS = (MEASURE_COLOURS[0], MEASURE_COLOURS[1], MEASURE_COLOURS[4])
+SIZE_IN, HEAD_IN = (12.0, 10.0), 0.9
 TOUCH_N = 1.5
 """A foot that feels more than this touches."""
 REPLANS = ("plan anew", "stand")
@@ -66,7 +67,8 @@ def draw_tracking(recorded: Recorded) -> Figure:
     tracks = tracked(recorded)
     joints, time_s = _limbs(plan), tracks["time_s"]
     limbs, begins = list(joints), np.cumsum([0, *map(len, joints.values())])[:-1]
-    figure = Figure(figsize=SIZE_IN, layout="constrained")
+    figure = Figure(figsize=SIZE_IN)
+    figure.set_layout_engine("constrained", rect=(0.0, 0.0, 1.0, 1.0 - HEAD_IN / SIZE_IN[1]))
     aims = targets(recorded, len(limbs))
     top, middle, low, *slid, bottom = figure.subplots(4 if aims is None else 5, 1, sharex=True)
     away = 1e3 * np.abs(tracks["angles_rad"] - tracks["planned_rad"])
@@ -87,16 +89,20 @@ def draw_tracking(recorded: Recorded) -> Figure:
         _limb_lines(slid[0], aims["time_s"], 1e3 * slips(recorded, aims), limbs)
         for axis in range(3):
             planned = 1e3 * (aims["origin_m"][:, axis] - tracks["position_m"][0, axis])
-            bottom.plot(aims["time_s"], planned, color=f"C{axis}", label="planned" if axis == 2 else None, **PLANNED)
+            bottom.plot(
+                aims["time_s"], planned, color=AXIS_COLOURS[axis], label="planned" if axis == 2 else None, **PLANNED
+            )
     for each in recorded.of("decision"):
         if each["what"] in REPLANS and "time_s" in each:
             for axes in figure.axes:
                 axes.axvline(each["time_s"], color="0.6", linewidth=0.6)
     for axis, name in enumerate("xyz"):
         moved = 1e3 * (tracks["position_m"][:, axis] - tracks["position_m"][0, axis])
-        bottom.plot(time_s, moved, color=f"C{axis}", label=name)
+        bottom.plot(time_s, moved, color=AXIS_COLOURS[axis], label=name)
     bottom.set_ylabel("body moved\n[mm]")
     bottom.set_xlabel("time [s]")
+    for axes in figure.axes:
+        quiet_axes(axes)
     for axes in (top, bottom):
         axes.legend(
             loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0, ncols=len(limbs), fontsize="small",
@@ -104,11 +110,11 @@ def draw_tracking(recorded: Recorded) -> Figure:
         )  # fmt: skip
     said = differences(tracks)
     end = "" if recorded.whole else "; the log breaks off"
-    figure.suptitle(
-        f"{plan['course']} on {plan.get('world', '?')}: joints within {1e3 * said['joint_worst_rad']:.1f} mrad of the "
-        f"plan, {1e3 * said['joint_rms_rad']:.1f} mrad (RMS){end}",
-        fontsize="medium",
-    )
+    headline(
+        figure, f"{plan['course']} on {plan.get('world', '?')}",
+        f"joints within {1e3 * said['joint_worst_rad']:.1f} mrad of the plan, {1e3 * said['joint_rms_rad']:.1f} mrad "
+        f"(RMS){end}",
+    )  # fmt: skip
     return figure
 
 

@@ -72,7 +72,7 @@ def _encoder(path: Path, first: Frame, fps: float) -> Iterator[Callable[[Frame],
     """
     rows, columns = first.shape[:2]
     options = ["-y", "-v", "error", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{columns}x{rows}", "-r", f"{fps:g}"]
-    options += ["-i", "-", "-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", "10", "-f", "mp4"]
+    options += ["-i", "-", "-an", "-vcodec", "libx264", "-pix_fmt", "yuv420p", "-crf", "16", "-f", "mp4"]
     failed = True
     with TemporaryFile() as said, path.open("r+b") as film:
         # by its descriptor: an ffmpeg that outlives this process makes no file of that name again

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,12 @@ from .evaluate import TABLE_I
 from .experiment import Experiment
 
 CLAIMS = ("P1 feasible", "P1 infeasible")
+IDENTITY = re.compile(r"-(of|on)-(.+?)-([0-9a-f]{6})[0-9a-f]{6}(?=-on-|$)")
+
+
+def title_of(problem_class: str) -> str:
+    """A class of problems in words: "terrain-3 of go1 (c828d3) on tiles (7802fa)", the digests of both files cut."""
+    return IDENTITY.sub(r" \1 \2 (\3)", problem_class)
 
 
 def page(records: Sequence[Mapping[str, Any]], experiment: Experiment) -> str:
@@ -20,7 +27,7 @@ def page(records: Sequence[Mapping[str, Any]], experiment: Experiment) -> str:
     their scenes are other draws. Below the tables stand the data and, a line a selector, what it was learned with.
     """
     said = "% of held-out scenes, with 95 % intervals (Wilson); the best share is bold."
-    lines = ["# Selectors of envelopes", "", said, ""]
+    lines = ["# Leaderboard: selectors of envelopes", "", said, ""]
     for name in dict.fromkeys(record["problem_class"] for record in records):
         lines += _table(name, [record for record in records if record["problem_class"] == name])
     return "\n".join([*lines, *_data(experiment), *_cards(records), ""])
@@ -33,7 +40,7 @@ def _table(name: str, records: list[Mapping[str, Any]]) -> list[str]:
     best = {key: max((row[key] for row in records if row[key] is not None), default=None) for key in keys}
     ranked = sorted(records, key=lambda row: -row["balanced"])
     counts = f"{records[0]['p1_feasible_of']} feasible and {records[0]['p1_infeasible_of']} infeasible scenes"
-    lines = [f"## {name}", "", f"{counts}.", ""]
+    lines = [f"## {title_of(name)}", "", f"{counts}.", ""]
     lines += [_row(["", "selector", *CLAIMS, *(way.replace("_", "-") for way in ways), "P1 [ms]"])]
     lines += [_row(["---:", "---", *("---:" for _ in keys), "---:"])]
     for rank, row in enumerate(ranked, 1):

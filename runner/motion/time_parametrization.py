@@ -256,7 +256,7 @@ def check_static(profile: JointProfile, kinematics: Kinematics, can: WorldCapabi
         raise InvalidInput(
             f"motion: {profile.time_s[row]:.2f} s, joint {can.joints[int(joint)]}: "
             f"{abs(profile.static_nm[row, joint]):.3g} Nm at rest, "
-            f"expected less than {share * can.torque_nm[joint]:.3g}"
+            f"expected less than {share:g} of its {can.torque_nm[joint]:.3g} Nm"
         )
     beyond = np.maximum(can.lower_rad - profile.angles_rad, profile.angles_rad - can.upper_rad)
     row, joint = np.unravel_index(int(np.argmax(beyond)), beyond.shape)

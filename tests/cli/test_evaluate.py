@@ -13,7 +13,7 @@ SHARES = ("p1_feasible", "p1_infeasible", "project_fix_p", "project_scp")
 
 
 def test_the_rows_are_shares_with_their_intervals(stancekit, labelled, envelopes):
-    ran = stancekit("evaluate", labelled, "--envelope", envelopes, "--project", "fix-p", "scp", "--json")
+    ran = stancekit("evaluate", labelled, "--envelope", envelopes, "--projection", "fix-p", "scp", "--json")
     assert (ran.code, ran.err) == (0, "")
     assert [record["selector"] for record in ran.records] == ["heuristic", "lift"]
     for record in ran.records:
@@ -32,13 +32,14 @@ def test_shares_agree_with_solve(stancekit, labelled, envelopes, write):
     data = Dataset.open(labelled)
     file = write("p.jsonl", *(data.row(index).problem.to_json() for index in data.feasible))
     solved = stancekit("solve", file, "--method", "two-stage", "--envelope", envelopes, "--json").records
-    (row,) = stancekit("evaluate", labelled, "--envelope", envelopes, "--project", "scp", "--no-lift", "--json").records
+    projected = ("--projection", "scp", "--no-lift", "--json")
+    (row,) = stancekit("evaluate", labelled, "--envelope", envelopes, *projected).records
     assert row["project_scp"] == sum(record["status"] == "feasible" for record in solved) / len(solved)
 
 
 def test_a_projection_named_twice_counts_once(stancekit, labelled):
-    once = stancekit("evaluate", labelled, "--project", "scp", "--json").records
-    twice = stancekit("evaluate", labelled, "--project", "scp", "scp", "--json").records
+    once = stancekit("evaluate", labelled, "--projection", "scp", "--json").records
+    twice = stancekit("evaluate", labelled, "--projection", "scp", "scp", "--json").records
     assert [{**row, "p1_ms": 0} for row in once] == [{**row, "p1_ms": 0} for row in twice]
 
 
@@ -94,7 +95,7 @@ def test_a_share_of_nothing_is_a_dash():
     ("options", "message"),
     [
         (("--no-lift",), "--envelope, --selector: expected one or more files to compare, or the lift, got none"),
-        (("--project",), "--project: expected one or more projections, got none"),
+        (("--projection",), "--projection: expected one or more projections, got none"),
         (("--envelope", "none.json"), "none.json: expected a file, found nothing there"),
         (("--workers", "0"), "workers: expected 1 or more, got 0"),
     ],
@@ -130,7 +131,7 @@ def test_rows_that_were_trained_on_are_refused_and_the_other_part_is_not(stancek
 
 
 def test_a_selector_that_ships_goes_by_its_name_and_is_refused_for_another_class(stancekit, refusal, labelled):
-    ran = stancekit("evaluate", labelled, "--selector", "neural-wall-3", "--project", "fix-p", "--no-lift", "--json")
+    ran = stancekit("evaluate", labelled, "--selector", "neural-wall-3", "--projection", "fix-p", "--no-lift", "--json")
     assert [(row["selector"], row["p1_feasible_of"]) for row in ran.records] == [("neural-wall-3", 8)]
     told = "neural-ground-3: expected envelopes learned for wall-3, got some learned for ground-3"
     assert refusal("evaluate", labelled, "--selector", "neural-ground-3") == told

@@ -176,7 +176,8 @@ def test_a_distribution_is_drawn_labelled_learned_and_compared(mine, stancekit, 
     assert stancekit("verify", "data1", "--json").records[0]["accepted"]
     assert stancekit("fit", "data1", "--method", "quantile", "--out", "e.json").code == 0
     assert stancekit("label", f"{mine}:Slippery", "fresh", *quota, "--seed", 1).code == 0
-    (row,) = stancekit("evaluate", "fresh", "--envelope", "e.json", "--no-lift", "--project", "fix-p", "--json").records
+    projected = ("--projection", "fix-p", "--no-lift", "--json")
+    (row,) = stancekit("evaluate", "fresh", "--envelope", "e.json", *projected).records
     assert (row["selector"], row["p1_feasible_of"], row["p1_infeasible_of"]) == ("e", 6, 6)
 
 
@@ -207,7 +208,7 @@ def test_a_wrong_distribution_in_yaml_is_one_line(text, words, refusal, write):
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_selector_is_compared_beside_the_others(workers, mine, stancekit, labelled):
     ran = stancekit(
-        "evaluate", labelled, "--selector", f"{mine}:Widest", "--no-lift", "--project", "scp", "--workers", workers,
+        "evaluate", labelled, "--selector", f"{mine}:Widest", "--no-lift", "--projection", "scp", "--workers", workers,
         "--json",
     )  # fmt: skip
     (row,) = ran.records
@@ -240,13 +241,13 @@ def test_a_planner_that_only_claims_decides_nothing(mine, stancekit, write, samp
 
 
 def test_a_projection_is_named_wherever_one_is_and_verified(mine, stancekit, labelled, write, sampled):
-    (row,) = stancekit("evaluate", labelled, "--project", f"{mine}:onward", "--json").records
-    (known,) = stancekit("evaluate", labelled, "--project", "scp", "--json").records
+    (row,) = stancekit("evaluate", labelled, "--projection", f"{mine}:onward", "--json").records
+    (known,) = stancekit("evaluate", labelled, "--projection", "scp", "--json").records
     assert row[f"project_{mine}:onward"] >= known["project_scp"] > 0.9
     problems = write("p.jsonl", *sampled["wall-3"])
     said = {}
     for name in ("scp", f"{mine}:onward", f"{mine}:dreamt"):
-        ran = stancekit("solve", problems, "--method", "lift", "--project", name, "--json")
+        ran = stancekit("solve", problems, "--method", "lift", "--projection", name, "--json")
         said[name] = [line["status"] for line in ran.records]
     assert said["scp"].count("feasible") > 2
     assert said[f"{mine}:onward"] == said["scp"]
@@ -314,7 +315,7 @@ def test_an_installed_package_is_found_by_its_entry_points(mine, stancekit, labe
     assert stancekit("sample", "our-distributions").records[0]["contacts"]
     assert stancekit("fit", labelled, "--method", "our-methods", "--out", "e.json").code == 0
     assert stancekit("plan", "walls", "--frames", 2, "--planner", "our-course_planners").code == 0
-    ours = ("--no-lift", "--project", "our-projections", "--json")
+    ours = ("--no-lift", "--projection", "our-projections", "--json")
     (row,) = stancekit("evaluate", labelled, "--selector", "our-selectors", *ours).records
     assert row["selector"] == "our-selectors"
     assert library.solve(library.sample("ground-3", rng=3)[0], "our-planners").method == "our-planners"
@@ -330,8 +331,11 @@ def test_an_installed_package_is_found_by_its_entry_points(mine, stancekit, labe
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (("sample", "moon"), "distribution: expected one of ground-3, wall-3, wall-5, "
-         "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'moon'"),
+        (
+            ("sample", "moon"),
+            "distribution: expected one of ground-3, wall-3, wall-5, "
+            "another ground-k, wall-k or terrain-k, a YAML file, or FILE.py:NAME, got 'moon'",
+        ),
         (("sample", "mine.py:Nobody"), "mine.py: expected 'Nobody' in it, found no such name; it defines Slippery, "),
         (("sample", "mine.py:around"), "distribution mine.py:around: expected something with sample(rng), or a class "),
         (("solve", "p.json", "--method", "luck"), "--method: expected one of exact, p1, lift, two-stage, nlp, micp, "),
@@ -368,6 +372,13 @@ class Plain:
         return np.repeat([-1.0, 1.0], 6 * observation["friction"].shape[-1]), None
 
 
+class Backwards:
+    def predict(self, observation):
+        box = np.repeat([-1.0, 1.0], 6 * observation["friction"].shape[-1])
+        box[[9, 27]] = 0.5, 0.25
+        return box, None
+
+
 class Wants:
     def __init__(self, more):
         pass
@@ -392,6 +403,10 @@ def scattered(level, rng):
     [
         (("evaluate", "data", "--selector", "own.py:Bare"), "selector {own}:Bare: expected (action, state), got a nda"),
         (("evaluate", "data", "--selector", "own.py:Short"), "selector {own}:Short: action: expected shape (36,), al"),
+        (
+            ("evaluate", "data", "--selector", "own.py:Backwards"),
+            "selector {own}:Backwards: action: f_n of contact 1: expected lower ≤ upper, got 0.5 and 0.25",
+        ),
         (("evaluate", "data", "--selector", "own.py:Wants"), "selector own.py:Wants: expected something with predict("),
         (("sample", "own.py:Wants"), "distribution own.py:Wants: expected something with sample(rng), or a class of "),
         (("solve", "p.json", "--method", "own.py:plans"), "method own.py:plans: expected something to call with Plann"),
@@ -419,7 +434,7 @@ def test_what_a_file_of_ones_own_raises_is_one_line_with_its_place(stancekit, wr
 
 def test_a_selector_that_takes_the_observation_alone_is_enough(stancekit, write, labelled):
     write("own.py", FAULTY)
-    ran = stancekit("evaluate", labelled, "--selector", "own.py:Plain", "--no-lift", "--project", "scp", "--json")
+    ran = stancekit("evaluate", labelled, "--selector", "own.py:Plain", "--no-lift", "--projection", "scp", "--json")
     assert ran.records[0]["p1_feasible"] == 1.0
 
 

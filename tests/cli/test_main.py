@@ -5,6 +5,8 @@ import os
 import re
 import subprocess
 import sys
+import threading
+import time
 from dataclasses import fields, is_dataclass
 from importlib import import_module
 
@@ -43,6 +45,18 @@ def test_long_work_says_where_it_is_without_a_terminal(capsys, monkeypatch):
     first, last = capsys.readouterr().err.splitlines()
     assert re.fullmatch(r"walls \[1\]: 1 of 2, \d+ s", first)
     assert last.startswith("walls [1]: 2 of 2, ")
+
+
+def test_long_work_that_says_nothing_itself_is_heard_of(capsys, monkeypatch):
+    monkeypatch.setattr(console, "EVERY_S", 0.01)
+    said = ""
+    with console.progress("walls") as show:
+        show(0, 2, "contacts")
+        while said.count("\n") < 2:  # a test that hangs has failed
+            said += capsys.readouterr().err
+            time.sleep(0.005)
+    assert re.fullmatch(r"(walls: contacts, \d+ s\n)+", said)
+    assert "walls" not in [thread.name for thread in threading.enumerate()]
 
 
 def options_of(kind):

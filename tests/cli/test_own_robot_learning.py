@@ -85,7 +85,7 @@ def test_what_is_fitted_is_evaluated_and_is_refused_for_another_robot(
     learned = read_envelopes("mine.json")
     dataset = Dataset.open(rows)
     assert (learned.robot, learned.problem_class) == (dataset.robot, dataset.problem_class)
-    held = ("--part", "test", "--envelope", "mine.json", "--project", "fix-p", "--json")
+    held = ("--part", "test", "--envelope", "mine.json", "--projection", "fix-p", "--json")
     ran = stancekit("evaluate", rows, *files, *held)
     assert ran.code == 0
     mine, lift = ran.records

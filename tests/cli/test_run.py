@@ -206,7 +206,7 @@ def test_bad_input_is_one_line_and_exit_code_2(
 @pytest.mark.parametrize(
     ("actuator", "said"),
     [
-        ("{stall_nm: 0.5, no_load_rad_s: 4}", "Nm at rest, expected less than 0.45"),
+        ("{stall_nm: 0.5, no_load_rad_s: 4}", "Nm at rest, expected less than 0.9 of its 0.5 Nm"),
         ("{stall_nm: 40, continuous_nm: 0.2, no_load_rad_s: 40, thermal_s: 1}", "times the heat that it bears"),
     ],
 )

@@ -152,7 +152,7 @@ def test_learned_envelopes_decide_nothing_alone(sampled, write, envelopes, stanc
 def test_a_relaxation_may_be_projected(sampled, write, envelopes, stancekit):
     file = write("p.jsonl", *sampled["wall-3"])
     for method in (("p1", "--envelope", envelopes), ("lift",)):
-        named = stancekit("solve", file, "--method", *method, "--project", "scp", "--json").records
+        named = stancekit("solve", file, "--method", *method, "--projection", "scp", "--json").records
         stages = ("two-stage", *method[1:])
         assert [record["status"] for record in named] == [
             record["status"] for record in stancekit("solve", file, "--method", *stages, "--json").records
@@ -370,7 +370,7 @@ def test_control_characters_never_reach_the_terminal(problem, write, stancekit):
         ),
         (("p", "--intervals", "8"), "--intervals: expected --method micp with it, got exact"),
         (("p", "--solver", "scip"), "--solver: expected --method micp with it, got exact"),
-        (("p", "--project", "fix-p"), "--project: expected --method p1 or lift or two-stage with it, got exact"),
+        (("p", "--projection", "fix-p"), "--projection: expected --method p1 or lift or two-stage with it, got exact"),
         (("p", "--envelope", "e"), "--envelope: expected --method p1 or two-stage or micp with it, got exact"),
         (("p", "--method", "p1", "--envelope", "e"), "e: expected a file, found nothing there"),
         (("p", "--out", "none/a"), "none/a: expected an existing folder none"),

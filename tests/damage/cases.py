@@ -160,7 +160,7 @@ def cases() -> list[Case]:
     for kind in ("policy", "neural", "chooser"):
         file = f"{kind}.safetensors"
         found.append(Case(
-            name=kind, arguments=("evaluate", "data", "--selector", file, "--no-lift", "--project", "fix-p"),
+            name=kind, arguments=("evaluate", "data", "--selector", file, "--no-lift", "--projection", "fix-p"),
             file=file, kind="safetensors", made=(m.other_metadata,),
         ))  # fmt: skip
     made: dict[str, tuple[m.Bytes, ...]] = {

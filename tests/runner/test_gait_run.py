@@ -94,7 +94,7 @@ def test_a_gait_that_was_edited_or_rejected_or_of_another_robot_is_refused(gait:
     ("servo", "why"),
     [
         (Servo(velocity_rad_s=0.8), r"gait: joint ..*: it would take .* times the velocity that it may have"),
-        (Servo(torque_nm=2.0), r"motion: .* s, joint .*: .* Nm at rest, expected less than 1.8"),
+        (Servo(torque_nm=2.0), r"motion: .* s, joint .*: .* Nm at rest, expected less than 0.9 of its 2 Nm"),
         (Servo(lower_rad=(-1.9, -1.8, -2.6, 1.7)), r"its foot stays .* mm from where it should be"),
     ],
 )

@@ -170,7 +170,7 @@ def test_accelerations_slow_it_down_by_their_root(plan: Plan, seen: JointProfile
 
 
 def test_a_torque_at_rest_beyond_the_limit_is_refused_with_its_joint(plan: Plan, kinematics: Kinematics) -> None:
-    with pytest.raises(InvalidInput, match=r"motion: .* s, joint \w+: .* Nm at rest, expected less than 4.5"):
+    with pytest.raises(InvalidInput, match=r"motion: .* s, joint \w+: .* at rest, expected less than 0.9 of its 5 Nm"):
         parametrize(plan, kinematics, with_limits(torque_nm=5.0))
 
 

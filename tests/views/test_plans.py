@@ -172,8 +172,8 @@ def test_a_film_stays_at_both_ends_and_passes_every_key_frame(plan):
     assert np.array_equal(trunks[-10:], np.tile(plan.com_m[-1], (10, 1)))
     for com in plan.com_m:
         assert np.abs(trunks - com).max(axis=1).min() < 1e-12
-    assert motion.notes[0] == "key frame 0 of 2"
-    assert motion.notes[-1] == "key frame 2 of 2"
+    assert motion.notes[0] == "key frame 0 of 2   ·   grid 0.1 m"
+    assert motion.notes[-1] == "key frame 2 of 2   ·   grid 0.1 m"
 
 
 @pytest.mark.usefixtures("gl")
