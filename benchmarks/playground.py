@@ -54,17 +54,35 @@ class Playing(Options):
     """Wait for the picture, too."""
     size_px: tuple[int, int] = (1400, 800)
     """Of the browser's window; without a GPU the browser draws every pixel itself."""
+    picture: Path | None = None
+    """Changes nothing and times nothing: a picture of the first course as it is opened, that of docs/playground.md."""
 
 
 def main(options: Playing) -> None:
-    """Print a row a course; without a browser on this machine that of the server's side."""
+    """Print a row a course, or draw the first; without a browser on this machine that of the server's side."""
     from tests.emulators.chromium import CHROMIUM
 
     for course in options.courses:
         scenario = KeysScenario.of(course, options.robot or None)
+        if options.picture is not None:
+            with tempfile.TemporaryDirectory() as folder, served(scenario, folder=Path(folder)) as page:
+                _drawn(page, options.picture, options.size_px, Path(folder))
+            return
         with tempfile.TemporaryDirectory() as folder, served(scenario, folder=Path(folder)) as page:
             row = _changed(page, options, Path(folder)) if options.browser and CHROMIUM else _served(page, options)
         options.say({"course": course, **row}, lambda row: "  ".join(f"{k} {v}" for k, v in row.items()))
+
+
+def _drawn(page: Any, picture: Path, size_px: tuple[int, int], folder: Path) -> None:
+    """The page as the browser draws it once the plan is judged, without what viser says of a browser without a GPU."""
+    from tests.emulators.chromium import opened
+
+    with opened(page.address, folder / "profile", size_px) as tab:
+        tab.wait_for("document.querySelector('#verdict')?.textContent.includes('judged')")
+        time.sleep(3.0)  # its note comes late
+        tab.value("document.querySelectorAll('.mantine-Notification-closeButton').forEach(each => each.click())")
+        time.sleep(25.0)  # a scene comes in slowly where every pixel is drawn by the processor
+        tab.picture(picture)
 
 
 class _Clock:

@@ -143,7 +143,8 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
             raise gym.error.ResetNeeded("reset the environment before rendering")
         posture, envelope = self._shown
         label = "feasible" if self._scene.feasible else "infeasible"
-        figure = draw_posture(self._scene.problem, posture, envelope=envelope, caption=f"expert: {label}")
+        why = "no posture chosen yet" if envelope is None else "P2 found no posture from this envelope"
+        figure = draw_posture(self._scene.problem, posture, envelope=envelope, caption=f"expert: {label}", why=why)
         pixels: NDArray[np.uint8] = to_rgb(figure)
         if self.render_mode == "human":
             _show(pixels)

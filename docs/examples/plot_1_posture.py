@@ -70,4 +70,4 @@ print(refused.status.value, "- certificate accepted:", stancekit.verify(slippery
 print(stancekit.explain(slippery, refused.certificate).message)
 
 # %%
-_ = stancekit.draw(slippery, caption="no posture: the third patch lets go", out="slippery.png")
+_ = stancekit.draw(slippery, refused.certificate, caption="no posture: the third patch lets go", out="slippery.png")

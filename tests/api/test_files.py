@@ -114,5 +114,5 @@ def test_pairs_that_do_not_belong_together_are_refused(problems, plan):
     for subject, answer, came in ((plan, certificate, "Plan with Certificate"), (problems[0], None, "PostureProblem")):
         with pytest.raises(stancekit.InvalidInput, match=rf"got {came}$"):
             stancekit.verify(subject, answer)
-    with pytest.raises(stancekit.InvalidInput, match="expected no posture and no envelope with a Plan"):
+    with pytest.raises(stancekit.InvalidInput, match="expected no answer and no envelope with a Plan"):
         stancekit.draw(plan, stancekit.solve(stancekit.sample("ground-3", rng=3)[0]).posture)

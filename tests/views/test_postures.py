@@ -150,6 +150,7 @@ def test_without_a_posture_it_says_so_whatever_the_caption(solved: Solved) -> No
         assert any(text.startswith("no posture (infeasible or unsolved)") for text in said)
         assert set(problem.legs) <= set(said)
         assert not any("contact force" in text for text in said)
+    assert "friction" in texts(draw_posture(problem, why="friction", size_px=SMALL))
     assert not any("no posture" in text for text in texts(draw_posture(problem, posture, size_px=SMALL)))
 
 
