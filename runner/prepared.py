@@ -19,7 +19,7 @@ from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.bodies import motion_bodies
 from .motion.gait_motion import GaitMotion
-from .motion.motion import Hung, Motion
+from .motion.motion import GoneOn, Hung, Motion
 from .motion.redundancy import RedundancyResolution, resolved
 from .motion.time_parametrization import (
     ACCELERATION_RAD_S2,
@@ -101,10 +101,23 @@ class Prepared(Tracked[P_co]):
         )  # fmt: skip
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Onward:
+    """How a robot that stands already goes on: from the posture of its kinematics, from what its feet carry, shape
+    (N, 3) [N], and no faster than at this pace."""
+
+    kinematics: Kinematics
+    carried_n: Array
+    pace: float = 1.0
+
+
 def prepare_plan(
-    accepted: Accepted, world: SafeWorld, settings: RunSettings, kinematics: Kinematics | None = None
+    accepted: Accepted, world: SafeWorld, settings: RunSettings, onward: Onward | None = None
 ) -> Prepared[PlanMotion]:
-    """A plan, timed for a world that it fits. Raises InvalidInput where it does not, or is not what was accepted."""
+    """A plan, timed for a world that it fits. onward: where the robot stands already.
+
+    Raises InvalidInput where it does not fit, or is not what was accepted.
+    """
     check_settings(settings, world)
     plan, sees = proven(accepted.plan, accepted.digest, accepted.source), sees_feet(world, settings)
     accepted = replace(accepted, plan=plan)
@@ -113,7 +126,10 @@ def prepare_plan(
     else:
         check_joints(accepted.source, plan.course.robot, world)
     course = plan.course
-    kinematics = kinematics or Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
+    if onward is None:
+        kinematics = Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
+    else:
+        kinematics, settings = onward.kinematics, replace(settings, timing=settings.timing.at_pace(onward.pace))
     forces_n = distribute_forces(plan, kinematics) if settings.forces == "shared" else None
     motion, pace, bound_by = PlanMotion(plan, settings.timing, forces_n), 1.0, ""
     wished = resolved(motion, kinematics)
@@ -131,6 +147,8 @@ def prepare_plan(
         _check_bodies(accepted, timed, kinematics)
     feedback = settings.feedback if sees else BLIND
     followed: Motion = Hung(motion) if settings.hung else motion
+    if onward is not None and not settings.hung:
+        followed = GoneOn(motion, onward.carried_n, motion.rest_s)
     tracker = Tracker(followed, kinematics, world.rate_hz, feedback, settings.body, wished, world.drives)
     return Prepared(
         digest=accepted.digest, source=accepted.source, name=course.name, motion=motion, kinematics=kinematics,
@@ -146,6 +164,11 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
         raise InvalidInput("odometry: expected a plan, got a gait: two feet do not tell how the body is turned")
     trajectory = proven(accepted.trajectory, accepted.digest, accepted.source)
     accepted = replace(accepted, trajectory=trajectory, robot=walker(trajectory.robot))
+    if trajectory.adhesive.any():
+        sticky = ", ".join(np.array(trajectory.robot.foot_names)[trajectory.adhesive])
+        raise InvalidInput(
+            f"{accepted.source}: expected feet that push alone, got {sticky} that stick, and in no world"
+        )
     check_joints(accepted.source, accepted.robot, world)
     motion, sees = GaitMotion(trajectory, foot_radii(accepted.robot)), sees_feet(world, settings)
     kinematics = Kinematics(accepted.robot, world.servo, gravity_m_s2=accepted.gravity_m_s2)

@@ -10,9 +10,9 @@ import numpy as np
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.terrain.prism import Solid
 
-from ..motion.motion import MotionSample
+from ..motion.motion import MotionSample, smooth
 from ..motion.redundancy import Continued
-from ..motion.timeline import PlanMotion, smooth
+from ..motion.timeline import PlanMotion
 from ..prepared import Prepared, Tracked
 from ..record import Record
 from ..run import Runner

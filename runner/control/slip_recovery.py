@@ -128,8 +128,8 @@ class SlipRecovery:
         self._runner, self._kinematics = runner, kinematics
         self._distribution = ForceDistribution(len(kinematics.robot.limbs))
 
-    def recover(self, plan: Plan, record: Record, shares: Shares, estimate: Estimate) -> tuple[State, float]:
-        """Where that leads to, and how long it took [s].
+    def recover(self, plan: Plan, record: Record, shares: Shares, estimate: Estimate) -> tuple[Target, State, float]:
+        """Where that leads to, how it was to be, and how long it took [s].
 
         record: of the plan's motion so far. estimate: the shares by what was measured with forces for such a share.
         Raises Stopped, HardwareFault.
@@ -146,7 +146,7 @@ class SlipRecovery:
             now, shares = target.sample, estimate(record, shares[0])
             if still:
                 break
-        return state, periods / rate_hz
+        return target, state, periods / rate_hz
 
     def _motion(self, plan: Plan, now: MotionSample, state: State, shares: Shares) -> StandingMotion:
         """Standing where the robot is, with forces for the first share that has any, else those of now."""

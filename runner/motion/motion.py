@@ -57,8 +57,8 @@ class Motion(Protocol):
         ...
 
 
-class Hung:
-    """A motion of a robot that hangs in a stand: its feet carry nothing."""
+class _Reloaded:
+    """A motion as another one, but for what its feet carry."""
 
     def __init__(self, motion: Motion) -> None:
         self._motion, self.solids = motion, motion.solids
@@ -73,7 +73,37 @@ class Hung:
         """As of ``Motion``."""
         return self._motion.knots_s
 
+
+class Hung(_Reloaded):
+    """A motion of a robot that hangs in a stand: its feet carry nothing."""
+
     def at(self, time_s: float) -> MotionSample:
         """What should be at a time; the ends are held."""
         sample = self._motion.at(time_s)
         return replace(sample, forces_n=np.zeros_like(sample.forces_n))
+
+
+class GoneOn(_Reloaded):
+    """A motion that a robot goes on with from where it stands, and that begins at rest.
+
+    Its load moves evenly from the feet that carry it now to those that shall: both sets of forces balance the same
+    posture and are within cones, and so is everything between them. forces_n: those of now, shape (N, 3) [N].
+    seconds_s: how long that takes [s], no longer than the motion is at rest.
+    """
+
+    def __init__(self, motion: Motion, forces_n: Array, seconds_s: float) -> None:
+        super().__init__(motion)
+        self._forces, self._seconds = forces_n, seconds_s
+
+    def at(self, time_s: float) -> MotionSample:
+        """What should be at a time; the ends are held."""
+        sample = self._motion.at(time_s)
+        if time_s >= self._seconds:
+            return sample
+        part = smooth(max(time_s, 0.0) / self._seconds)
+        return replace(sample, forces_n=self._forces + part * (sample.forces_n - self._forces))
+
+
+def smooth(s: float) -> float:
+    """From 0 to 1 with no velocity and no acceleration at the ends."""
+    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)

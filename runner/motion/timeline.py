@@ -18,7 +18,7 @@ from stancekit.planners.files.arrays import Array, check_numbers
 from stancekit.planners.motion.path import CLEARANCE_M, Moments, PlanPath, Segment
 from stancekit.planners.motion.torques import support_forces
 
-from .motion import MotionSample
+from .motion import MotionSample, smooth
 
 KNOTS = 10
 """Postures are chosen so often in every phase."""
@@ -134,6 +134,11 @@ class PlanMotion:
         """How long it takes [s]."""
         return float(self._ends[-1])
 
+    @property
+    def rest_s(self) -> float:
+        """How long it is at rest before anything moves, load among it [s]."""
+        return self.phases[0].seconds
+
     def at(self, time_s: float) -> MotionSample:
         """What should be at a time; the ends are held."""
         phase, s = self._phase(time_s)
@@ -207,8 +212,3 @@ class PlanMotion:
     def _support_forces(self, frame: int, support: tuple[int, ...]) -> Array:
         """Forces at a frame with these limbs only; where all of them stand, the mean of what the plan has there."""
         return support_forces(self.plan, self._forces, frame, support)
-
-
-def smooth(s: float) -> float:
-    """From 0 to 1 with no velocity and no acceleration at the ends."""
-    return s * s * s * (10.0 - 15.0 * s + 6.0 * s * s)

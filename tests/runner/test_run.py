@@ -20,12 +20,13 @@ from stancekit.planners.answer.plan_file import write_plan
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
-from stancekit.planners.robot.kinematics import rotation_of
+from stancekit.planners.robot.kinematics import Kinematics, rotation_of
 from stancekit.planners.robot.urdf import joint_names
 from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.log import McapLog, read_log
 from stancekit.runner.motion.timeline import Timing
+from stancekit.runner.prepared import Onward
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
@@ -46,6 +47,17 @@ def lifted(accepted: Accepted) -> tuple[Array, Array]:
     rotation = rotation_of(prepared.first.sample.rotation_rad)
     feet = prepared.kinematics.feet(first) + 0.02 * normals @ rotation
     return first, prepared.kinematics.reach(feet, first, first)[0]
+
+
+def test_a_robot_that_stands_already_goes_on_from_what_its_feet_carry_as_slowly_as_asked(accepted: Accepted) -> None:
+    runner, course = Runner(MemoryWorld()), accepted.plan.course
+    usual, carried_n = runner.prepare(accepted), np.tile([0.0, 0.0, course.weight_n / 6.0], (6, 1))
+    kinematics = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
+    onward = runner.prepare(accepted, Onward(kinematics=kinematics, carried_n=carried_n, pace=0.5))
+    assert onward.motion.timing == usual.motion.timing.at_pace(0.5)
+    assert onward.motion.seconds > 1.5 * usual.motion.seconds
+    np.testing.assert_array_equal(onward.first.sample.forces_n, carried_n)
+    assert np.abs(usual.first.sample.forces_n - carried_n).max() > 1.0
 
 
 def test_a_plan_is_followed_from_the_pose_that_was_found_to_its_last_frame(accepted: Accepted, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.prism import Solid
+from stancekit.runner.motion.motion import GoneOn
 from stancekit.runner.motion.timeline import PlanMotion, Timing
 
 
@@ -52,6 +53,32 @@ def test_forces_stay_within_their_cones(motion: PlanMotion) -> None:
                 patch = course.patch(foothold, choice)
                 normal = float(force @ patch.normal)
                 assert np.linalg.norm(force - normal * patch.normal) <= patch.friction * normal + 1e-4
+
+
+def test_a_robot_that_stands_on_all_feet_goes_on_with_its_load_moved_evenly_and_in_balance(motion: PlanMotion) -> None:
+    first, weight = motion.at(0.0), motion.plan.course.weight_n
+    assert not first.forces_n.any(axis=1).all()  # some of them are about to lift
+    share = np.linalg.lstsq(  # all feet push straight up, which balances level ground, too
+        np.vstack([np.ones(6), (first.feet_m - first.com_m)[:, :2].T]), [weight, 0.0, 0.0], rcond=None
+    )[0]
+    stood = share[:, None] * [0.0, 0.0, 1.0]
+    assert stood[:, 2].min() > 0.0
+    onward, rest_s = GoneOn(motion, stood, motion.rest_s), motion.rest_s
+    assert rest_s == pytest.approx(motion.timing.settle_s)
+    np.testing.assert_array_equal(onward.at(0.0).forces_n, stood)
+    found = [onward.at(float(time_s)) for time_s in np.linspace(0.0, rest_s, 40)]
+    for now in found:
+        arms = first.feet_m - FOOT_RADIUS_M * first.normals - now.com_m
+        np.testing.assert_allclose(now.forces_n.sum(axis=0), [0.0, 0.0, weight], atol=1e-3)
+        np.testing.assert_allclose(np.cross(arms, now.forces_n).sum(axis=0), 0.0, atol=0.02 * weight * FOOT_RADIUS_M)
+        np.testing.assert_array_equal(now.feet_m, first.feet_m)
+    lifting = np.array([now.forces_n[~first.forces_n.any(axis=1), 2] for now in found])
+    assert (np.diff(lifting, axis=0) <= 1e-12).all()
+    assert np.abs(np.diff(lifting, axis=0)).max() < 0.06 * stood[:, 2].max()  # 1.875 of an even pace
+    for time_s in (rest_s, 0.5 * motion.seconds, motion.seconds):
+        np.testing.assert_array_equal(onward.at(time_s).forces_n, motion.at(time_s).forces_n)
+    assert (onward.seconds, onward.solids) == (motion.seconds, motion.solids)
+    np.testing.assert_array_equal(onward.knots_s, motion.knots_s)
 
 
 def test_feet_that_stand_are_a_radius_off_their_toes(motion: PlanMotion) -> None:
