@@ -167,7 +167,7 @@ def prepare_gait(accepted: AcceptedGait, world: SafeWorld, settings: RunSettings
     if trajectory.adhesive.any():
         sticky = ", ".join(np.array(trajectory.robot.foot_names)[trajectory.adhesive])
         raise InvalidInput(
-            f"{accepted.source}: expected feet that push alone, got {sticky} that stick, and in no world"
+            f"{accepted.source}: expected feet that only push, got {sticky} that stick: no world has such"
         )
     check_joints(accepted.source, accepted.robot, world)
     motion, sees = GaitMotion(trajectory, foot_radii(accepted.robot)), sees_feet(world, settings)

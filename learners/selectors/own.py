@@ -10,16 +10,11 @@ import numpy as np
 
 from stancekit.envs.memoryless import Observation
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
 from stancekit.planners.files.validation import shown
 from stancekit.planners.plugins import Registry, made_or_class
 
 from .selector import Learned
 
-COLUMNS = ("p_x", "p_y", "p_z", "f_n", "f_y", "f_z")
-"""Of a box, contact by contact."""
-ROUNDING = 1e-6
-"""What a lower bound may be above its upper one; the environment puts such a pair in order."""
 ANY = "any"
 """Class of problems of a selector that does not say for which it was made."""
 SELECTORS: Registry[Any] = Registry(
@@ -76,22 +71,9 @@ class OwnSelector:
         if bounds.dtype.kind == "f" and not np.all(np.isfinite(bounds)):
             raise InvalidInput(f"selector {self._name}: action: expected finite numbers, got {shown(action)}")
         expected = 12 * np.shape(observation["friction"])[-1]
-        if self.relaxation != "p1" or self.boxes != 1:
-            return
-        if np.shape(action)[-1:] != (expected,):
+        if self.relaxation == "p1" and self.boxes == 1 and np.shape(action)[-1:] != (expected,):
             wanted = f"shape ({expected},), all lower bounds, then all upper"
             raise InvalidInput(f"selector {self._name}: action: expected {wanted}, got shape {np.shape(action)}")
-        if bounds.dtype.kind in "fiu":
-            self._check_order(*np.split(bounds.astype(float).reshape(-1, expected), 2, axis=1))
-
-    def _check_order(self, lower: Array, upper: Array) -> None:
-        """Raise InvalidInput for an empty box; lower, upper: shape (B, 6N)."""
-        reversed_ = np.argwhere(lower > upper + ROUNDING)
-        if len(reversed_):
-            row, column = reversed_[0]
-            where = f"{COLUMNS[column % 6]} of contact {column // 6}"
-            got = f"{lower[row, column]:g} and {upper[row, column]:g}"
-            raise InvalidInput(f"selector {self._name}: action: {where}: expected lower ≤ upper, got {got}")
 
     def __reduce__(self) -> tuple[Any, ...]:
         return OwnSelector, (self._name,)

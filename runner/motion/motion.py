@@ -88,19 +88,19 @@ class GoneOn(_Reloaded):
 
     Its load moves evenly from the feet that carry it now to those that shall: both sets of forces balance the same
     posture and are within cones, and so is everything between them. forces_n: those of now, shape (N, 3) [N].
-    seconds_s: how long that takes [s], no longer than the motion is at rest.
+    within_s: how long that takes [s], no longer than the motion is at rest.
     """
 
-    def __init__(self, motion: Motion, forces_n: Array, seconds_s: float) -> None:
+    def __init__(self, motion: Motion, forces_n: Array, within_s: float) -> None:
         super().__init__(motion)
-        self._forces, self._seconds = forces_n, seconds_s
+        self._forces, self._within_s = forces_n, within_s
 
     def at(self, time_s: float) -> MotionSample:
         """What should be at a time; the ends are held."""
         sample = self._motion.at(time_s)
-        if time_s >= self._seconds:
+        if time_s >= self._within_s:
             return sample
-        part = smooth(max(time_s, 0.0) / self._seconds)
+        part = smooth(max(time_s, 0.0) / self._within_s)
         return replace(sample, forces_n=self._forces + part * (sample.forces_n - self._forces))
 
 

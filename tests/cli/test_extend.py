@@ -372,13 +372,6 @@ class Plain:
         return np.repeat([-1.0, 1.0], 6 * observation["friction"].shape[-1]), None
 
 
-class Backwards:
-    def predict(self, observation):
-        box = np.repeat([-1.0, 1.0], 6 * observation["friction"].shape[-1])
-        box[[9, 27]] = 0.5, 0.25
-        return box, None
-
-
 class Wants:
     def __init__(self, more):
         pass
@@ -403,10 +396,6 @@ def scattered(level, rng):
     [
         (("evaluate", "data", "--selector", "own.py:Bare"), "selector {own}:Bare: expected (action, state), got a nda"),
         (("evaluate", "data", "--selector", "own.py:Short"), "selector {own}:Short: action: expected shape (36,), al"),
-        (
-            ("evaluate", "data", "--selector", "own.py:Backwards"),
-            "selector {own}:Backwards: action: f_n of contact 1: expected lower ≤ upper, got 0.5 and 0.25",
-        ),
         (("evaluate", "data", "--selector", "own.py:Wants"), "selector own.py:Wants: expected something with predict("),
         (("sample", "own.py:Wants"), "distribution own.py:Wants: expected something with sample(rng), or a class of "),
         (("solve", "p.json", "--method", "own.py:plans"), "method own.py:plans: expected something to call with Plann"),
