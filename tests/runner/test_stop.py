@@ -32,7 +32,7 @@ from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner
 from stancekit.runner.safety.ending import end
 from stancekit.runner.safety.estop import SIGNALS
-from stancekit.runner.safety.guard import SafeWorld
+from stancekit.runner.safety.guard import Limits, SafeWorld
 from stancekit.runner.safety.latch import Stopped
 from stancekit.runner.settings import RunSettings
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
@@ -42,7 +42,7 @@ from tests.emulators.servo_bus import ServoBus
 
 ROBOT = hexapod()
 START = np.tile([0.2, 0.5, -0.3, 1.0], 6)
-FAST = RunSettings(timing=Timing().at_pace(2.0))
+FAST = RunSettings(timing=Timing().at_pace(2.0), limits=Limits(silent_s=2.0))  # a loaded machine pauses for .25 s
 ENDINGS = [("hold", "held", True), ("torque-off", "torque off", False)]
 
 
