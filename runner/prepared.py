@@ -19,7 +19,7 @@ from .control.tracker import Target, Tracker
 from .execution import Execution
 from .motion.bodies import motion_bodies
 from .motion.gait_motion import GaitMotion
-from .motion.motion import GoneOn, Hung, Motion
+from .motion.motion import Hung, LoadTransfer, Motion
 from .motion.redundancy import RedundancyResolution, resolved
 from .motion.time_parametrization import (
     ACCELERATION_RAD_S2,
@@ -102,9 +102,9 @@ class Prepared(Tracked[P_co]):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Onward:
-    """How a robot that stands already goes on: from the posture of its kinematics, from what its feet carry, shape
-    (N, 3) [N], and no faster than at this pace."""
+class Resumption:
+    """How a robot that stands already takes up another plan: from the posture of its kinematics, from what its feet
+    carry, shape (N, 3) [N], and no faster than at this pace."""
 
     kinematics: Kinematics
     carried_n: Array
@@ -112,9 +112,9 @@ class Onward:
 
 
 def prepare_plan(
-    accepted: Accepted, world: SafeWorld, settings: RunSettings, onward: Onward | None = None
+    accepted: Accepted, world: SafeWorld, settings: RunSettings, resumption: Resumption | None = None
 ) -> Prepared[PlanMotion]:
-    """A plan, timed for a world that it fits. onward: where the robot stands already.
+    """A plan, timed for a world that it fits. resumption: how a robot that stands already takes it up.
 
     Raises InvalidInput where it does not fit, or is not what was accepted.
     """
@@ -126,10 +126,10 @@ def prepare_plan(
     else:
         check_joints(accepted.source, plan.course.robot, world)
     course = plan.course
-    if onward is None:
+    if resumption is None:
         kinematics = Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
     else:
-        kinematics, settings = onward.kinematics, replace(settings, timing=settings.timing.at_pace(onward.pace))
+        kinematics, settings = resumption.kinematics, replace(settings, timing=settings.timing.at_pace(resumption.pace))
     forces_n = distribute_forces(plan, kinematics) if settings.forces == "shared" else None
     motion, pace, bound_by = PlanMotion(plan, settings.timing, forces_n), 1.0, ""
     wished = resolved(motion, kinematics)
@@ -147,8 +147,8 @@ def prepare_plan(
         _check_bodies(accepted, timed, kinematics)
     feedback = settings.feedback if sees else BLIND
     followed: Motion = Hung(motion) if settings.hung else motion
-    if onward is not None and not settings.hung:
-        followed = GoneOn(motion, onward.carried_n, motion.rest_s)
+    if resumption is not None and not settings.hung:
+        followed = LoadTransfer(motion, resumption.carried_n, motion.rest_s)
     tracker = Tracker(followed, kinematics, world.rate_hz, feedback, settings.body, wished, world.drives)
     return Prepared(
         digest=accepted.digest, source=accepted.source, name=course.name, motion=motion, kinematics=kinematics,

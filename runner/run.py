@@ -29,7 +29,7 @@ from .motion.gait_motion import GaitMotion
 from .motion.motion import Motion
 from .motion.soft_start import soft_motion, soft_start
 from .motion.timeline import PlanMotion
-from .prepared import Onward, PlannedMotion, Prepared, Tracked, body_from, prepare_gait, prepare_plan
+from .prepared import PlannedMotion, Prepared, Resumption, Tracked, body_from, prepare_gait, prepare_plan
 from .record import Record
 from .report import RunReport
 from .safety.ending import Ended, end
@@ -115,19 +115,21 @@ class Runner:
         return ended, message
 
     @overload
-    def prepare(self, accepted: Accepted, onward: Onward | None = None) -> Prepared[PlanMotion]: ...
+    def prepare(self, accepted: Accepted, resumption: Resumption | None = None) -> Prepared[PlanMotion]: ...
     @overload
     def prepare(self, accepted: AcceptedGait) -> Prepared[GaitMotion]: ...
     @overload
     def prepare(self, accepted: Accepted | AcceptedGait) -> Prepared[PlannedMotion]: ...
-    def prepare(self, accepted: Accepted | AcceptedGait, onward: Onward | None = None) -> Prepared[PlannedMotion]:
+    def prepare(
+        self, accepted: Accepted | AcceptedGait, resumption: Resumption | None = None
+    ) -> Prepared[PlannedMotion]:
         """Check that a plan, or a gait, fits the world, and time it. Raises InvalidInput.
 
-        onward: how a robot that stands already goes on with a plan.
+        resumption: how a robot that stands already takes up a plan.
         """
         prepared: Prepared[PlannedMotion]
         if isinstance(accepted, Accepted):
-            prepared = prepare_plan(accepted, self.world, self.settings, onward)
+            prepared = prepare_plan(accepted, self.world, self.settings, resumption)
         else:
             prepared = prepare_gait(accepted, self.world, self.settings)
         self._prepared = prepared

@@ -283,11 +283,8 @@ def _words(view: PostureView, caption: str, why: str) -> tuple[str, str]:
     problem, posture = view.problem, view.posture
     weight = f"{problem.weight_n:.1f} N"
     if posture is None:
-        title = caption or f"{len(problem.contacts)} contacts, {weight}: no posture"
-        return (
-            title,
-            why or "no posture (infeasible or unsolved): patches, and the shoulders at the nominal centre of mass",
-        )
+        unknown = "no posture (infeasible or unsolved): patches, and the shoulders at the nominal centre of mass"
+        return caption or f"{len(problem.contacts)} contacts, {weight}: no posture", why or unknown
     count = len(problem.contacts)
     limbs = f"{COUNT_WORDS[count] if count < len(COUNT_WORDS) else count} limb{'s' if count > 1 else ''}"
     away_mm = 1e3 * float(np.linalg.norm(posture.com_m - problem.com_nominal_m))

@@ -27,7 +27,7 @@ from stancekit.planners.terrain import Patch
 from ..acceptance import Accepted
 from ..motion.redundancy import Continued
 from ..motion.timeline import PlanMotion
-from ..prepared import Onward, Prepared
+from ..prepared import Prepared, Resumption
 from ..record import Record
 from ..run import Runner
 from ..worlds.world import State
@@ -185,21 +185,23 @@ class ClosedLoop:
             kinematics = Continued(course.robot, servo, gravity_m_s2=course.gravity_m_s2, near=near)
             pace = 1.0 / (1.0 + self._stuck)  # legs that swing more slowly push feet less
             try:
-                return self._ready(standing, Onward(kinematics=kinematics, carried_n=target.sample.forces_n, pace=pace))
+                return self._ready(
+                    standing, Resumption(kinematics=kinematics, carried_n=target.sample.forces_n, pace=pace)
+                )
             except (PlanningFailed, InvalidInput) as error:
                 failures.append(str(error))
                 self.runner.decide("no plan", str(error))
         why = failures[0] if failures else "a foot left its patch"
         raise PlanningFailed(f"frame {self._frame}: no plan from here: {why}")
 
-    def _ready(self, standing: Standing | None, onward: Onward | None = None) -> Prepared[PlanMotion]:
+    def _ready(self, standing: Standing | None, resumption: Resumption | None = None) -> Prepared[PlanMotion]:
         """A plan from there, prepared; a bent one where joints or bodies cannot do what contacts can."""
         runner, course = self.runner, self._planning.course
 
         def made(limits: WholeBodyLimits | None) -> Prepared[PlanMotion]:
             self._planning.course = course  # what was put in for a plan that cannot be run is forgotten
             accepted = self._planning.plan(self._frame, standing, slid=self._slid, limits=limits)
-            return runner.prepare(accepted, onward)
+            return runner.prepare(accepted, resumption)
 
         try:
             return made(None) if standing is None else held_while(runner, partial(made, None))

@@ -57,7 +57,7 @@ class Motion(Protocol):
         ...
 
 
-class _Reloaded:
+class _OtherForces:
     """A motion as another one, but for what its feet carry."""
 
     def __init__(self, motion: Motion) -> None:
@@ -74,7 +74,7 @@ class _Reloaded:
         return self._motion.knots_s
 
 
-class Hung(_Reloaded):
+class Hung(_OtherForces):
     """A motion of a robot that hangs in a stand: its feet carry nothing."""
 
     def at(self, time_s: float) -> MotionSample:
@@ -83,8 +83,8 @@ class Hung(_Reloaded):
         return replace(sample, forces_n=np.zeros_like(sample.forces_n))
 
 
-class GoneOn(_Reloaded):
-    """A motion that a robot goes on with from where it stands, and that begins at rest.
+class LoadTransfer(_OtherForces):
+    """A motion that begins at rest, taken up by a robot that stands already.
 
     Its load moves evenly from the feet that carry it now to those that shall: both sets of forces balance the same
     posture and are within cones, and so is everything between them. forces_n: those of now, shape (N, 3) [N].

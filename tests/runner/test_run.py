@@ -26,7 +26,7 @@ from stancekit.planners.verify import check_plan
 from stancekit.runner.acceptance import Accepted
 from stancekit.runner.log import McapLog, read_log
 from stancekit.runner.motion.timeline import Timing
-from stancekit.runner.prepared import Onward
+from stancekit.runner.prepared import Resumption
 from stancekit.runner.report import RunReport
 from stancekit.runner.run import Runner, simulate
 from stancekit.runner.settings import RunSettings
@@ -53,10 +53,10 @@ def test_a_robot_that_stands_already_goes_on_from_what_its_feet_carry_as_slowly_
     runner, course = Runner(MemoryWorld()), accepted.plan.course
     usual, carried_n = runner.prepare(accepted), np.tile([0.0, 0.0, course.weight_n / 6.0], (6, 1))
     kinematics = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
-    onward = runner.prepare(accepted, Onward(kinematics=kinematics, carried_n=carried_n, pace=0.5))
-    assert onward.motion.timing == usual.motion.timing.at_pace(0.5)
-    assert onward.motion.seconds > 1.5 * usual.motion.seconds
-    np.testing.assert_array_equal(onward.first.sample.forces_n, carried_n)
+    resumption = runner.prepare(accepted, Resumption(kinematics=kinematics, carried_n=carried_n, pace=0.5))
+    assert resumption.motion.timing == usual.motion.timing.at_pace(0.5)
+    assert resumption.motion.seconds > 1.5 * usual.motion.seconds
+    np.testing.assert_array_equal(resumption.first.sample.forces_n, carried_n)
     assert np.abs(usual.first.sample.forces_n - carried_n).max() > 1.0
 
 

@@ -13,7 +13,7 @@ from stancekit.planners.robot.urdf import FOOT_RADIUS_M
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.prism import Solid
-from stancekit.runner.motion.motion import GoneOn
+from stancekit.runner.motion.motion import LoadTransfer
 from stancekit.runner.motion.timeline import PlanMotion, Timing
 
 
@@ -63,10 +63,10 @@ def test_a_robot_that_stands_on_all_feet_goes_on_with_its_load_moved_evenly_and_
     )[0]
     stood = share[:, None] * [0.0, 0.0, 1.0]
     assert stood[:, 2].min() > 0.0
-    onward, rest_s = GoneOn(motion, stood, motion.rest_s), motion.rest_s
+    resumption, rest_s = LoadTransfer(motion, stood, motion.rest_s), motion.rest_s
     assert rest_s == pytest.approx(motion.timing.settle_s)
-    np.testing.assert_array_equal(onward.at(0.0).forces_n, stood)
-    found = [onward.at(float(time_s)) for time_s in np.linspace(0.0, rest_s, 40)]
+    np.testing.assert_array_equal(resumption.at(0.0).forces_n, stood)
+    found = [resumption.at(float(time_s)) for time_s in np.linspace(0.0, rest_s, 40)]
     for now in found:
         arms = first.feet_m - FOOT_RADIUS_M * first.normals - now.com_m
         np.testing.assert_allclose(now.forces_n.sum(axis=0), [0.0, 0.0, weight], atol=1e-3)
@@ -76,9 +76,9 @@ def test_a_robot_that_stands_on_all_feet_goes_on_with_its_load_moved_evenly_and_
     assert (np.diff(lifting, axis=0) <= 1e-12).all()
     assert np.abs(np.diff(lifting, axis=0)).max() < 0.06 * stood[:, 2].max()  # 1.875 of an even pace
     for time_s in (rest_s, 0.5 * motion.seconds, motion.seconds):
-        np.testing.assert_array_equal(onward.at(time_s).forces_n, motion.at(time_s).forces_n)
-    assert (onward.seconds, onward.solids) == (motion.seconds, motion.solids)
-    np.testing.assert_array_equal(onward.knots_s, motion.knots_s)
+        np.testing.assert_array_equal(resumption.at(time_s).forces_n, motion.at(time_s).forces_n)
+    assert (resumption.seconds, resumption.solids) == (motion.seconds, motion.solids)
+    np.testing.assert_array_equal(resumption.knots_s, motion.knots_s)
 
 
 def test_feet_that_stand_are_a_radius_off_their_toes(motion: PlanMotion) -> None:
