@@ -32,8 +32,9 @@ STOOD_S = 0.1
 SLIDES_M_S, HELD_M_S = 0.01, 0.002
 """A foot that should stand and moves faster than this slides, one that is slower than that holds."""
 LOADED_N = 3.0
-SLIDE_NOISE, HELD_NOISE = 0.02, 0.03
-"""Standard deviations of a ratio that is felt, besides the spread within a slide and between slides."""
+SHARED_NOISE, SLIDE_NOISE, HELD_NOISE = 0.015, 0.015, 0.03
+"""Standard deviations σ_0 of what all feet err by together; σ of one slide, besides the spread within it and between
+slides; σ_h of the largest ratio that held."""
 CHANGED = 3.0
 """Evidence so many standard deviations above a slide that comes after it was of other ground."""
 NEWEST = 4
@@ -100,13 +101,15 @@ class FrictionEstimator:
     def interval(self) -> FrictionInterval:
         """By all that was added, but for what a later slide contradicts: friction may have changed."""
         slides = [felt for felt in self._felt if felt.slid][-NEWEST:]
-        held = [felt for felt in self._felt if not felt.slid]
-        between = float(np.std([felt.ratio for felt in slides], ddof=1)) if len(slides) > 1 else 0.0
+        held = [felt.ratio for felt in self._felt if not felt.slid]
         likelihood = np.zeros(len(SHARES))
-        for felt in slides:
-            likelihood -= (SHARES - felt.ratio) ** 2 / (2.0 * (felt.noise**2 + between**2))
-        for felt in held:
-            likelihood += log_ndtr((SHARES - felt.ratio) / felt.noise)
+        if slides:
+            ratios = np.array([felt.ratio for felt in slides])
+            between = float(np.var(ratios, ddof=1)) if len(slides) > 1 else 0.0
+            each = float(np.mean([felt.noise**2 for felt in slides])) + between
+            likelihood -= (SHARES - ratios.mean()) ** 2 / (2.0 * (SHARED_NOISE**2 + each / len(slides)))
+        if held:
+            likelihood += log_ndtr((SHARES - max(held)) / HELD_NOISE)
         best = len(SHARES) - 1 - int(np.argmax(likelihood[::-1]))
         mass = np.cumsum(np.exp(likelihood - likelihood[best]))
         low, high = (float(SHARES[np.searchsorted(mass, part * mass[-1])]) for part in (TAIL, 1.0 - TAIL))

@@ -79,6 +79,17 @@ def test_the_interval_holds_what_there_is_nine_times_of_ten() -> None:
     assert 170 <= hits <= 200
 
 
+@pytest.mark.parametrize("truth", [0.65, 0.75])
+def test_feet_that_hold_at_the_border_of_their_cones_do_not_push_it_above_what_slid(truth: float) -> None:
+    slid = [felt(np.full((40, 2), truth), (0.05, 0.0)) for _ in range(5)]  # in simulation both read the truth exactly
+    held = [felt(np.full((40, 2), truth), (0.0, 0.0)) for _ in range(18)]
+    found = interval(*slid, *held)
+    assert (found.slides, found.held) == (4, 41)
+    assert truth - 0.05 < found.low < truth - 0.01
+    assert truth <= found.share < truth + 0.0125
+    assert truth + 0.01 < found.high < truth + 0.05
+
+
 def test_slides_that_differ_make_it_wider_and_the_same_ones_over_and_over_do_not_make_it_narrow() -> None:
     agree = [felt(np.full((40, 2), [0.65, 0.4]), (0.05, 0.0)) for _ in range(12)]
     differ = [felt(np.full((40, 2), [ratio, 0.4]), (0.05, 0.0)) for ratio in (0.6, 0.64, 0.68, 0.7)]
