@@ -24,6 +24,9 @@ SMOOTH_HZ = 60.0
 """How fast [1/s] a foot's target goes to where the foot was found to have landed."""
 EARLY = 0.05
 """A foot that comes down and feels this share of the weight has landed."""
+QUIET, LISTEN_S = 4.0, 0.5
+"""What a foot feels is a contact above so many standard deviations of what feet in the air felt, about for this time
+[s]. A surface does not pull: what they feel below zero is noise, and half of it."""
 BORNE, BORNE_S = 0.1, 0.1
 """A foot holds its place in the world, not under the body, until it has felt this share of the weight, about for this
 time [s]: what bears nothing pulls no body to its place, it only slides."""
@@ -43,10 +46,11 @@ FADES = 0.9
 class ContactFeedback:
     """What feet that feel do.
 
-    touch_n: a foot that presses this hard on its patch touches it. seek_m_s, seek_m: how fast a foot that should touch
-    and does not is lowered, and how far. press_hz: rate at which missing internal forces are summed, on steep surfaces
-    only, 0 for never; press_n: most of them a foot. waits: the motion waits for a foot that should touch. memory_s: of
-    how stiff joint loops were found to be (``LoopStiffness``), 0 to count on what they should be.
+    touch_n: a foot that presses this hard on its patch touches it, harder where sensors are noisy. seek_m_s, seek_m:
+    how fast a foot that should touch and does not is lowered, and how far. press_hz: rate at which missing internal
+    forces are summed, on steep surfaces only, 0 for never; press_n: most of them a foot. waits: the motion waits for a
+    foot that should touch. memory_s: of how stiff joint loops were found to be (``LoopStiffness``), 0 to count on what
+    they should be.
     """
 
     touch_n: float = 1.5
@@ -80,20 +84,33 @@ class FootPlacement:
         self._stepped, self.moved_m, self._drift = (np.zeros_like(first.feet_m) for _ in range(3))
         self._aside, self.shift_m = np.zeros_like(first.feet_m), np.zeros(3)
         self._depth, self._borne = np.zeros(len(first.feet_m)), np.ones(len(first.feet_m))
+        self._listened, self._variance = 0.0, 0.0
 
     def seek(self, now: MotionSample, then: MotionSample, felt_n: Array, late: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Lower feet that should touch and do not; for which that were in the air just now to wait, shape (N,).
 
         felt_n: along the normals, shape (N,). late: legs whose joints are not where they should be: they come first.
         """
+        self._listen(np.minimum(felt_n[np.array(then.foothold) < 0], 0.0))
         wanted = np.einsum("ij,ij->i", then.forces_n, then.normals)
         stands, lands = np.array(then.foothold) >= 0, np.array(now.foothold) < 0
         late = late & stands & lands & self._feedback.waits
-        missing = stands & ~late & (lands | (wanted > 4.0 * self._feedback.touch_n))
-        missing &= (felt_n < self._feedback.touch_n) & (self._depth < self._feedback.seek_m)
+        missing = stands & ~late & (lands | (wanted > 4.0 * self._touch_n))
+        missing &= (felt_n < self._touch_n) & (self._depth < self._feedback.seek_m)
         self._depth = np.where(missing, self._depth + self._feedback.seek_m_s * self._period_s, self._depth)
         self._depth = np.where(stands, self._depth, FADES * self._depth)
         return np.asarray((missing & lands) | late)
+
+    @property
+    def _touch_n(self) -> float:
+        """A foot that presses so hard touches."""
+        return max(self._feedback.touch_n, QUIET * self._variance**0.5)
+
+    def _listen(self, below_n: Array) -> None:
+        """How noisy feet are, by what those in the air feel below zero, shape (K,)."""
+        if below_n.size:
+            self._listened = min(self._listened + self._period_s, LISTEN_S)
+            self._variance += (2.0 * float(np.mean(below_n**2)) - self._variance) * self._period_s / self._listened
 
     def follow(
         self, now: MotionSample, then: MotionSample, felt_n: Array, rolled_m: Array, seen: tuple[State, BodyPose] | None
@@ -131,8 +148,8 @@ class FootPlacement:
         """Which feet land just now, early or late, shape (N,); where they do is kept."""
         before, stands = self.touched, np.array(then.foothold) >= 0
         comes = np.einsum("ij,ij->i", then.feet_m - now.feet_m, then.normals) < 0.0
-        early = comes & (felt >= EARLY * self._weight)
-        self.touched = (stands & (before | (felt >= self._feedback.touch_n))) | (~stands & comes & (before | early))
+        early = comes & (felt >= max(EARLY * self._weight, self._touch_n))
+        self.touched = (stands & (before | (felt >= self._touch_n))) | (~stands & comes & (before | early))
         feet = found.position_m + self._kinematics.feet(found.angles_rad) @ found.rotation.T
         landed = self.touched & ~before
         self._landed = np.where(landed[:, None], feet - rolled, self._landed)

@@ -127,7 +127,8 @@ class Imperfections:
 
     offset_rad: joints are mounted off by up to so much, either way, and measure themselves wrong by that. noise_rad:
     standard deviation of what they measure. delay_s: from a command to its effect, felt_delay_s: from a contact to when
-    its force is felt, both in whole control periods.
+    its force is felt, both in whole control periods. felt_share: of a foot's force, what it reads; felt_noise_n:
+    standard deviation of that along every axis [N]; deaf: numbers of the limbs whose feet read nothing.
     stiffness_share, mass_share: of the loops' Kp, and of all masses. pushes: on its body.
     """
 
@@ -135,14 +136,25 @@ class Imperfections:
     noise_rad: float = 0.0
     delay_s: float = 0.0
     felt_delay_s: float = 0.0
+    felt_share: float = 1.0
+    felt_noise_n: float = 0.0
+    deaf: tuple[int, ...] = ()
     stiffness_share: float = 1.0
     mass_share: float = 1.0
     pushes: tuple[Push, ...] = ()
     seed: int = 0
 
     def __post_init__(self) -> None:
-        least = ("offset_rad", "noise_rad", "delay_s", "felt_delay_s")
+        least = ("offset_rad", "noise_rad", "delay_s", "felt_delay_s", "felt_share", "felt_noise_n")
         check_numbers(self, "imperfections.", above=("stiffness_share", "mass_share"), least=least)
+
+    def felt_n(self, forces_n: Array, draw: np.random.Generator) -> Array:
+        """What sensors of the feet read of their forces, shape (N, 3) [N]."""
+        read = self.felt_share * forces_n
+        if self.felt_noise_n > 0.0:
+            read = read + self.felt_noise_n * draw.standard_normal(read.shape)
+        read[list(self.deaf)] = 0.0
+        return read
 
     def pushed_n(self, time_s: float) -> Array:
         """Of the pushes at a time, shape (3,) [N]."""

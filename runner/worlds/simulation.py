@@ -47,6 +47,9 @@ class SimulatedWorld(LatchedWorld):
         super().__init__()
         self.robot, self.servo, self.rate_hz, self.gravity_m_s2 = robot, servo, rate_hz, gravity_m_s2
         self.model, self.imperfections = legged_model(robot, servo), imperfections
+        last = len(robot.limbs) - 1
+        if outside := set(imperfections.deaf) - set(range(last + 1)):
+            raise InvalidInput(f"imperfections.deaf: expected limbs from 0 to {last}, got {min(outside)}")
         self.drives = Drives.of(robot, servo, self.model, actuators)
         self.joints = self.drives.joints
         self.capabilities = WorldCapabilities.of_drives(self.drives, rate_hz, senses=True)
@@ -95,7 +98,7 @@ class SimulatedWorld(LatchedWorld):
         noise = self.imperfections.noise_rad
         read = state.angles_rad + self._offset
         read = read + noise * self._draw.standard_normal(len(read)) if noise else read
-        self._felt.append(state.forces_n)
+        self._felt.append(self.imperfections.felt_n(state.forces_n, self._draw))
         return replace(state, angles_rad=read, forces_n=self._felt.popleft())
 
     @abstractmethod

@@ -75,6 +75,28 @@ def test_a_foot_that_does_not_bear_pulls_no_body_and_one_that_bears_does(kinemat
             np.testing.assert_allclose(under_the_body[0], now.feet_m[0] + BESIDE, atol=1e-5)
 
 
+@pytest.mark.parametrize("noise_n", [0.0, 5.0])
+def test_a_foot_whose_sensor_is_noisy_does_not_land_on_its_noise_and_lands_where_it_bears(
+    kinematics: Kinematics, noise_n: float
+) -> None:
+    angles, now = standing(kinematics)
+    rng, seen, none_late = np.random.default_rng(3), (state(angles, np.zeros(3)), PLACE), np.zeros(4, dtype=np.bool_)
+    lift = np.zeros((4, 3))
+    lift[0] = 10.0 * UP
+    feet, last = of(kinematics, now), replace(now, foothold=(-1, 1, 2, 3))
+    for k in range(200):  # up, and down again
+        up = replace(last, feet_m=now.feet_m + lift * np.sin(np.pi * (k + 1) / 201))
+        felt = np.array([0.0, 50.0, 50.0, 50.0]) + noise_n * rng.standard_normal(4)
+        feet.seek(last, up, felt, none_late)
+        feet.follow(last, up, felt, NONE, seen)
+        last = up
+        assert not feet.touched[0]
+    bears = np.array([max(1.6, 4.6 * noise_n), 50.0, 50.0, 50.0])
+    feet.seek(last, now, bears, none_late)
+    feet.follow(last, now, bears, NONE, seen)
+    assert feet.touched[0]
+
+
 def test_feet_in_the_air_step_where_the_body_falls(kinematics: Kinematics) -> None:
     angles, now = standing(kinematics)
     air = replace(now, foothold=(-1, 1, 2, -1))

@@ -205,6 +205,25 @@ def test_feet_feel_late_what_they_touch(made: Callable[..., World]) -> None:
     np.testing.assert_array_equal(late[:4], 0.0)
 
 
+def test_feet_read_their_forces_as_wrongly_as_said(made: Callable[..., World]) -> None:
+    of = model()
+    wrong = (Imperfections(), Imperfections(felt_share=0.7, deaf=(1,)), Imperfections(felt_noise_n=5.0, seed=2))
+    found = []
+    for imperfections in wrong:
+        with made(of, imperfections=imperfections) as world:
+            height = of.stand_height_m - float(of.body.com_m[2]) + 0.001
+            states = [world.reset(FLAT, stance(of), np.array([0.0, 0.0, height]), np.eye(3))]
+            states += [world.step(stance(of)) for _ in range(60)]
+        found.append(np.array([state.forces_n for state in states]))
+    true, less, noisy = found  # nothing here moves by what feet read
+    kept = np.array([0.7, 0.0, 0.7, 0.7])[:, None]
+    assert np.abs(true).max() > 10.0
+    np.testing.assert_allclose(less, kept * true)
+    assert (noisy - true).std() == pytest.approx(5.0, rel=0.1)
+    with pytest.raises(InvalidInput, match=r"imperfections\.deaf: expected limbs from 0 to 3, got 4"):
+        made(of, imperfections=Imperfections(deaf=(4,)))
+
+
 def test_a_heavier_robot_and_softer_loops_are_as_said() -> None:
     of = model()
     heavier = simulated_body(of, mass_share=1.15)
