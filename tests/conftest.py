@@ -25,10 +25,15 @@ settings.register_profile("the same examples in every run", derandomize=True, de
 settings.load_profile("the same examples in every run")
 
 
+def pytest_configure() -> None:
+    """What is imported and collected stays: the collector of cycles does not look at it, then or later."""
+    gc.disable()
+
+
 def pytest_collection_finish() -> None:
-    """What was imported and collected stays: the collector of cycles, which runs all the time, passes it over."""
-    gc.collect()
+    """From here on there is garbage."""
     gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session", autouse=True)
