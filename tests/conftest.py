@@ -204,6 +204,32 @@ def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPat
 
 
 @pytest.fixture(scope="session")
+def written_gaits() -> dict[str, Any]:
+    """Programs of gaits that were written down before, by task and settings."""
+    return {}
+
+
+@pytest.fixture
+def each_gait_is_written_once(written_gaits: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Walks of one task, in charts without a map of the terrain, share their program and what IPOPT compiled of it,
+    which answers every solve as if it were the first."""
+    from stancekit.planners.gait.charts import CHARTS
+    from stancekit.planners.gait.method import attempt
+
+    write = attempt.formulate
+
+    def once(task: Any, settings: Any, flattened: Any) -> Any:
+        if not CHARTS.get(settings.chart).scales:
+            return write(task, settings, flattened)
+        asked = str(joblib.hash((task, settings)))
+        if asked not in written_gaits:
+            written_gaits[asked] = write(task, settings, flattened)
+        return written_gaits[asked]
+
+    monkeypatch.setattr(attempt, "formulate", once)
+
+
+@pytest.fixture(scope="session")
 def gl() -> None:
     """Pass a test over where MuJoCo's renderer finds no GL library, which ``test_film`` asserts the message of."""
     from stancekit.planners.errors import InvalidInput
