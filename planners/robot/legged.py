@@ -33,7 +33,7 @@ def legged_model(robot: Robot, servo: Servo = Servo()) -> RobotModel:
 
 @lru_cache(maxsize=16)  # a run asks for the model of its robot half a dozen times
 def _drawn_up(urdf: str, name: str, reaches: tuple[tuple[str, float], ...]) -> RobotModel:
-    """Read from its text, standing with feet outward of their shoulders and below them, as in paper E's ground problems.
+    """Read from its text, standing as in paper E's ground problems: feet outward of their shoulders and below them.
 
     reaches: names of the limbs and how far they reach [m].
     """
