@@ -240,13 +240,8 @@ class Bodies:
             always = np.array(touching, dtype=int).reshape(-1, 2)
             if not touching:
                 return ()
-        first = {link: self.links.index(link) for link in self.links}
-
-        def pair(i: int, j: int) -> tuple[str, str]:
-            one, other = sorted((self.links[i], self.links[j]), key=first.__getitem__)
-            return one, other
-
-        return tuple(dict.fromkeys(pair(i, j) for i, j in sorted(always.tolist())))
+        named = (sorted((self.links[i], self.links[j]), key=self.links.index) for i, j in sorted(always.tolist()))
+        return tuple(dict.fromkeys((one, other) for one, other in named))
 
     def _distance(self, turns: Array, origins: Array, shape: int, other: int, *, terrain: bool = False) -> float:
         """Between a shape and another one, or a part of the terrain, negative where one is inside the other [m]."""

@@ -99,8 +99,7 @@ class Kinematics:
         return np.flatnonzero(self.legs == leg)
 
     def by_leg(self, values: ArrayLike) -> Array:
-        """Numbers of all joints leg by leg, shape (J,) to (N, n) with n joints in the longest; zeros behind shorter
-        ones."""
+        """Numbers of all joints leg by leg, shape (J,) to (N, n), n of the leg with most; zeros behind the others'."""
         if self._even:
             return np.asarray(values, dtype=np.float64).reshape(-1, self._most)
         table = np.zeros((len(self._feet), self._most))
@@ -257,8 +256,7 @@ class Kinematics:
         self.known.gravity.linear = rotation.T @ np.array([0.0, 0.0, -self.gravity_m_s2])
         weight = self._pin.computeGeneralizedGravity(self.known, self._data, self.configuration(angles))
         self._placed(angles)
-        jacobian = self._jacobian()
-        return np.array(weight)[self.columns], jacobian[self.legs, :, self._nth] @ rotation.T
+        return np.array(weight)[self.columns], self._jacobian()[self.legs, :, self._nth] @ rotation.T
 
     def gravity_slopes(self, angles: Array, rotation: Array) -> tuple[Array, Array]:
         """Derivatives of the g of ``loads``: in the angles, shape (J, J), and in a small rotation of the base about the
@@ -289,17 +287,14 @@ class Kinematics:
 
     def _jacobian(self) -> Array:
         """Derivatives of the feet in their own limb's joints, where ``_placed`` put them, shape (N, 3, n)."""
-        pin = self._pin
-        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        found = np.zeros((len(self._feet), 3, self._most))
+        frame, found = self._pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, np.zeros((len(self._feet), 3, self._most))
         for i, (foot, own) in enumerate(zip(self._feet, self._own, strict=True)):
-            its = pin.getFrameJacobian(self.known, self._data, foot, frame)[:3, own]
+            its = self._pin.getFrameJacobian(self.known, self._data, foot, frame)[:3, own]
             found[i, :, : its.shape[1]] = its
         return found
 
 
 def _slice_or(numbers: NDArray[np.int_]) -> slice | NDArray[np.int_]:
     """Numbers that follow each other as a slice, which is quicker; others as they are."""
-    first = int(numbers[0])
-    follow = np.array_equal(numbers, np.arange(first, first + len(numbers)))
-    return slice(first, first + len(numbers)) if follow else numbers
+    follow = slice(int(numbers[0]), int(numbers[0]) + len(numbers))
+    return follow if np.array_equal(numbers, np.arange(follow.start, follow.stop)) else numbers

@@ -252,4 +252,3 @@ class _Found:
 
     state: State
     loads: tuple[Array, Array]
-
