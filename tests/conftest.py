@@ -25,10 +25,15 @@ settings.register_profile("the same examples in every run", derandomize=True, de
 settings.load_profile("the same examples in every run")
 
 
+def pytest_configure() -> None:
+    """What is imported and collected stays: the collector of cycles does not look at it, then or later."""
+    gc.disable()
+
+
 def pytest_collection_finish() -> None:
-    """What was imported and collected stays: the collector of cycles, which runs all the time, passes it over."""
-    gc.collect()
+    """From here on there is garbage."""
     gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -196,6 +201,32 @@ def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPat
 
     for name, kept in (("resolved", postures), ("parametrize", paced), ("motion_bodies", collision)):
         monkeypatch.setattr(prepared, name, kept)
+
+
+@pytest.fixture(scope="session")
+def written_gaits() -> dict[str, Any]:
+    """Programs of gaits that were written down before, by task and settings."""
+    return {}
+
+
+@pytest.fixture
+def each_gait_is_written_once(written_gaits: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Walks of one task, in charts without a map of the terrain, share their program and what IPOPT compiled of it,
+    which answers every solve as if it were the first."""
+    from stancekit.planners.gait.charts import CHARTS
+    from stancekit.planners.gait.method import attempt
+
+    write = attempt.formulate
+
+    def once(task: Any, settings: Any, flattened: Any) -> Any:
+        if not CHARTS.get(settings.chart).scales:
+            return write(task, settings, flattened)
+        asked = str(joblib.hash((task, settings)))
+        if asked not in written_gaits:
+            written_gaits[asked] = write(task, settings, flattened)
+        return written_gaits[asked]
+
+    monkeypatch.setattr(attempt, "formulate", once)
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import combinations
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from ..files.arrays import Array
 from ..terrain.obstacles import Ground, Obstacles
 from .kinematics import Kinematics
 from .links_in_ground import LinksInGround
+from .robot_model import RobotModel
 from .shapes import Shape
 from .solids import link_shapes
 from .urdf_reader import pinocchio
@@ -30,6 +32,10 @@ POSTURES = 256
 """In so many postures two links touch before they are taken for drawn so."""
 ALIGNED, ON_M = 1.0 - 1e-6, 1e-4
 """Cosine between normals of one surface, and how far from it what stands on it may be [m]."""
+
+
+_DRAWN_SO: WeakKeyDictionary[RobotModel, tuple[tuple[str, str], ...]] = WeakKeyDictionary()
+"""``Bodies.drawn_so`` of models that there are, each tried once."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,7 +119,12 @@ class Bodies:
                 and frozenset((self.links[i], self.links[j])) not in disabled
             ], dtype=int,
         ).reshape(-1, 2)  # fmt: skip
-        self.drawn_so = self._leave_out()
+        if self.model not in _DRAWN_SO:
+            _DRAWN_SO[self.model] = self._always_inside()
+        self.drawn_so = _DRAWN_SO[self.model]
+        left_out = {frozenset(pair) for pair in self.drawn_so}
+        kept = [(i, j) for i, j in self._pairs.tolist() if frozenset((self.links[i], self.links[j])) not in left_out]
+        self._pairs = np.array(kept, dtype=int).reshape(-1, 2)
 
     def overlaps(self, body: WholeBody, *, beyond_m: float = TOUCH_M) -> tuple[Overlap, ...]:
         """What is deeper than ``beyond_m`` inside something else, the deepest first; a foot may be in the surface that
@@ -218,8 +229,8 @@ class Bodies:
         origins = np.array([place.translation for place in places]).reshape(-1, 3)
         return turns @ self._turns, origins + np.einsum("sij,sj->si", turns, self._origins)
 
-    def _leave_out(self) -> tuple[tuple[str, str], ...]:
-        """Leave out links of which two shapes touch in every posture, all shapes of theirs, and say which they are."""
+    def _always_inside(self) -> tuple[tuple[str, str], ...]:
+        """Links of which two shapes touch in every posture."""
         lower, upper = self._of.lower_rad, self._of.upper_rad
         spread = lower + (upper - lower) * _spread(POSTURES, len(lower))
         always = self._pairs
@@ -229,16 +240,8 @@ class Bodies:
             always = np.array(touching, dtype=int).reshape(-1, 2)
             if not touching:
                 return ()
-        first = {link: self.links.index(link) for link in self.links}
-
-        def pair(i: int, j: int) -> tuple[str, str]:
-            one, other = sorted((self.links[i], self.links[j]), key=first.__getitem__)
-            return one, other
-
-        drawn = dict.fromkeys(pair(i, j) for i, j in sorted(always.tolist()))
-        kept = [(i, j) for i, j in self._pairs.tolist() if pair(i, j) not in drawn]
-        self._pairs = np.array(kept, dtype=int).reshape(-1, 2)
-        return tuple(drawn)
+        named = (sorted((self.links[i], self.links[j]), key=self.links.index) for i, j in sorted(always.tolist()))
+        return tuple(dict.fromkeys((one, other) for one, other in named))
 
     def _distance(self, turns: Array, origins: Array, shape: int, other: int, *, terrain: bool = False) -> float:
         """Between a shape and another one, or a part of the terrain, negative where one is inside the other [m]."""

@@ -99,8 +99,7 @@ class Kinematics:
         return np.flatnonzero(self.legs == leg)
 
     def by_leg(self, values: ArrayLike) -> Array:
-        """Numbers of all joints leg by leg, shape (J,) to (N, n) with n joints in the longest; zeros behind shorter
-        ones."""
+        """Numbers of all joints leg by leg, shape (J,) to (N, n), n of the leg with most; zeros behind the others'."""
         if self._even:
             return np.asarray(values, dtype=np.float64).reshape(-1, self._most)
         table = np.zeros((len(self._feet), self._most))
@@ -181,20 +180,20 @@ class Kinematics:
         """
         lower, upper = (self.lowest_rad, self.highest_rad) if limits else (-np.inf, np.inf)
         start = np.clip(start, lower, upper)
-        pull, angles = 0.5, start
+        pull, angles, gap = 0.5, start, feet - self._placed(start)
+        before = np.linalg.norm(gap, axis=1)
         for _ in range(STEPS):
-            now, jacobian = self._feet_and_jacobian(angles)
-            gap = feet - now
             if np.max(np.abs(gap)) < EXACT_M:
                 break
-            drawn = pull * (wished - angles)
+            jacobian, drawn = self._jacobian(), pull * (wished - angles)
             pull *= 0.7
             step = self._step(jacobian, gap, drawn)
             held = ((angles <= lower) & (step < 0.0)) | ((angles >= upper) & (step > 0.0))
             if held.any():
                 step = self._step(self.by_leg(~held)[:, None] * jacobian, gap, np.where(held, 0.0, drawn))
             angles = np.clip(angles + np.clip(step, -LONGEST_STEP_RAD, LONGEST_STEP_RAD), lower, upper)
-        error, before = (np.linalg.norm(feet - self.feet(q), axis=1) for q in (angles, start))
+            gap = feet - self._placed(angles)
+        error = np.linalg.norm(gap, axis=1)
         better = error <= np.maximum(before, EXACT_M)
         return np.where(self.of_joints(better), angles, start), np.where(better, error, before)
 
@@ -256,8 +255,8 @@ class Kinematics:
         """
         self.known.gravity.linear = rotation.T @ np.array([0.0, 0.0, -self.gravity_m_s2])
         weight = self._pin.computeGeneralizedGravity(self.known, self._data, self.configuration(angles))
-        _, jacobian = self._feet_and_jacobian(angles)
-        return np.array(weight)[self.columns], jacobian[self.legs, :, self._nth] @ rotation.T
+        self._placed(angles)
+        return np.array(weight)[self.columns], self._jacobian()[self.legs, :, self._nth] @ rotation.T
 
     def gravity_slopes(self, angles: Array, rotation: Array) -> tuple[Array, Array]:
         """Derivatives of the g of ``loads``: in the angles, shape (J, J), and in a small rotation of the base about the
@@ -280,21 +279,22 @@ class Kinematics:
         known.gravity.linear = np.zeros(3)
         return np.asarray(pin.rnea(known, self._data, self.configuration(angles), rates, pushed)[self.columns])
 
-    def _feet_and_jacobian(self, angles: Array) -> tuple[Array, Array]:
-        """Centres of the feet, shape (N, 3), and their derivatives in their own limb's joints, shape (N, 3, n)."""
-        pin = self._pin
-        pin.computeJointJacobians(self.known, self._data, self.configuration(angles))
-        pin.updateFramePlacements(self.known, self._data)
-        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
-        found = np.zeros((len(self._feet), 3, self._most))
+    def _placed(self, angles: Array) -> Array:
+        """Centres of the feet, shape (N, 3), after which ``_jacobian`` is of the same posture."""
+        self._pin.computeJointJacobians(self.known, self._data, self.configuration(angles))
+        self._pin.updateFramePlacements(self.known, self._data)
+        return np.array([self._data.oMf[foot].translation for foot in self._feet])
+
+    def _jacobian(self) -> Array:
+        """Derivatives of the feet in their own limb's joints, where ``_placed`` put them, shape (N, 3, n)."""
+        frame, found = self._pin.ReferenceFrame.LOCAL_WORLD_ALIGNED, np.zeros((len(self._feet), 3, self._most))
         for i, (foot, own) in enumerate(zip(self._feet, self._own, strict=True)):
-            its = pin.getFrameJacobian(self.known, self._data, foot, frame)[:3, own]
+            its = self._pin.getFrameJacobian(self.known, self._data, foot, frame)[:3, own]
             found[i, :, : its.shape[1]] = its
-        return np.array([self._data.oMf[foot].translation for foot in self._feet]), found
+        return found
 
 
 def _slice_or(numbers: NDArray[np.int_]) -> slice | NDArray[np.int_]:
     """Numbers that follow each other as a slice, which is quicker; others as they are."""
-    first = int(numbers[0])
-    follow = np.array_equal(numbers, np.arange(first, first + len(numbers)))
-    return slice(first, first + len(numbers)) if follow else numbers
+    follow = slice(int(numbers[0]), int(numbers[0]) + len(numbers))
+    return follow if np.array_equal(numbers, np.arange(follow.start, follow.stop)) else numbers

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from ..files.arrays import Array
 from .leg_ik import limb_posture
 from .model import Limb, Robot
 from .robot_model import GRAVITY_M_S2, RobotModel, model_of
-from .urdf import FOOT_RADIUS_M, Servo, hexapod_urdf, joint_names, link_lengths
+from .urdf import FOOT_RADIUS_M, JOINTS, LINKS, Servo, hexapod_urdf
 
 ROTOR_S2 = 2e-4
 """A rotor's inertia behind its gears, of joints that a robot's file says nothing of [kg m²], in units of what holds the
@@ -25,13 +27,22 @@ def legged_model(robot: Robot, servo: Servo = Servo()) -> RobotModel:
     """
     if robot.model is not None:
         return robot.model
-    return model_of(
-        hexapod_urdf(robot, servo),
-        where=robot.name,
-        feet={name: f"{name}_foot" for name in robot.limb_names},
-        posture_rad=dict(zip(joint_names(robot), _stance(robot), strict=True)),
-        name=robot.name,
-    )
+    reaches = tuple((limb.name, limb.reach_m) for limb in robot.limbs)
+    return _drawn_up(hexapod_urdf(robot, servo), robot.name, reaches)
+
+
+@lru_cache(maxsize=16)  # a run asks for the model of its robot half a dozen times
+def _drawn_up(urdf: str, name: str, reaches: tuple[tuple[str, float], ...]) -> RobotModel:
+    """Read from its text, standing as in paper E's ground problems: feet outward of their shoulders and below them.
+
+    reaches: names of the limbs and how far they reach [m].
+    """
+    down, posture = np.array([0.0, 0.0, -1.0]), dict[str, float]()
+    for limb, reach_m in reaches:
+        angles = limb_posture(np.array(LINKS) * reach_m, reach_m * np.array([OUTWARD, 0.0, -DOWN]), down, Servo())
+        posture |= {f"{limb}_{joint}": float(angle) for joint, angle in zip(JOINTS, angles, strict=True)}
+    feet = {limb: f"{limb}_foot" for limb, _ in reaches}
+    return model_of(urdf, where=name, feet=feet, posture_rad=posture, name=name)
 
 
 def carried_nm(model: RobotModel) -> float:
@@ -60,12 +71,3 @@ def foot_radii(robot: Robot) -> Array:
     if robot.model is not None:
         return np.array([leg.radius_m for leg in robot.model.legs])
     return np.full(len(robot.limbs), FOOT_RADIUS_M)
-
-
-def _stance(robot: Robot) -> list[float]:
-    """Feet outward of their shoulders and below them, as paper E's ground problems have them."""
-    down, found = np.array([0.0, 0.0, -1.0]), list[float]()
-    for limb in robot.limbs:
-        target = limb.reach_m * np.array([OUTWARD, 0.0, -DOWN])
-        found += limb_posture(link_lengths(limb), target, down, Servo()).tolist()
-    return found

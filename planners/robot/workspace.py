@@ -180,18 +180,19 @@ def _best_faces(candidates: Array, points: Array, missed: np.ndarray) -> tuple[A
     """Half-spaces that leave out missed points, one after the other, each worth the most: DEAR for each of those, less
     one for each other point that it leaves out."""
     normals, offsets = list[Array](), list[float]()
+    along, value = points @ candidates.T, np.where(missed, DEAR, -1.0)
+    order = np.argsort(-along, axis=0).T  # of all points that are left, a row each candidate
     while missed.any():
-        along = points @ candidates.T
-        order = np.argsort(-along, axis=0)
-        worth = np.cumsum(np.where(missed, DEAR, -1.0)[order], axis=0)
+        worth = np.cumsum(value[order], axis=1).T
         last, best = np.unravel_index(int(np.argmax(worth)), worth.shape)
         if worth[last, best] <= 0.0:
             break
-        offset = float(along[order[last, best], best]) - 1e-9
+        offset = float(along[order[best, last], best]) - 1e-9
         normals.append(candidates[best])
         offsets.append(offset)
         left = along[:, best] <= offset
-        points, missed = points[left], missed[left]
+        missed = missed & left
+        order = order[left[order]].reshape(len(candidates), -1)
     return np.array(normals).reshape(-1, 3), np.array(offsets)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stancekit.planners.equilibrium.rows import Rows
-from stancekit.planners.files.arrays import Array, check_numbers
+from stancekit.planners.files.arrays import Array, check_numbers, cross, read_only
 from stancekit.planners.robot.urdf_reader import pinocchio
 from stancekit.planners.terrain.patch import contact_frames
 
@@ -27,6 +27,7 @@ EVEN = 1e-3
 """Weight ε of the plan's forces against those that give the wrench."""
 TURNING = 1.5
 """Weight of a moment [1/m] against a force."""
+WEIGHTS = read_only(np.repeat([1.0, TURNING], 3), (6,), "weights")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,10 +94,9 @@ class BodyController:
             return planned_n
         normals = sample.normals[stands]
         frames = contact_frames(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-        weights = np.repeat([1.0, TURNING], 3)
-        whole = np.cross(sample.feet_m - sample.com_m, sample.forces_n).sum(axis=0)
-        wanted = weights * (wrench + np.concatenate([sample.forces_n.sum(axis=0), whole])) / self._weight
-        maps = np.concatenate([frames, TURNING * _skew(arms_m[stands]) @ frames], axis=1)
+        whole = cross(sample.feet_m - sample.com_m, sample.forces_n).sum(axis=0)
+        wanted = WEIGHTS * (wrench + np.concatenate([sample.forces_n.sum(axis=0), whole])) / self._weight
+        maps = np.concatenate([frames, TURNING * skew(arms_m[stands]) @ frames], axis=1)
         planned = np.einsum("nik,ni->nk", frames, planned_n[stands])
         asked = _Asked(
             arms=maps.transpose(1, 0, 2).reshape(6, -1), wanted=wanted, planned=planned / self._weight,
@@ -145,7 +145,7 @@ class _Asked:
     friction: Array
 
 
-def _skew(v: Array) -> Array:
+def skew(v: Array) -> Array:
     """[v]×, shape (n, 3) to (n, 3, 3)."""
     found = np.zeros((len(v), 3, 3))
     found[:, 0, 1], found[:, 0, 2], found[:, 1, 2] = -v[:, 2], v[:, 1], -v[:, 0]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
 
@@ -24,7 +24,7 @@ from ..motion.motion import Motion, MotionSample
 from ..motion.redundancy import RedundancyResolution, resolved
 from ..worlds.drives import Drives
 from ..worlds.world import State
-from .body_feedback import BodyController, BodyFeedback, BodyPose
+from .body_feedback import BodyController, BodyFeedback, BodyPose, skew
 from .command import command
 from .foot_placement import FADES, ContactFeedback, FootPlacement
 from .loop_stiffness import LoopStiffness
@@ -87,6 +87,7 @@ class Tracker:
         self._body = BodyController(kinematics.robot.mass_kg, model.body.inertia_kgm2, self._weight, body)
         self._feels_body = body.acts
         self._loops = LoopStiffness(self._drives, self._period_s, feedback.memory_s)
+        self._samples: tuple[tuple[float, MotionSample], ...] = ()
         self._found: _Found | None = None
         self._placed: tuple[Array, Array] | None = None
         self._rates = np.zeros(len(kinematics.joints))
@@ -118,7 +119,7 @@ class Tracker:
     @property
     def coming(self) -> MotionSample:
         """What should be at the end of the next period."""
-        return self._motion.at(self._time_s + self._swing.pace * self._period_s)
+        return self._at(self._time_s + self._swing.pace * self._period_s)
 
     def next(self, forces_n: Array, state: State | None = None) -> Target | None:
         """The target of the next period; None at the end.
@@ -132,7 +133,7 @@ class Tracker:
             self._loops.see(state, given, self._of(self._feet.touched))
         if self._time_s >= self._motion.seconds:
             return None
-        now, then = self._motion.at(self._time_s), self.coming
+        now, then = self._at(self._time_s), self.coming
         felt = np.einsum("ij,ij->i", forces_n, then.normals)
         lands = self._feet.seek(now, then, felt, self._swing.late) & self._feedback.waits
         seen = None
@@ -146,14 +147,25 @@ class Tracker:
         self._time_s += self._swing.pace * self._period_s
         return self._target(then)
 
+    def _at(self, time_s: float) -> MotionSample:
+        """What should be at a time: what comes is asked for twice, and a period later is what was."""
+        for known, sample in self._samples:
+            if known == time_s:
+                return sample
+        self._samples = (*self._samples[-1:], (time_s, self._motion.at(time_s)))
+        return self._samples[-1][1]
+
     def _press(self, sample: MotionSample, forces_n: Array, stands: NDArray[np.bool_]) -> None:
         """Sum up what is missing of the forces with which feet press against each other; what of the sum would move or
         turn the body as a whole, as when a foot that pressed against others has lifted, fades out."""
-        arms = sample.feet_m - sample.com_m
-        maps = [np.concatenate([np.eye(3), _skew(arm)]) for arm in arms]
-        whole = np.concatenate(maps, axis=1) * np.repeat(stands, 3)
-        moving = np.linalg.pinv(whole) @ whole
         hangs, wanted = stands & (stands & sample.steep).any(), sample.forces_n
+        sums = self._feedback.press_hz > 0.0 and hangs.any()
+        if not (sums or self._pressed.any()):
+            return
+        arms = sample.feet_m - sample.com_m
+        turning = skew(arms).transpose(1, 0, 2).reshape(3, -1)
+        whole = np.concatenate([np.tile(np.eye(3), len(arms)), turning]) * np.repeat(stands, 3)
+        moving = np.linalg.pinv(whole) @ whole
         if self._found is not None and hangs.any():  # what is outside the cones would be summed up for ever
             wanted = self._body.forces(np.zeros(6), sample, arms, wanted, stands)
         gap = np.where(hangs[:, None], wanted - forces_n, 0.0).ravel()
@@ -205,7 +217,7 @@ class Tracker:
         """A sphere that rolls by a small turn ω moves by ω × r n. turned: orientations of the feet, (N, 3, 3)."""
         between = turned @ self._turned.transpose(0, 2, 1)
         turn = 0.5 * (between - between.transpose(0, 2, 1))[:, [2, 0, 1], [1, 2, 0]]
-        moved = self._kinematics.radii_m[:, None] * np.cross(turn, sample.normals)
+        moved = self._kinematics.radii_m[:, None] * cross(turn, sample.normals)
         stands = np.array(sample.foothold)[:, None] >= 0
         self._rolled = np.where(stands, self._rolled + moved, FADES * self._rolled)
         self._turned = turned
@@ -240,7 +252,3 @@ class _Found:
 
     state: State
     loads: tuple[Array, Array]
-
-
-def _skew(v: Array) -> Array:
-    return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])

@@ -41,7 +41,7 @@ Command = Callable[..., Ran]
 
 
 @pytest.fixture(autouse=True)
-def _timed_once(each_plan_is_timed_once: None) -> None:
+def _once(each_plan_is_timed_once: None, each_gait_is_written_once: None) -> None:
     """Also here."""
 
 

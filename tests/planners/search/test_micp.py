@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import warnings
 from dataclasses import replace
+from functools import cache
 
 import cvxpy as cp
 import numpy as np
@@ -20,7 +21,7 @@ from stancekit.planners.problem.course_file import read_course
 from stancekit.planners.relaxation.domain import domain_of
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.grid import Breaks, cell_error
-from stancekit.planners.relaxation.micp import Grid, MicpProgram
+from stancekit.planners.relaxation.micp import Grid, MicpProgram, of_layout
 from stancekit.planners.search.exact import ExactPlanner
 from stancekit.planners.search.micp import MicpPlanner
 from stancekit.planners.verify import check_plan, check_posture
@@ -72,11 +73,16 @@ def learned():
     return EnvelopeSet.for_problems("wall-3", [problem], [Envelope(low=low, high=high)])
 
 
-def asked(problem, grid=TWO, **options):
-    """The program of a posture over the domain that it implies, and that domain."""
+shared = cache(of_layout)
+
+
+def asked(problem, grid=TWO, solver="highs"):
+    """The program of a posture's layout over the domain that it implies, and that domain."""
     scaled = Scaled.of(problem)
     domain = domain_of(scaled, "contact")
-    return MicpProgram(scaled, Breaks.of(domain, grid.counts), grid, **options), domain
+    symbols, program = shared(scaled.layout, grid, solver)
+    symbols.load(scaled, Breaks.of(domain, grid.counts))
+    return program, domain
 
 
 def coordinates(point):
@@ -301,11 +307,12 @@ def test_an_answer_does_not_depend_on_the_ones_before_it(feasible):
 def test_the_program_that_postures_share_is_the_one_written_for_each_of_them(scenes):
     planner = MicpPlanner(grid=TWO)
     for problem, _ in scenes[:4]:
-        shared, (own, _) = planner.program(problem), asked(problem)
-        assert shared is planner.program(problem)
-        assert shared.figures == own.figures
+        scaled, ours = Scaled.of(problem), planner.program(problem)
+        own = MicpProgram(scaled, Breaks.of(domain_of(scaled, "contact"), TWO.counts), TWO)
+        assert ours is planner.program(problem)
+        assert ours.figures == own.figures
         with warnings.catch_warnings(action="ignore", category=UserWarning):  # cvxpy's, on arrays of three dimensions
-            ours, theirs = (each.problem.get_problem_data(cp.HIGHS, solver_opts={})[0] for each in (shared, own))
+            ours, theirs = (each.problem.get_problem_data(cp.HIGHS, solver_opts={})[0] for each in (ours, own))
         assert ours.keys() == theirs.keys()
         np.testing.assert_allclose(ours["A"].toarray(), theirs["A"].toarray(), atol=1e-14)
         for name in ("b", "c"):
