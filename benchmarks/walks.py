@@ -1,15 +1,16 @@
 """Walks of robots from files, planned, verified and then run in simulation: do they stand, how well, how do feet hold?
 
     python benchmarks/walks.py --robots FOLDER [--only go1 solo12] [--terrains ripple rough:0.5:7] [--count 20]
-        [--first 0] [--world bullet] [--offset-deg .5 --delay-ms 15 --mass 1.15 --stiffness .7 --friction .8]
-        [--no-fits] [--keep FOLDER] [--folder FOLDER] [--json]
+        [--first 0] [--planned-friction .75] [--world bullet] [--offset-deg .5 --delay-ms 15 --mass 1.15]
+        [--stiffness .7 --friction .8] [--no-fits] [--keep FOLDER] [--folder FOLDER] [--json]
 
 FOLDER: example-robot-data's ``robots``; robots that are not there are left out, and said. A walk of ten seconds over
-3.6 times the robot's height, at μ = .6, is planned once and kept in --keep; with --count others follow, each with a
-heading and a length of its own, up to that, drawn from --seed; --first: the number of the first, 1 for drawn ones
-alone. It is run as it is, whatever the joints' limits; why the runner would have refused it else is said at the end of
-its row, unless --no-fits. Rows that are in --folder are not measured again.
-Terrains: any name or file that ``stancekit gait`` takes, so also a map of one's own.
+3.6 times the robot's height, at μ = .6 or --planned-friction, is planned once and kept in --keep; with --count others
+follow, each with a heading and a length of its own, up to that, drawn from --seed; --first: the number of the first, 1
+for drawn ones alone. It is run as it is, whatever the joints' limits; why the runner would have refused it else is said
+at the end of its row, unless --no-fits. Rows that are in --folder are not measured again.
+Terrains: any name or file that ``stancekit gait`` takes, so also a map of one's own; ``_grounds.py`` writes some. On
+the cone, whose slope is .6, μ = .6 leaves feedback nothing, and ANYmal B falls: paper W has .75 there.
 
 body: distance of the body's origin from where it should be, root mean square, worst, and at the end [mm]. slip: of the
 worst stance since its foot touched, and stances with more than 10 mm. late: how long after it should have the last foot
@@ -80,6 +81,7 @@ class Arguments(Options):
     terrains: tuple[str, ...] = TERRAINS
     count: int = 1
     first: int = 0
+    planned_friction: float = FRICTION
     fits: bool = True
     world: str = "mujoco"
     keep: Path = Path(tempfile.gettempdir()) / "stancekit-walks"
@@ -120,11 +122,14 @@ def measured(name: str, terrain: str, index: int, arguments: Arguments, wrong: W
     heading, share = (HEADING_RAD, 1.0) if index == 0 else (rng.uniform(-np.pi, np.pi), rng.uniform(SHORTEST, 1.0))
 
     def measure() -> dict[str, Any]:
-        path = planned(name, arguments.robots, terrain, arguments.keep, (float(heading), float(share)))
+        path = planned(
+            name, arguments.robots, terrain, arguments.keep, (float(heading), float(share)), arguments.planned_friction
+        )
         found = row(path, arguments.world, wrong, fits=arguments.fits)
         return {"robot": name, "terrain": terrain, "walk": index} | found
 
     said = (arguments.offset_deg, arguments.delay_ms, arguments.mass, arguments.stiffness, arguments.friction)
+    said += (f"mu-{arguments.planned_friction:g}",) * (arguments.planned_friction != FRICTION)
     stem = "-".join([name, terrain, str(arguments.seed), str(index), arguments.world, *map(str, said)])
     file = None if arguments.folder is None else arguments.folder / f"{as_file_name(stem)}.json"
     found = measure() if file is None else kept(file, measure)
@@ -156,12 +161,17 @@ def robot_file(example: Example, folder: Path, path: Path) -> Path:
 
 
 def planned(
-    name: str, folder: Path, terrain: str, keep: Path, way: tuple[float, float] = (HEADING_RAD, 1.0)
+    name: str,
+    folder: Path,
+    terrain: str,
+    keep: Path,
+    way: tuple[float, float] = (HEADING_RAD, 1.0),
+    friction: float = FRICTION,
 ) -> Path | str:
     """The file of a walk, planned where it is not there; or why there is none. way: its heading [rad], and its length
-    as a share of the longest."""
-    usual = way == (HEADING_RAD, 1.0)
-    end = "" if usual else f"-{way[0]:.3f}-{way[1]:.3f}"
+    as a share of the longest. friction: μ."""
+    end = "" if way == (HEADING_RAD, 1.0) else f"-{way[0]:.3f}-{way[1]:.3f}"
+    end += "" if friction == FRICTION else f"-mu-{friction:g}"
     path = keep / f"{as_file_name(f'{name}-{terrain}')}{end}.json"
     if path.exists():
         return path
@@ -169,7 +179,7 @@ def planned(
     far = way[1] * HEIGHTS * robot.stand_height_m
     goal = far * np.cos(way[0]), far * np.sin(way[0])
     try:
-        found = stancekit.walk(terrain, goal, robot=robot, friction=FRICTION, total_s=120.0)
+        found = stancekit.walk(terrain, goal, robot=robot, friction=friction, total_s=120.0)
     except InvalidInput as error:  # ground that it cannot stand on, for one
         return str(error)
     if found.trajectory is None:

@@ -5,8 +5,9 @@ shared among the feet that stand, about the centre of mass where it is; their fo
 
     argmin ‖Σ [1; r×] f − (w + w_planned)‖² + ε Σ ‖f − f_planned‖²,    every f inside a part of its friction cone,
 
-so that a foot that has not landed is made up for, and one that is near its cone's border is spared. The position loops
-of the joints stay beneath it.
+so that a foot that has not landed is made up for, and one that is near its cone's border is spared. That part is never
+less than what the plan itself uses, as on a slope of nearly atan μ: forces that were cut there would not carry the
+body. The position loops of the joints stay beneath it.
 """
 
 from __future__ import annotations
@@ -28,6 +29,8 @@ EVEN = 1e-3
 TURNING = 1.5
 """Weight of a moment [1/m] against a force."""
 WEIGHTS = read_only(np.repeat([1.0, TURNING], 3), (6,), "weights")
+PLANNED = 0.95
+"""Of μ that forces may use where the plan uses as much."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,8 +38,9 @@ class BodyFeedback:
     """How a body is pulled to its place; all in units of its own mass and inertia.
 
     position_s2, velocity_s, rotation_s2, turn_s: k_p, k_v, k_R, k_ω; all 0 for no feedback. cone_share: of μ that
-    forces may use. least_share: of the weight that a foot which stands presses with, at least. step_s: feet in the air
-    step aside by what the body's velocity error makes in this time; for walks it is set by how high the robot stands.
+    forces may use, more where the plan does. least_share: of the weight that a foot which stands presses with, at
+    least. step_s: feet in the air step aside by what the body's velocity error makes in this time; for walks it is set
+    by how high the robot stands.
     """
 
     position_s2: float = 80.0
@@ -100,13 +104,21 @@ class BodyController:
         planned = np.einsum("nik,ni->nk", frames, planned_n[stands])
         asked = _Asked(
             arms=maps.transpose(1, 0, 2).reshape(6, -1), wanted=wanted, planned=planned / self._weight,
-            friction=self._feedback.cone_share * sample.friction[stands],
+            friction=self._friction(sample)[stands],
         )  # fmt: skip
         solution = self._program(len(frames)).solve(asked)
         force = self._weight * solution.value("forces") if solution.solved else planned
         found = np.array(planned_n)
         found[stands] = np.einsum("nik,nk->ni", frames, self._inside(force, asked.friction))
         return found
+
+    def _friction(self, sample: MotionSample) -> Array:
+        """The part of μ that the forces of every foot may use, shape (N,)."""
+        along = np.einsum("ij,ij->i", sample.forces_n, sample.normals)
+        across = np.linalg.norm(sample.forces_n - along[:, None] * sample.normals, axis=1)
+        used = across / np.maximum(along, self._feedback.least_share * self._weight)
+        share, most = self._feedback.cone_share * sample.friction, PLANNED * sample.friction
+        return np.asarray(np.maximum(share, np.minimum(used, most)))
 
     def _program(self, count: int) -> Rows[_Asked]:
         """The program for so many feet, in their own frames and units of the weight."""

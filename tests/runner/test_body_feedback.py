@@ -111,6 +111,16 @@ def test_no_foot_leaves_its_share_of_the_cone_or_pulls_or_carries_in_the_air() -
     assert bound > 20
 
 
+@pytest.mark.parametrize(("planned", "given"), [(0.5, 0.5), (0.9, 0.9), (1.0, 0.95)])
+def test_a_plan_that_uses_more_of_the_cone_than_feedback_may_keeps_its_forces(planned: float, given: float) -> None:
+    lean = np.array([planned * 0.6, 0.0, 1.0])
+    now = replace(sample(friction=0.6), forces_n=np.tile(0.25 * WEIGHT * lean, (4, 1)))
+    forces = controller().forces(np.zeros(6), now, FEET, now.forces_n, ALL)
+    across = np.linalg.norm(forces[:, :2], axis=1)
+    np.testing.assert_allclose(across.sum() / forces[:, 2].sum(), given * 0.6, rtol=0.01)
+    assert (across <= max(given, 0.8) * 0.6 * forces[:, 2] + 1e-9).all()
+
+
 def test_a_foot_that_has_not_landed_is_made_up_for() -> None:
     now, three = sample(friction=2.0), np.array([True, True, True, False])
     given = np.where(three[:, None], now.forces_n, 0.0)
