@@ -157,9 +157,10 @@ class Plan:
         return added(moments, stance, len(up)) - cross(self.com[self.layout.stance_frames], up)
 
     def objective(self) -> cp.Expression:
-        """Σ of squares: the last c to the goal, Θ, and the steps of c and of the toes (§II)."""
+        """Σ of squares: the last c to the goal, c to its nominal path, Θ, and the steps of c and of the toes (§II)."""
         aim = self.scaled.aim
         cost = aim.goal * cp.sum_squares(self.com[-1] - self.scaled.goal)
+        cost += aim.com_path * cp.sum_squares(self.com - self.scaled.com)
         cost += aim.tilt / self.scaled.length_m**2 * cp.sum_squares(self.rotation)
         if self.layout.frames > 1:
             cost += aim.com_step * cp.sum_squares(cp.diff(self.com, axis=0))

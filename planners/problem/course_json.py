@@ -57,7 +57,11 @@ def course_to_json(course: Course) -> dict[str, Any]:
         **{name: getattr(course, name).tolist() for name in _ARRAYS},
         **{name: getattr(course, name) for name in _NUMBERS},
         "steps": {name: getattr(course.steps, name) for name in _StepsJson.model_fields},
-        "weights": {name: getattr(course.weights, name) for name in _WeightsJson.model_fields},
+        "weights": {
+            name: getattr(course.weights, name)
+            for name in _WeightsJson.model_fields
+            if name != "com_path" or course.weights.com_path
+        },
         "modes": None if course.modes is None else list(course.modes),
     }
 
@@ -218,6 +222,7 @@ class _StepsJson(_Keys):
 
 class _WeightsJson(_Keys):
     goal: float
+    com_path: float = 0.0  # older files have none
     com_step: float
     toe_step: float
     tilt: float

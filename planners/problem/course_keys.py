@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 
 ROOM_M = 0.002
 """Between a foot and what rises beside its surface [m]."""
+UPRIGHT = 0.1
+"""Weight of the nominal path for a robot of a file: lower, its shanks lie across the edges of steps."""
+ROLLS_RAD = 0.6
+"""A leg that stands turns by as much to either side, and its foot, which is round, rolls as far times its radius."""
 MOST_EVERYWHERE = 32
 """Surfaces that a limb may reach in a scene of a family; elsewhere views may need another size."""
 Least = Annotated[float, Field(ge=0.0, le=LARGEST)]
@@ -136,8 +140,8 @@ class BodySpec(_Keys):
 class CandidateSpec(_Keys):
     """Which pieces of terrain a toe is offered: the ``count`` nearest surfaces, clipped to a square window about its
     nominal place, ``margin_m`` away from every border of the surface, by default ``ROOM_M`` beyond the radius of a foot
-    where a robot's file says what that is. A sole is offered each with every one of ``yaws_rad`` that it has room for,
-    a window being larger by as much as the sole.
+    and how far it rolls, where a robot's file says what that is. A sole is offered each with every one of ``yaws_rad``
+    that it has room for, a window being larger by as much as the sole.
 
     everywhere: in place of ``count`` and ``window_m``, all that a limb could reach wherever the body may be, so that a
     proof that there is no plan is one for the whole terrain."""
@@ -179,6 +183,7 @@ class WeightSpec(_Keys):
     """Of the objective, see ``Weights``."""
 
     goal: Least = 1.0
+    com_path: Least = 0.0
     com_step: Least = 0.2
     toe_step: Least = 0.05
     tilt: Least = 0.05
@@ -232,14 +237,17 @@ class CourseSpec(_Keys):
         return with_mass(found, self.mass_kg)
 
     def standing(self, model: RobotModel, robot: Robot) -> CourseSpec:
-        """The same with toes where the model has them as it stands, if the file does not say where they should be, and
-        so far from borders of surfaces, where a riser may be, that its feet have room."""
+        """The same with toes where the model has them as it stands, if the file does not say where they should be, so
+        far from borders of surfaces, where a riser may be, that its feet have room, and near its nominal path."""
         from ..robot.contact_robot import standing_toes
 
         update: dict[str, Any] = {}
         if "margin_m" not in self.candidates.model_fields_set:
-            margin = max(self.candidates.margin_m, *(leg.radius_m + ROOM_M for leg in model.legs))
+            rolls = 0.0 if self.candidates.everywhere else ROLLS_RAD  # proofs are of all that a foot may stand on
+            margin = max(self.candidates.margin_m, *((1.0 + rolls) * leg.radius_m + ROOM_M for leg in model.legs))
             update["candidates"] = self.candidates.model_copy(update={"margin_m": margin})
+        if "com_path" not in self.weights.model_fields_set:
+            update["weights"] = self.weights.model_copy(update={"com_path": UPRIGHT})
         if "stance" not in self.model_fields_set:
             offsets = standing_toes(model) - np.array([limb.shoulder_m for limb in robot.limbs])
             limbs = {limb.name: tuple(offset.tolist()) for limb, offset in zip(robot.limbs, offsets, strict=True)}

@@ -32,12 +32,14 @@ class StepLimits:
 
 @dataclass(frozen=True, kw_only=True)
 class Weights:
-    """Of the objective: squared distance of the last COM from the goal, squared steps, squared tilt; lengths in m.
+    """Of the objective: squared distance of the last COM from the goal, of every COM from the nominal path, squared
+    steps, squared tilt; lengths in m.
 
     The paper: "minimizes the distance of the planned final configuration to the goal and penalizes the step size".
     """
 
     goal: float = 1.0
+    com_path: float = 0.0
     com_step: float = 0.2
     toe_step: float = 0.05
     tilt: float = 0.05

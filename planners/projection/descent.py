@@ -57,11 +57,12 @@ def improved(
 def cost(scaled: Scaled, point: Point) -> float:
     """The objective of paper E §IV-B at a point, in units of the length scale squared.
 
-    Goal, tilt, steps of the COM and of the toes, with the weights of the course (``Weights``); of one candidate a
-    foothold.
+    Goal, nominal path, tilt, steps of the COM and of the toes, with the weights of the course (``Weights``); of one
+    candidate a foothold.
     """
     weights, moves = scaled.aim, scaled.layout.moves
     value = weights.goal * float(np.sum((point.com[-1] - scaled.goal) ** 2))
+    value += weights.com_path * float(np.sum((point.com - scaled.com) ** 2))
     value += weights.tilt / scaled.length_m**2 * float(np.sum(point.rotation**2))
     value += weights.com_step * float(np.sum(np.diff(point.com, axis=0) ** 2))
     return value + weights.toe_step * float(np.sum((point.toes[moves[:, 1]] - point.toes[moves[:, 0]]) ** 2))

@@ -125,7 +125,7 @@ def written(layout: Layout, least_moment: bool) -> tuple[dict[str, Any], int]:
     start = cs.SX.sym("start", x.numel())
     cost = 0.5 * (PULL if least_moment else PULL_BESIDE) * cs.sumsqr(x - start)
     if not least_moment:
-        terms = (com[:, -1] - data["goal"], rotation, moved, cs.vertcat(*walked))
+        terms = (com[:, -1] - data["goal"], com - data["com"], rotation, moved, cs.vertcat(*walked))
         cost += sum((data["aim"][k] * cs.sumsqr(term) for k, term in enumerate(terms)), cs.SX(0))
     equations = cs.vertcat(*(cs.sum1(shares[own]) - 1 for own in under), *force, *moment)
     program = {
@@ -143,7 +143,7 @@ def _sizes(layout: Layout) -> dict[str, tuple[int, int]]:
     return {
         "vertices": (3, len(layout.vertex_footholds)), "axes": (3, 3 * footholds), "friction": (1, footholds),
         "weight": (1, 1), "shoulders": (3, limbs), "reach": (1, limbs), "com": (3, frames), "com_radius": (1, frames),
-        "limits": (3, 1), "direction": (3, steps), "progress": (1, steps), "goal": (3, 1), "aim": (4, 1),
+        "limits": (3, 1), "direction": (3, steps), "progress": (1, steps), "goal": (3, 1), "aim": (5, 1),
         "offsets": (3, len(layout.contacts[0]) if layout.points else 0),
         "row_normals": (3, len(layout.row_limbs)), "row_bounds": (1, len(layout.row_limbs)),
         "apart_normals": (3, len(layout.relative_rows[0])), "apart_bounds": (1, len(layout.relative_rows[0])),
@@ -152,10 +152,10 @@ def _sizes(layout: Layout) -> dict[str, tuple[int, int]]:
 
 def parameters(scaled: Scaled, start: Array) -> Array:
     """The program's parameters; CasADi stacks columns, so that every vertex, axis and step is one."""
-    aim = np.zeros(4)
+    aim = np.zeros(5)
     if scaled.weights is not None:
-        weights = scaled.weights
-        aim = np.array([weights.goal, weights.tilt / scaled.length_m**2, weights.com_step, weights.toe_step])
+        its = scaled.weights
+        aim = np.array([its.goal, its.com_path, its.tilt / scaled.length_m**2, its.com_step, its.toe_step])
     return np.concatenate([
         scaled.vertices.ravel(), scaled.frames.transpose(0, 2, 1).ravel(), scaled.friction, [scaled.weight],
         scaled.shoulders.ravel(), scaled.reach, scaled.com.ravel(), scaled.com_radius, scaled.steps,

@@ -14,7 +14,7 @@ from ..answer.plan import Plan
 from ..problem.course import Course
 from .force_distribution import ForceDistribution
 
-PRESSES = (0.1, 0.05)
+PRESSES = (0.2, 0.1, 0.05)
 """Shares of the weight that every foot that carries bears at least, the most cautious first."""
 
 

@@ -39,8 +39,8 @@ from .whole_body_limits import WholeBodyLimits
 from .whole_body_step import TORQUE_PRICE, WholeBody, WholeBodyStep
 
 AIM, SPARE = 0.97, 0.02
-"""Steps aim at this share of what is wanted, and leave this share of the friction, times the radius: what a step is
-wrong by falls with its square."""
+"""Steps aim at this share of what is wanted, and leave this share of the friction, and of the weight above what feet
+are to press with, times the radius: what a step is wrong by falls with its square."""
 WIDER, NARROWER, NARROWEST, WIDEST = 1.4, 0.4, 0.02, 2.0
 """Of the trust region's radius: after a step that was one, after one that was none, and its bounds."""
 GAIN = 3e-4
@@ -253,7 +253,9 @@ class _Stage:
 
         Where the forces of the step cannot be mended alone, body and joints are found once more for its toes.
         """
-        inside = replace(scaled, friction=(1.0 - SPARE * min(radius, 1.0)) * scaled.friction)
+        spare = SPARE * min(radius, 1.0)
+        firmer = np.where(scaled.force_min > 0.0, scaled.force_min + spare, scaled.force_min)
+        inside = replace(scaled, friction=(1.0 - spare) * scaled.friction, force_min=firmer)
         at = WholeBody(
             inside, state.at.point, solver=self._solver, angles=state.at.angles, limit_nm=self._limit_nm,
             wanted=AIM * self._limits.share, radius=radius, near=state.near, clearance_m=self._limits.clearance_m,

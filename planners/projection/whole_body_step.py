@@ -34,8 +34,8 @@ from .joint_ranges import joint_ranges, keep_turns, standing, turn_room
 
 TORQUE_PRICE = 3.0
 """Of the largest torque's share above what is wanted, in units of the objective."""
-MOMENT_PRICE = 100.0
-"""Of the moments that a step leaves, likewise."""
+MOMENT_PRICE = 3e3
+"""Of the moments that a step leaves, likewise: more than what hundreds of distances that are missing pay for them."""
 STILL, EVEN = 2e-3, 1e-5
 """Of Σ δq² and Σ f²: joints that need not move stay, forces that are free are small."""
 TRUST = {"com": 0.03, "rotation": 0.08, "toes": 0.04, "joints": 0.25}

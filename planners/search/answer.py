@@ -177,6 +177,7 @@ def objective_of(plan: Plan) -> float:
     """The objective of ``Weights`` at a plan, SI: recomputed, whatever a solver said."""
     course, weights = plan.course, plan.course.weights
     cost = weights.goal * float(np.sum((plan.com_m[-1] - course.goal_m) ** 2))
+    cost += weights.com_path * float(np.sum((plan.com_m - course.com_nominal_m) ** 2))
     cost += weights.tilt * float(np.sum(plan.rotation_rad**2))
     cost += weights.com_step * float(np.sum(np.diff(plan.com_m, axis=0) ** 2))
     steps = np.array([plan.toes_at(k) - plan.toes_at(k - 1) for k in range(1, course.frames)])

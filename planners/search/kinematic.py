@@ -232,6 +232,7 @@ class _Model:
         cost = weights.toe_step * cp.sum_squares(self._toes[after] - self._toes[before]) if len(moves) else 0.0
         if self._body:
             cost += weights.goal * cp.sum_squares(self._com[-1] - its.goal_m)
+            cost += weights.com_path * cp.sum_squares(self._com - its.com_nominal_m)
             cost += weights.com_step * cp.sum_squares(cp.diff(self._com, axis=0))
         else:
             last = [p for p in its.holds[-1] if its.footholds[p].toe_m is None]

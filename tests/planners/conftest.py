@@ -16,7 +16,7 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.problem import PostureProblem
-from stancekit.planners.problem.course import Course, Foothold, StepLimits
+from stancekit.planners.problem.course import Course, Foothold, StepLimits, Weights
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.model import Limb, Robot
 from stancekit.planners.robot.reach import ReachRows, RelativeReach
@@ -210,6 +210,7 @@ def _written_course(course: Course) -> tuple[cp.Problem, list[list[cp.Variable]]
         rows += [force == 0, moment == 0]
     cost = course.weights.goal * cp.sum_squares(com[frames - 1] - course.goal_m)
     cost += course.weights.tilt * cp.sum_squares(turn)
+    cost += course.weights.com_path * cp.sum_squares(com - course.com_nominal_m)
     for k in range(1, frames):
         rows += [cp.norm(com[k] - com[k - 1]) <= course.steps.com_m]
         rows += [cp.norm(turn[k] - turn[k - 1]) <= course.steps.rotation_rad]
@@ -341,7 +342,7 @@ def _ragged(seed: int, frames: int = 2, candidates: int = 3, ice: float = 0.3) -
         name=f"ragged-{seed}", robot=robot, terrain=tuple(p for put in footholds for p in put.candidates),
         footholds=tuple(footholds), lifts=lifts, next_lift=(FOUR[(frames - 1) % 4],) if frames == 1 else (),
         com_nominal_m=com, com_radius_m=np.full(frames, 0.05), goal_m=com[-1] + rng.uniform(-0.1, 0.1, 3),
-        steps=StepLimits(com_m=0.09, toe_m=0.3, progress_m=0.01),
+        steps=StepLimits(com_m=0.09, toe_m=0.3, progress_m=0.01), weights=Weights(com_path=0.03),
     )  # fmt: skip
 
 

@@ -58,9 +58,9 @@ def courses(draw):
         next_lift=sets[0], com_nominal_m=np.array([draw(POINTS) for _ in range(frames)]),
         com_radius_m=np.array([draw(POSITIVE) for _ in range(frames)]), goal_m=np.array(draw(POINTS)),
         steps=StepLimits(com_m=most, toe_m=draw(POSITIVE), rotation_rad=0.1, progress_m=0.3 * most),
-        weights=Weights(goal=draw(POSITIVE), tilt=0.0), tilt_limit_rad=draw(st.floats(0.0, 0.5)),
-        gravity_m_s2=draw(POSITIVE), length_scale_m=draw(POSITIVE), force_min=-np.abs(draw(POINTS)),
-        force_max=np.abs(draw(POINTS)),
+        weights=Weights(goal=draw(POSITIVE), com_path=draw(st.sampled_from([0.0, 0.3])), tilt=0.0),
+        tilt_limit_rad=draw(st.floats(0.0, 0.5)), gravity_m_s2=draw(POSITIVE), length_scale_m=draw(POSITIVE),
+        force_min=-np.abs(draw(POINTS)), force_max=np.abs(draw(POINTS)),
         modes=draw(st.none() | st.lists(st.integers(0, 3), min_size=frames, max_size=frames).map(tuple)),
     )  # fmt: skip
 

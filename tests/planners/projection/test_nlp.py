@@ -41,6 +41,8 @@ def walked(walk):
 
 def test_the_rows_vanish_at_a_walk_in_closed_form_and_say_how_far_off_another_point_is(walk):
     scaled, point = walked(walk)
+    assert scaled.weights is not None
+    scaled = replace(scaled, weights=replace(scaled.weights, com_path=0.3), com=scaled.com + np.array([0.0, 0.01, 0.0]))
     program, equal = written(scaled.layout, False)
     rows = cs.Function("rows", [program["x"], program["p"]], [program["f"], program["g"]])
     x = vector(scaled, point)
@@ -51,6 +53,7 @@ def test_the_rows_vanish_at_a_walk_in_closed_form_and_say_how_far_off_another_po
     moved = np.sum(np.diff(point.toes[scaled.layout.moves], axis=1) ** 2)
     aim = scaled.aim
     expected = aim.goal * np.sum((point.com[-1] - scaled.goal) ** 2) + aim.com_step * steps + aim.toe_step * moved
+    expected += aim.com_path * np.sum((point.com - scaled.com) ** 2)
     assert f[0] == pytest.approx(expected, rel=1e-9)
     off = replace(point, com=point.com + np.array([0.1, 0.0, 0.0]))
     _, g = (np.asarray(part).ravel() for part in rows(vector(scaled, off), parameters(scaled, x)))

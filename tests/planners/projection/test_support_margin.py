@@ -52,8 +52,8 @@ def shares(plan: Plan, stance: int) -> Array:
 def test_a_plan_on_an_edge_is_planned_anew_with_its_centre_inside_of_what_carries_it(plan: Plan) -> None:
     threes = [index for index, stance in enumerate(plan.course.stances) if len(stance.limbs) == 3]
     assert len(threes) >= 8
-    assert plan.provenance["press_share"] == 0.1
-    assert all(shares(plan, stance).min() >= 0.1 - 1e-6 for stance in threes)
+    assert plan.provenance["press_share"] == 0.2
+    assert all(shares(plan, stance).min() >= 0.2 - 1e-6 for stance in threes)
     loose = plan_with_reserve(TwoStageCoursePlanner(), plan.course, presses=()).plan
     assert loose is not None
     assert "press_share" not in loose.provenance
@@ -70,8 +70,8 @@ def test_steady_is_what_barycentric_coordinates_say_of_three_feet(plan: Plan) ->
 def test_a_plan_that_is_bent_for_its_torques_still_presses(plan: Plan) -> None:
     bent = whole_body(plan, WholeBodyLimits(torque_nm=20.0)).plan
     assert not np.array_equal(bent.com_m, plan.com_m)
-    assert bent.provenance["press_share"] == 0.1
-    assert steady(bent, 0.1 - 1e-6)
+    assert bent.provenance["press_share"] == 0.2
+    assert steady(bent, 0.2 - 1e-6)
 
 
 def test_pressing_changes_the_least_normal_force_alone(plan: Plan) -> None:

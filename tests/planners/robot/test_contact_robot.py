@@ -111,6 +111,32 @@ def test_toes_stand_where_the_model_stands_unless_the_course_says_otherwise(fold
         np.testing.assert_allclose(middle[:2], expected, atol=0.05)
 
 
+def test_toes_keep_as_far_from_a_riser_as_their_feet_roll_unless_all_that_they_reach_is_asked_for(folder: Path) -> None:
+    radius_m = named_robot(folder / "dog.urdf").legs[0].radius_m
+    (folder / "all.yaml").write_text(COURSE.replace("{window_m: 0.2}", "{everywhere: true}"))
+    (folder / "near.yaml").write_text(COURSE.replace("{window_m: 0.2}", "{window_m: 0.2, margin_m: 0.005}"))
+    for name, margin_m in (("step", 1.6 * radius_m + 0.002), ("all", max(radius_m + 0.002, 0.02)), ("near", 0.005)):
+        corners = np.concatenate([
+            patch.vertices_m for foothold in read_course(folder / f"{name}.yaml").footholds
+            for patch in foothold.candidates
+        ])  # fmt: skip
+        assert np.abs(corners[:, 0] - 0.42).min() == pytest.approx(margin_m, abs=1e-9), name
+
+
+def test_a_body_keeps_to_its_path_where_the_robot_has_a_file_and_the_course_does_not_say_otherwise(
+    folder: Path,
+) -> None:
+    course = read_course(folder / "step.yaml")
+    (folder / "loose.yaml").write_text(f"{COURSE}weights: {{com_path: 0.0}}\n")
+    loose = read_course(folder / "loose.yaml")
+    assert (course.weights.com_path, loose.weights.com_path, read_course("walls").weights.com_path) == (0.1, 0.0, 0.0)
+    near, far = (TwoStageCoursePlanner().solve(each).plan for each in (course, loose))
+    assert near is not None
+    assert far is not None
+    off_m = [np.linalg.norm(each.com_m - each.course.com_nominal_m, axis=1).mean() for each in (near, far)]
+    assert off_m[0] < 0.8 * off_m[1]
+
+
 @pytest.mark.parametrize(("x_m", "raised"), [(0.0, 0.0), (0.45, 0.5), (2.0, 1.0)])
 def test_a_start_without_a_height_stands_on_the_terrain_there(folder: Path, x_m: float, raised: float) -> None:
     model = named_robot(folder / "dog.urdf")

@@ -512,6 +512,10 @@ def scip(course, *, nodes):
     weights, cost = course.weights, 0.0
     cost += weights.goal * sum((com[-1][j] - float(course.goal_m[j])) ** 2 for j in range(3))
     cost += weights.tilt * sum(x * x for row in turn for x in row)
+    cost += weights.com_path * sum(
+        (x - float(at)) ** 2 for row, nominal in zip(com, course.com_nominal_m, strict=True)
+        for x, at in zip(row, nominal, strict=True)
+    )  # fmt: skip
     for k in range(1, course.frames):
         step = [com[k][j] - com[k - 1][j] for j in range(3)]
         within(step, course.steps.com_m)
