@@ -1,7 +1,7 @@
 """What a trained selector contributes where it is used: first plans on random ice, and windows of ``Traverse-v0``.
 
     python benchmarks/in_the_loop.py --selectors gmm.json neural.safetensors [--count 40] [--episodes 20] [--seed 0]
-        [--frames 8] [--regions 4] [--ice 0.5] [--course walls] [--horizon 2] [--json]
+        [--frames 8] [--regions 4] [--ice 0.5] [--course walls] [--horizon 2] [--runs 10] [--shares 1 0.7] [--json]
 
 The selectors are files of `stancekit fit`, of a class whose legs the courses stand on (wall-3). "lift": the two-stage
 planner, no selector. A selector's box is asked first in every plan, and the lift where there is no plan within it, so
@@ -11,6 +11,11 @@ Ice: walls with random panels without friction, planned whole; found: a verified
 interval of order statistics, and "÷ lift" that of the courses both found. Windows: episodes of ``Traverse-v0`` over
 perturbed courses, --horizon key frames a window; reached: at the last frame. "by the policy": plans within what the
 selector chose, of all that its way made. Intervals of shares are Wilson's; all are of 95 %.
+
+Unknown friction: the closed loop in MuJoCo over --runs perturbed courses, in a world that has one of --shares of the
+friction that they say; the loop is told nothing, and estimates it from what feet feel (``closed_loop.py``, "anew").
+All plans are made by the way's planner, the first one, too. succeeded: all key frames were reached and nothing stopped
+it. of solvable: of the courses for which the lift has a plan when it is told. A part with a count of 0 is left out.
 """
 
 from __future__ import annotations
@@ -23,6 +28,7 @@ from pathlib import Path
 
 import numpy as np
 from _bench import Options, launch
+from closed_loop import Ran, course_of, solved, summary
 
 from stancekit.cli.policy import read_policy
 from stancekit.envs.distributions.courses import icy_walls
@@ -33,9 +39,13 @@ from stancekit.planners.errors import InvalidInput, PlanningFailed
 from stancekit.planners.problem.candidates import NoFooting
 from stancekit.planners.problem.course import Course
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.search.friction_margin import slippery
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
+from stancekit.runner.control.closed_loop import ClosedLoop
 from stancekit.runner.control.envelope_choice import SelectorPolicy
 from stancekit.runner.control.replanning import Observation
+from stancekit.runner.run import Runner
+from stancekit.runner.worlds import make_world
 
 LIFT = "lift"
 
@@ -54,14 +64,18 @@ class Arguments(Options):
     """Of Traverse-v0."""
     course: str = "walls"
     horizon: int = 2
+    runs: int = 10
+    """In the closed loop, a share of friction."""
+    shares: tuple[float, ...] = (1.0, 0.7)
 
 
 def main(arguments: Arguments) -> None:
     """Measure and print."""
     like = read_course("icy-walls")
     policies = {path.name: read_policy(str(path), like) for path in arguments.selectors}
-    on_ice(arguments, {LIFT: Way(None)} | {name: Way(policy) for name, policy in policies.items()})
-    walked(arguments, {LIFT: Way(None)} | {name: Way(policy) for name, policy in policies.items()})
+    for part, wanted in ((on_ice, arguments.count), (walked, arguments.episodes), (unknown_friction, arguments.runs)):
+        if wanted:
+            part(arguments, {LIFT: Way(None)} | {name: Way(policy) for name, policy in policies.items()})
 
 
 @dataclass
@@ -102,7 +116,7 @@ class Way:
 def on_ice(arguments: Arguments, ways: dict[str, Way]) -> None:
     """Time to a first verified plan."""
     rng = np.random.default_rng(arguments.seed)
-    courses = [course_of(arguments, rng) for _ in range(arguments.count + 1)]
+    courses = [icy(arguments, rng) for _ in range(arguments.count + 1)]
     for index, course in enumerate(courses):
         if index == 1:  # the first one compiled
             for way in ways.values():
@@ -120,7 +134,7 @@ def on_ice(arguments: Arguments, ways: dict[str, Way]) -> None:
         })  # fmt: skip
 
 
-def course_of(arguments: Arguments, rng: np.random.Generator) -> Course:
+def icy(arguments: Arguments, rng: np.random.Generator) -> Course:
     """Walls with ice that have something for every toe."""
     while True:
         try:
@@ -155,6 +169,39 @@ def walked(arguments: Arguments, ways: dict[str, Way]) -> None:
             "reached": shown(Share(hits=reached, of=begun)), "CPU s a window": f"{seconds / windows:.3f}",
             "by the policy": way.share,
         })  # fmt: skip
+
+
+def unknown_friction(arguments: Arguments, ways: dict[str, Way]) -> None:
+    """Closed loops that are not told the friction."""
+    for share in arguments.shares:
+        for name, way in ways.items():
+            begin, made, runs = time.process_time(), np.zeros(2, dtype=int), list[Ran]()
+            for index in range(arguments.runs):
+                if way.policy is not None:
+                    way.policy.planners.clear()
+                course = course_of(arguments.course, arguments.seed, index, amount=1.0)
+                runs.append(loop(course, share, way.policy))
+                made += (0, 0) if way.policy is None else way.policy.answers
+            told, (inside, without) = summary(runs), made.tolist()
+            arguments.say({
+                "friction": share, "way": name, "succeeded": shown(Share(hits=told["succeeded"], of=told["runs"])),
+                "of solvable": f"{told['of_solvable']}/{told['solvable']}", "refused": told["refused"],
+                "by the policy": "" if way.policy is None else shown(Share(hits=inside, of=inside + without)),
+                "replans": told["replans"], "planning s": told["plan_s"],
+                "CPU s a run": f"{(time.process_time() - begin) / arguments.runs:.1f}",
+            })  # fmt: skip
+
+
+def loop(course: Course, share: float, policy: SelectorPolicy | None) -> Ran:
+    """One closed loop over a course, in a world that has this share of its friction."""
+    has = slippery(course, share)
+    world = make_world("mujoco", course.robot, gravity_m_s2=course.gravity_m_s2)
+    try:
+        report = ClosedLoop(course, Runner(world), policy).run(has.terrain)
+    except (PlanningFailed, InvalidInput) as error:
+        world.close()
+        return Ran(solvable=solved(has), why=f"not begun: {error}")
+    return Ran(solvable=solved(has), why=report.message, report=report)
 
 
 def frames_of(env: TraverseEnv) -> int:

@@ -4,8 +4,9 @@
     python benchmarks/zoo.py [--out out/zoo]             # makes them, and says which bits differ
     python benchmarks/zoo.py --cards                     # the table of docs/cards.md, from the cards
 
-They are the experiment configs/zoo.yaml: `stancekit bench envelopes --config configs/zoo.yaml --out out/zoo` makes the
-same files. A run that was stopped goes on. Bits are the same with the versions that the cards name, on one kind of CPU.
+They are the selectors of configs/zoo.yaml, `stancekit bench envelopes --config configs/zoo.yaml --out out/zoo`, with
+their weights rounded to half precision, in which they are evaluated, too. A run that was stopped goes on. Bits are the
+same with the versions that the cards name, on one kind of CPU.
 """
 
 from __future__ import annotations
@@ -19,11 +20,15 @@ from pathlib import Path
 from _bench import ROOT, Options, launch
 from torch import __version__ as torch_version
 
+from stancekit.envs.data.dataset import Dataset
 from stancekit.envs.data.ledger import software
+from stancekit.envs.data.scenes import scenes_of
 from stancekit.learners.data.executor import executor
 from stancekit.learners.evaluation.bench import ClassResult, run
-from stancekit.learners.evaluation.evaluate import Score
+from stancekit.learners.evaluation.evaluate import Score, evaluate
 from stancekit.learners.evaluation.experiment import Experiment
+from stancekit.learners.selectors.neural import NeuralSelector
+from stancekit.learners.selectors.selector_file import load_selector
 from stancekit.learners.selectors.shipped import Card, Figure, Quotas, card, shipped
 from stancekit.planners.files.writing import write_bytes, write_text
 
@@ -58,9 +63,12 @@ def main(given: Arguments) -> None:
     for result in run(experiment, given.out, executor=executor("processes", workers=1)):
         for method in experiment.methods:
             name = f"{method}-{result.problem_class}"
-            content = (given.out / result.problem_class / f"{method}.safetensors").read_bytes()
+            path = given.out / result.problem_class / f"{name}.safetensors"
+            rounded(given.out / result.problem_class / f"{method}.safetensors", path)
+            content = path.read_bytes()
             if given.write:
-                known = described(method, content, result, experiment)
+                score = scored(path, result.test, experiment)
+                known = described(method, content, result, experiment, score)
                 write_bytes(ZOO / f"{name}.safetensors", content)
                 write_text(ZOO / f"{name}.json", known.model_dump_json(indent=1) + "\n")
             same = name in shipped() and shipped()[name].read_bytes() == content
@@ -69,18 +77,29 @@ def main(given: Arguments) -> None:
     sys.exit(int(differ > 0))
 
 
-def described(method: str, content: bytes, result: ClassResult, experiment: Experiment) -> Card:
+def rounded(path: Path, to: Path) -> None:
+    """Write a selector with its weights in half precision."""
+    NeuralSelector.load(path).save(to, half=True)
+
+
+def scored(path: Path, test: Dataset, experiment: Experiment) -> Score:
+    """What the file is good for, on the test rows."""
+    scenes, projections = scenes_of(test), experiment.projections
+    return evaluate(path.stem, load_selector(path), scenes, problem_class=test.problem_class, projections=projections)
+
+
+def described(method: str, content: bytes, result: ClassResult, experiment: Experiment, score: Score) -> Card:
     """The card of a selector that was made."""
     calibration = experiment.calibration
     assert calibration is not None
-    scores = {score.selector: score for score in result.scores}
+    lift = next(each for each in result.scores if each.selector == "lift")
     rows = (Quotas(feasible=q.feasible, infeasible=q.infeasible, seed=q.seed)
             for q in (experiment.train, calibration, experiment.test))  # fmt: skip
     train, held, test = rows
     return Card(
         method=method, problem_class=result.problem_class, legs=list(result.test.header.legs),
         sha256=hashlib.sha256(content).hexdigest(), seed=experiment.fit.seed, train=train, calibration=held, test=test,
-        figures=figures(scores[method]), lift=figures(scores["lift"]), limits=list(LIMITS),
+        figures=figures(score), lift=figures(lift), limits=list(LIMITS),
         software=software() | {"torch": torch_version},
     )  # fmt: skip
 

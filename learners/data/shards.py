@@ -32,6 +32,8 @@ from stancekit.planners.search.proposals import Proposer
 
 BLOCK = 512
 """Samples that are decided together, at most."""
+KEPT_BYTES = 1 << 24
+"""Once a block of memory of this size was freed, glibc keeps as much for later, instead of giving it back at once."""
 BARREN = 10_000
 """After so many draws without a single row of a label that is wanted, a shard gives up."""
 
@@ -63,6 +65,7 @@ def label_shard(
 ) -> Shard:
     """Draw one shard until its quotas are full, block by block; no row depends on where a block begins."""
     begin, plan = time.process_time(), header.plan
+    np.empty(KEPT_BYTES, dtype=np.uint8)  # or the arrays of a block would come anew from the system, step by step
     labeller = _Labeller(plan, shard, proposers)
     limit, rng = draws_per_row * labeller.wanted, _stream(plan, shard)
     while labeller.missing:

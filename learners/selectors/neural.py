@@ -79,8 +79,8 @@ class NeuralSelector(MemorylessPolicy):
         """The boxes for these problems, for a planner."""
         return self._boxes(SceneTensors.of_problems(problems))[0]
 
-    def save(self, path: str | Path) -> None:
-        """Write the selector as one safetensors file."""
+    def save(self, path: str | Path, *, half: bool = False) -> None:
+        """Write the selector as one safetensors file. half: with its weights rounded to half precision."""
         header = {
             "problem_class": self.problem_class,
             "legs": list(self.legs),
@@ -91,7 +91,7 @@ class NeuralSelector(MemorylessPolicy):
             "relaxation": self.relaxation,
             "provenance": self.provenance,
         }
-        write_tensors(path, FORMAT, header, self.network.state_dict())
+        write_tensors(path, FORMAT, header, self.network.state_dict(), half=half)
 
     @classmethod
     def load(

@@ -24,17 +24,27 @@ KEY = "stancekit"
 
 
 MOST_BYTES = 512_000_000
-DTYPES = (torch.float32, torch.float64, torch.int64)
+DTYPES = (torch.float16, torch.float32, torch.float64, torch.int64)
 
 
-def write_tensors(path: str | Path, kind: str, header: Mapping[str, Any], tensors: Mapping[str, Tensor]) -> None:
-    """Write tensors and a JSON header, whole or not at all. kind: the format's name with its version."""
+def write_tensors(
+    path: str | Path, kind: str, header: Mapping[str, Any], tensors: Mapping[str, Tensor], *, half: bool = False
+) -> None:
+    """Write tensors and a JSON header, whole or not at all.
+
+    kind: the format's name with its version. half: round what is in single precision to half of it, in half the room.
+    """
     plain = {name: tensor.detach().contiguous() for name, tensor in tensors.items()}
+    if half:
+        plain = {name: each.half() if each.dtype is torch.float32 else each for name, each in plain.items()}
     write_bytes(path, save(plain, {KEY: json.dumps({**header, "format": kind}, sort_keys=True)}))
 
 
 def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str, Tensor]]:
-    """Return (header, tensors). Raises InvalidInput for what is missing, truncated, foreign or not finite."""
+    """Return (header, tensors), those of half precision in single precision.
+
+    Raises InvalidInput for what is missing, truncated, foreign or not finite.
+    """
     path = Path(path)
     if not path.is_file():
         found = "a folder" if path.is_dir() else "nothing"
@@ -54,10 +64,10 @@ def read_tensors(path: str | Path, kind: str) -> tuple[dict[str, Any], dict[str,
         if tensor.ndim > 8:
             raise InvalidInput(f"{path}: tensor {name}: expected 8 dimensions or fewer, got {tensor.ndim}")
         if tensor.dtype not in DTYPES:
-            raise InvalidInput(f"{path}: tensor {name}: expected single or double precision, got {tensor.dtype}")
+            raise InvalidInput(f"{path}: tensor {name}: expected half, single or double precision, got {tensor.dtype}")
         if not bool(torch.isfinite(tensor).all()):
             raise InvalidInput(f"{path}: tensor {name}: expected finite numbers")
-    return header, tensors
+    return header, {name: each.float() if each.dtype is torch.float16 else each for name, each in tensors.items()}
 
 
 def load_weights(network: nn.Module, tensors: Mapping[str, Tensor], path: str | Path) -> None:

@@ -119,13 +119,17 @@ class PostureBatch:
         return tuple(self.problem(index) for index in range(len(self)))
 
     def select(self, chosen: NDArray[np.intp]) -> PostureBatch:
-        """These problems as a batch, not validated again. chosen: shape (K,)."""
+        """These problems as a batch, not validated again, and the same objects where there are ``problems``.
+
+        chosen: shape (K,).
+        """
         parts = {name: getattr(self, name)[chosen] for name in ("vertices_m", "normals", "friction", "frames")}
         for part in parts.values():
             part.setflags(write=False)
-        some = _with(self, **parts)
-        vars(some).pop("problems", None)
-        return some
+        shared = {}
+        if "problems" in vars(self):
+            shared["problems"] = tuple(self.problems[k] for k in chosen.tolist())
+        return _with(self, **parts, **shared)
 
     def _where(self, flat: int) -> str:
         """The name of a patch."""

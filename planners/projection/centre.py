@@ -34,18 +34,24 @@ def centred(scaled: ScaledBatch, points: PointBatch, *, moments: bool = True) ->
     points: one a problem, on the balances and strictly inside of everything else. moments: False where moments need not
     balance. Where Newton's method has not come to an end, which only rounding can keep it from, it is its last point.
     """
+    if not len(points):
+        return points
     at, index = _Held.of(scaled, points, moments), np.arange(len(points))
     body = np.concatenate([points.com, points.rotation], axis=1)
     forces, done_body, done_forces = points.forces, body.copy(), points.forces.copy()
+    value = at.value(body, forces)
     for _ in range(STEPS):
         if not len(index):
             break
         by_body, by_forces, decrement = at.newton(body, forces)
         last = decrement < DECREMENT
-        share = np.where(last, 1.0, at.shortened(body, forces, by_body, by_forces, decrement))
+        share, value = at.shortened(body, forces, by_body, by_forces, decrement, value)
+        share[last] = 1.0
         body, forces = body + share[:, None] * by_body, forces + share[:, None, None] * by_forces
         done_body[index], done_forces[index] = body, forces
-        at, index, body, forces = at.select(~last), index[~last], body[~last], forces[~last]
+        if last.any():
+            left = ~last
+            at, index, body, forces, value = at.select(left), index[left], body[left], forces[left], value[left]
     return PointBatch(com=done_body[:, :3], rotation=done_body[:, 3:], toes=points.toes, forces=done_forces)
 
 
@@ -101,19 +107,24 @@ class _Held:
         force = -np.matmul(outer, (by_forces + pressed)[..., None])[..., 0]
         return step, force, -(by_body * step).sum(axis=1) - (by_forces * force).sum(axis=(1, 2))
 
-    def shortened(self, body: Array, forces: Array, by_body: Array, by_forces: Array, decrement: Array) -> Array:
-        """The share of each step, halved until it stays inside and gains enough, shape (B,)."""
-        value, share = self._value(body, forces), np.ones(len(body))
+    def shortened(
+        self, body: Array, forces: Array, by_body: Array, by_forces: Array, decrement: Array, value: Array
+    ) -> tuple[Array, Array]:
+        """The share of each step, halved until it stays inside and gains enough, and the objective there; shape (B,).
+
+        value: of the objective, before the step.
+        """
+        share = np.ones(len(body))
         for _ in range(HALVINGS):
-            there = self._value(body + share[:, None] * by_body, forces + share[:, None, None] * by_forces)
+            there = self.value(body + share[:, None] * by_body, forces + share[:, None, None] * by_forces)
             short = np.flatnonzero(~(there <= value - LESS * share * decrement + 1e-13 * np.abs(value)))
             if not len(short):
-                return share
+                return share, there
             share[short] *= 0.5
         share[short] = 0.0
-        return share
+        return share, np.where(share > 0.0, there, value)
 
-    def _value(self, body: Array, forces: Array) -> Array:
+    def value(self, body: Array, forces: Array) -> Array:
         """The objective, inf outside."""
         room = [part.reshape(len(body), -1) for part in (*self._room(body), *self._grip(forces))]
         slack = np.concatenate([*room, forces[..., 0]], axis=1)

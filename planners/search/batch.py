@@ -18,9 +18,10 @@ from ..equilibrium.batch import ScaledBatch
 from ..problem import PostureBatch
 from ..relaxation.lift import LiftAnswer, solve_lift
 from ..verify import check_certificates
-from .canonical import LONG, SHORT, Index, canonical, relaxed, with_toes
+from .canonical import LONG, SHORT, Index, gone_on, relaxed, with_toes
 from .exact import ExactPlanner
 from .proposals import LEAF, proved, witnessed
+from .witness import Iteration
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,7 +59,9 @@ class _Batch:
 
     def __init__(self, planner: ExactPlanner, batch: PostureBatch) -> None:
         self._planner, self._accept, self._batch = planner, planner.acceptance, batch
+        self._problems = batch.problems  # made once, and shared by what is selected
         self._scaled = ScaledBatch.of(batch)
+        self._iteration = Iteration(self._scaled)
         self._lifts: dict[int, LiftAnswer] = {}
         self._seconds = np.zeros(len(batch))
         self.answers: dict[int, Outcome] = {}
@@ -86,12 +89,13 @@ class _Batch:
             self._feasible(int(left[k]), posture, off)
 
     def find(self, steps: int) -> None:
-        """Answer what so many steps of the iteration find."""
+        """Answer what the iteration finds until it has taken so many steps."""
         begin, left = time.perf_counter(), self._left()
-        found = canonical(self._batch.select(left), steps, tolerance=self._accept.tolerance)
+        self._iteration.keep(left)
+        found = gone_on(self._iteration, self._batch, steps, tolerance=self._accept.tolerance)
         self._took(begin, left)
         for k, (posture, off) in found.items():
-            self._feasible(int(left[k]), posture, off)
+            self._feasible(k, posture, off)
 
     def refute(self) -> None:
         """Answer what the lift refutes."""
@@ -100,7 +104,7 @@ class _Batch:
             self._lifts[k] = solve_lift(self._planner.programs, self._scaled.problem(k), least_moment=True)
         chosen = [k for k in left.tolist() if self._lifts[k].bound > gap]
         certificates = [Certificate(tree=LEAF, multipliers=self._lifts[k].multipliers[None]) for k in chosen]
-        bounds = check_certificates([self._batch.problems[k] for k in chosen], certificates).tolist()
+        bounds = check_certificates([self._problems[k] for k in chosen], certificates).tolist()
         self._took(begin, left)
         for k, certificate, bound in zip(chosen, certificates, bounds, strict=True):
             if bound > gap:
@@ -110,7 +114,7 @@ class _Batch:
         """Answer what is left by branch and bound, with the middle of what its toes leave."""
         found = dict[int, Posture]()
         for k in self._left().tolist():
-            answer = self._planner.solve(self._batch.problems[k], root=self._lifts[k])
+            answer = self._planner.solve(self._problems[k], root=self._lifts[k])
             self.answers[k] = replace(answer, seconds=answer.seconds + float(self._seconds[k]))
             if answer.posture is not None:
                 found[k] = answer.posture

@@ -18,7 +18,7 @@ from ..problem import PostureBatch
 from ..projection.centre import centred
 from ..relaxation.mccormick import WithoutMoment
 from ..verify import check_postures
-from .witness import witnesses
+from .witness import Iteration, witnesses
 
 Index = NDArray[np.intp]
 Found = dict[int, tuple[Posture, float]]
@@ -32,8 +32,12 @@ def canonical(batch: PostureBatch, steps: int = LONG, *, tolerance: float = 1e-6
 
     tolerance: as in ``Acceptance``. Problems that are not in it may be feasible all the same.
     """
-    scaled = ScaledBatch.of(batch)
-    return _accepted(batch, *_centres(scaled, witnesses(scaled, steps)), tolerance)
+    return gone_on(Iteration(ScaledBatch.of(batch)), batch, steps, tolerance=tolerance)
+
+
+def gone_on(iteration: Iteration, batch: PostureBatch, until: int, *, tolerance: float = 1e-6) -> Found:
+    """``canonical`` of what is left of an iteration over the batch, which goes on until it has taken so many steps."""
+    return _accepted(batch, *_centres(iteration.scaled, iteration.claims(until)), tolerance)
 
 
 def with_toes(batch: PostureBatch, found: Mapping[int, Posture], *, tolerance: float = 1e-6) -> Found:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -41,35 +41,58 @@ def witnesses(scaled: ScaledBatch, steps: int, *, moments: bool = True) -> tuple
 
     moments: False for points of P̄, in which moments need not balance.
     """
-    found = list(_douglas_rachford(scaled, steps, moments)) if len(scaled) else []
-    if not found:
-        return np.zeros(0, dtype=np.intp), PointBatch.none(scaled.friction.shape[1])
-    index = np.concatenate([index for index, _ in found])
-    order = np.argsort(index)
-    return index[order], PointBatch.joined([points for _, points in found]).select(order)
+    return Iteration(scaled, moments=moments).claims(steps)
 
 
-def _douglas_rachford(scaled: ScaledBatch, steps: int, moments: bool) -> Iterator[tuple[Index, PointBatch]]:
-    """Indices and points of the problems that the iteration ends for, as it ends."""
-    index, sets = np.arange(len(scaled)), _Sets.of(scaled)
-    z = sets.start()
-    if moments:
-        sets = sets.linearised(z)
-    for step in range(1, steps + 1):
-        on = sets.balance(z)
-        if step % LOOKS == 0:
-            points = sets.with_toes_held(on, moments)
-            there = sets.hold(points)
+class Iteration:
+    """Douglas–Rachford for a batch, as far as it has come: it can be gone on with, for all that is left or for some.
+
+    moments: False for points of P̄, in which moments need not balance. index: of the problems that are left, ascending;
+    scaled: all of them.
+    """
+
+    def __init__(self, scaled: ScaledBatch, *, moments: bool = True) -> None:
+        self.scaled, self._step = scaled, 0
+        self.index, self._sets = np.arange(len(scaled)), _Sets.of(scaled)
+        self._z = self._sets.start()
+        self._moments = self._sets.linearised(self._z, self._sets.toes(self._z)) if moments else None
+
+    def keep(self, index: Index) -> None:
+        """Go on with these problems alone, of those that are left."""
+        kept = np.flatnonzero(np.isin(self.index, index))
+        self.index, self._sets, self._z = self.index[kept], self._sets.select(kept), self._z[kept]
+        self._moments = self._moments and self._moments.select(kept)
+
+    def claims(self, until: int) -> tuple[Index, PointBatch]:
+        """Indices, ascending, and points of the problems that the iteration ends for until it has taken so many steps.
+
+        A problem that it has ended for is not left any more.
+        """
+        found = [(self.index[:0], PointBatch.none(self.scaled.friction.shape[1]))]
+        while self._step < until and len(self.index):
+            found += self._step_on()
+        index = np.concatenate([index for index, _ in found])
+        order = np.argsort(index)
+        return index[order], PointBatch.joined([points for _, points in found]).select(order)
+
+    def _step_on(self) -> Iterator[tuple[Index, PointBatch]]:
+        """Take a step; indices and points of the problems that the iteration ends for with it."""
+        self._step += 1
+        on = self._sets.balance(self._z, self._moments)
+        if self._step % LOOKS == 0:
+            points = self._sets.with_toes_held(on, self._moments is not None)
+            there, toes = self._sets.hold(points), points.toes
             if there.any():
-                yield index[there], points.select(there)
+                yield self.index[there], points.select(there)
                 left = np.flatnonzero(~there)
-                index, sets, z, on = index[left], sets.select(left), z[left], on[left]
-            if not len(index):
-                return
-            if moments:
-                sets = sets.linearised(on)
-                on = sets.balance(z)
-        z += sets.project(2.0 * on - z) - on
+                self.index, self._sets, self._z = self.index[left], self._sets.select(left), self._z[left]
+                if not len(left):
+                    return
+                on, toes = on[left], toes[left]
+            if self._moments is not None:
+                self._moments = self._sets.linearised(on, toes)
+                on = self._sets.balance(self._z, self._moments)
+        self._z += self._sets.project(2.0 * on - self._z) - on
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,8 +120,8 @@ class _Rows:
 class _Sets:
     """A and K of the problems that are left; x is (λ, Θ, c − c_0, u, f), the first two in their units.
 
-    low, high: where cones begin and end, shape (N,) and (B, N). legs, weight, moments: what makes up A, the rows of u,
-    of Σ C_i f_i, and those that are linearised.
+    low, high: where cones begin and end, shape (N,) and (B, N). legs, weight: what makes up A but for the moments, the
+    rows of u and of Σ C_i f_i.
     """
 
     scaled: ScaledBatch
@@ -106,11 +129,10 @@ class _Sets:
     high: Array
     legs: _Rows
     weight: _Rows
-    moments: _Rows | None = None
 
     @classmethod
     def of(cls, scaled: ScaledBatch) -> _Sets:
-        """Before the moments are linearised. Shear bounds cut the cones where they begin to leave them."""
+        """Those of all problems of a batch. Shear bounds cut the cones where they begin to leave them."""
         like, lifting = scaled.like, _side_by_side(scaled.frames)
         shear = np.minimum(like.force_max[:, 1:], -like.force_min[:, 1:]).min(axis=1)
         high = np.minimum(like.force_max[:, 0], shear / np.maximum(scaled.friction, 1e-12))
@@ -132,6 +154,12 @@ class _Sets:
         """Of the balls of c and u, made smaller, shape (N + 1,)."""
         return np.append(self.scaled.like.com_radius, self.scaled.like.reach) * (1.0 - SHRINK)
 
+    @cached_property
+    def cones(self) -> tuple[Array, Array, Array, Array]:
+        """μ, 1 + μ², and where cones begin and end, all of them made smaller, (B, N), but (N,) where they begin."""
+        friction = self.scaled.friction * (1.0 - SHRINK)
+        return friction, 1.0 + friction * friction, self.low * (1.0 + SHRINK), self.high * (1.0 - SHRINK)
+
     def start(self) -> Array:
         """Toes in the middle of their patches, the nominal c, no tilt, equal shares of the weight along the normals."""
         count, contacts, corners, _ = self.scaled.vertices.shape
@@ -139,23 +167,23 @@ class _Sets:
         z = np.zeros((count, forces.stop))
         z[:, weights] = SPREAD / corners
         away = self.scaled.vertices.mean(axis=2) - self.scaled.like.com - self.scaled.like.shoulders
-        z[:, balls.start + 3 : balls.stop] = away.reshape(count, -1)
+        z[:, balls.start + 3 : balls.stop] = away.reshape(count, 3 * contacts)
         z[:, forces][:, ::3] = self.scaled.like.weight / contacts
         return z
 
-    def balance(self, z: Array) -> Array:
-        """P_A."""
+    def balance(self, z: Array, moments: _Rows | None) -> Array:
+        """P_A. moments: as they are linearised, where they have to balance."""
         on, forces = z.copy(), self.parts[3]
         self.legs.meet(on[:, : forces.start])
         self.weight.meet(on[:, forces])
-        if self.moments is not None:
-            self.moments.meet(on)
+        if moments is not None:
+            moments.meet(on)
         return on
 
-    def linearised(self, x: Array) -> _Sets:
-        """The same about x: Σ q × F̄ + Σ q̄ × F − w c × e_z = Σ q̄ × F̄ joins what is always affine."""
+    def linearised(self, x: Array, toes: Array) -> _Rows:
+        """The moments about x, with its toes q̄: Σ q × F̄ + Σ q̄ × F − w c × e_z = Σ q̄ × F̄."""
         scaled, (weights, _, balls, forces) = self.scaled, self.parts
-        toes, force = self.toes(x), _times(scaled.frames, self._vectors(x, forces))
+        force = _times(scaled.frames, self._vectors(x, forces))
         rows, arms = np.zeros((len(x), 3, x.shape[1])), skew(toes)
         rows[:, :, forces] = _side_by_side(np.matmul(arms, scaled.frames))
         rows[:, :, weights] = _side_by_side(np.matmul(skew(force), scaled.vertices.swapaxes(2, 3) / -SPREAD))
@@ -163,22 +191,20 @@ class _Sets:
         free = np.concatenate(
             [self.legs.along(rows[:, :, : forces.start]), self.weight.along(rows[:, :, forces])], axis=2
         )  # fmt: skip
-        return replace(self, moments=_Rows(rows, right, _back(free)))
+        return _Rows(rows, right, _back(free))
 
     def project(self, x: Array) -> Array:
         """P_K, made smaller; x, shape (B, D), is overwritten."""
         weights, turn, balls, forces = self.parts
-        shares = x[:, weights].reshape(self.scaled.vertices.shape[:3])
-        _to_simplex(shares, SPREAD)
-        x[:, weights] = shares.reshape(len(x), -1)
-        tilt = TURN * self.scaled.like.tilt * (1.0 - SHRINK)
-        x[:, turn] = np.minimum(np.maximum(x[:, turn], -tilt), tilt)
+        _to_simplex(x[:, weights].reshape(self.scaled.vertices.shape[:3]), SPREAD)
+        tilt, (friction, steep, low, high) = TURN * self.scaled.like.tilt * (1.0 - SHRINK), self.cones
+        turned = x[:, turn]
+        np.minimum(np.maximum(turned, -tilt, out=turned), tilt, out=turned)
         away, f = self._vectors(x, balls), self._vectors(x, forces)
         away *= np.minimum(1.0, self.radii / np.maximum(_length(away), 1e-300))[..., None]
-        friction, normal, shear = self.scaled.friction * (1.0 - SHRINK), f[..., 0], _length(f[..., 1:])
-        cut = friction * normal
-        onto = np.where(shear <= cut, normal, (normal + friction * shear) / (1.0 + friction * friction))
-        normal[...] = np.minimum(np.maximum(onto, self.low * (1.0 + SHRINK)), self.high * (1.0 - SHRINK))
+        normal, shear = f[..., 0], _length(f[..., 1:])
+        onto = np.where(shear <= friction * normal, normal, (normal + friction * shear) / steep)
+        np.minimum(np.maximum(onto, low, out=onto), high, out=normal)
         f[..., 1:] *= np.minimum(1.0, friction * normal / np.maximum(shear, 1e-300))[..., None]
         return x
 
@@ -217,7 +243,7 @@ class _Sets:
         return _times(self.scaled.vertices.swapaxes(2, 3), shares)
 
     def select(self, chosen: Index) -> _Sets:
-        """Some of them, by index, before the moments are linearised."""
+        """Some of them, by index."""
         return _Sets(
             scaled=self.scaled.select(chosen), low=self.low, high=self.high[chosen], legs=self.legs.select(chosen),
             weight=self.weight.select(chosen),
@@ -225,7 +251,8 @@ class _Sets:
 
     def _vectors(self, x: Array, part: slice) -> Array:
         """A part of x as vectors, shape (B, ·, 3): a view."""
-        return x[:, part].reshape(len(x), -1, 3)
+        flat = x[:, part]
+        return flat.reshape(len(x), flat.shape[1] // 3, 3)
 
 
 def _legs(scaled: ScaledBatch) -> _Rows:
@@ -257,10 +284,21 @@ def _back(rows: Array) -> Array:
 
 
 def _to_simplex(x: Array, total: float) -> None:
-    """Move x to the nearest point with entries ≥ 0 and this sum along the last axis (Held, Wolfe and Crowder, 1974)."""
-    largest = np.sort(x, axis=-1)[..., ::-1]
-    levels = (np.cumsum(largest, axis=-1) - total) / np.arange(1, x.shape[-1] + 1)
-    x -= levels.max(axis=-1, keepdims=True)
+    """Move x to the nearest point with entries ≥ 0 and this sum along the last axis (Held, Wolfe and Crowder, 1974).
+
+    That axis is short, and is sorted and summed up column by column.
+    """
+    largest = [x[..., k] for k in range(x.shape[-1])]
+    for end in range(len(largest) - 1, 0, -1):
+        for k in range(end):
+            pair = largest[k], largest[k + 1]
+            largest[k], largest[k + 1] = np.maximum(*pair), np.minimum(*pair)
+    above = largest[0]
+    level = above - total
+    for count, entry in enumerate(largest[1:], 2):
+        above = above + entry
+        level = np.maximum(level, (above - total) / count)
+    x -= level[..., None]
     np.maximum(x, 0.0, out=x)
 
 
@@ -275,4 +313,5 @@ def _times(matrices: Array, vectors: Array) -> Array:
 
 def _side_by_side(blocks: Array) -> Array:
     """Blocks of shape (B, N, 3, K) as maps of shape (B, 3, N K)."""
-    return blocks.transpose(0, 2, 1, 3).reshape(len(blocks), blocks.shape[2], -1)
+    count, contacts, rows, columns = blocks.shape
+    return blocks.transpose(0, 2, 1, 3).reshape(count, rows, contacts * columns)

@@ -276,6 +276,24 @@ def test_a_saved_selector_comes_back_the_same(selector: NeuralSelector, tmp_path
     assert header["provenance"]["method"] == "neural"
 
 
+def test_weights_in_half_precision_take_half_the_room_and_move_no_box_by_a_hundredth(
+    dataset: Dataset, selector: NeuralSelector, tmp_path: Path
+) -> None:
+    whole, half = tmp_path / "whole", tmp_path / "half"
+    selector.save(whole)
+    selector.save(half, half=True)
+    assert half.stat().st_size < 0.6 * whole.stat().st_size
+    again = NeuralSelector.load(half)
+    rounded = {name: each.half().float() for name, each in selector.network.state_dict().items()}
+    assert all(torch.equal(each, rounded[name]) for name, each in again.network.state_dict().items())
+    problems = [Scaled.of(problem) for problem in dataset.problems()]
+    for mine, theirs in zip(selector.envelopes(problems), again.envelopes(problems), strict=True):
+        np.testing.assert_allclose(mine.low, theirs.low, atol=1e-2)
+        np.testing.assert_allclose(mine.high, theirs.high, atol=1e-2)
+    again.save(whole, half=True)
+    assert whole.read_bytes() == half.read_bytes()
+
+
 def test_files_that_are_not_this_selector_are_refused_in_one_line(selector: NeuralSelector, tmp_path: Path) -> None:
     good, path = tmp_path / "good", tmp_path / "odd"
     selector.save(good)

@@ -11,13 +11,12 @@ from stancekit.envs.distributions.postures import DISTRIBUTIONS, distribution
 from stancekit.planners.answer.outcome import Status
 from stancekit.planners.equilibrium.batch import PointBatch, ScaledBatch
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.search import canonical as search_canonical
 from stancekit.planners.search import witness
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.batch import solve_all
 from stancekit.planners.search.canonical import LONG, SHORT, canonical, without_moments
 from stancekit.planners.search.exact import ExactPlanner
-from stancekit.planners.search.witness import witnesses
+from stancekit.planners.search.witness import Iteration, witnesses
 from stancekit.planners.verify import check_posture
 
 NAMES = pytest.mark.parametrize("name", list(DISTRIBUTIONS))
@@ -177,20 +176,38 @@ def test_what_neither_iteration_nor_lift_decides_goes_through_the_search(program
     assert Status.UNDECIDED in {a.status for a in answers}
 
 
+def test_an_iteration_that_is_gone_on_with_for_some_comes_to_the_same_points_as_one_that_begins_anew():
+    scaled = ScaledBatch.of(batch_of("wall-3", 60))
+    whole, points = witnesses(scaled, LONG)
+    early = Iteration(scaled)
+    first, begun = early.claims(96)
+    assert 0 < len(first) < len(whole)
+    assert not np.isin(first, early.index).any()
+    some = np.setdiff1d(whole, first)[::2]
+    early.keep(some)
+    then, rest = early.claims(LONG)
+    np.testing.assert_array_equal(then, some)
+    for index, of in ((first, begun), (then, rest)):
+        for name in ("com", "rotation", "toes", "forces"):
+            there = getattr(points, name)[np.searchsorted(whole, index)]
+            np.testing.assert_array_equal(getattr(of, name), there)
+    assert len(Iteration(scaled.select(some[:0])).claims(LONG)[0]) == 0
+
+
 def test_what_the_search_finds_is_put_into_the_middle_of_what_its_toes_leave(programs, monkeypatch):
     planner, batch = ExactPlanner(programs=programs, time_limit_s=np.inf), batch_of("ground-3", 30)
     easy = contents(canonical(batch))
     empty = (np.zeros(0, dtype=np.intp), PointBatch.none(3))
-    real = search_canonical.witnesses
+    real = Iteration.claims
     held = []
 
-    def none_but_of_held_toes(scaled, steps, **options):
-        if np.ptp(scaled.vertices, axis=2).max(initial=0.0) > 0.0 or not len(scaled):
+    def none_but_of_held_toes(iteration, until):
+        if np.ptp(iteration.scaled.vertices, axis=2).max(initial=0.0) > 0.0 or not len(iteration.scaled):
             return empty
-        held.append(len(scaled))
-        return real(scaled, steps, **options)
+        held.append(len(iteration.scaled))
+        return real(iteration, until)
 
-    monkeypatch.setattr(search_canonical, "witnesses", none_but_of_held_toes)
+    monkeypatch.setattr(Iteration, "claims", none_but_of_held_toes)
     answers = solve_all(planner, batch)
     assert sum(held) >= len(easy)
     for k in easy:
