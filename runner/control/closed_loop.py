@@ -56,7 +56,7 @@ class ClosedLoop:
         self.runner, self.settings = runner, settings
         self._friction = FrictionEstimator(1.0 / runner.world.rate_hz)
         self._planning = Replanner(course, policy or (lambda observation: planner), settings, runner, self._friction)
-        self._frame = self._replans = self._stuck = 0
+        self._frame = self._farthest = self._replans = self._stuck = 0
         self._kinematics = Kinematics(course.robot, runner.world.servo, gravity_m_s2=course.gravity_m_s2)
         self._recovery = SlipRecovery(runner, self._kinematics)
         self._watch()
@@ -116,8 +116,9 @@ class ClosedLoop:
         elif self._slid:
             target, state, seconds = self._recovery.recover(prepared.motion.plan, record, shares, self._feel)
             self._seconds += seconds
-        self._stuck = 0 if self._frame > begun else self._stuck + 1
-        if self._planning.plans >= self.settings.most or self._stuck >= self.settings.tries:
+        self._stuck = 0 if self._frame > self._farthest else self._stuck + 1
+        self._farthest = max(self._farthest, self._frame)
+        if self._stuck >= self.settings.tries:
             stuck = f"{self._stuck} of them in a row that came no farther, at frame {self._frame}"
             raise PlanningFailed(f"no plan to the end in {self._planning.plans} plans, {stuck}")
         why = f"frame {self._frame}, friction {self._friction.interval.line}"

@@ -104,7 +104,7 @@ class FootPlacement:
     @property
     def _touch_n(self) -> float:
         """A foot that presses so hard touches."""
-        return max(self._feedback.touch_n, QUIET * self._variance**0.5)
+        return max(self._feedback.touch_n, QUIET * float(np.sqrt(self._variance)))
 
     def _listen(self, below_n: Array) -> None:
         """How noisy feet are, by what those in the air feel below zero, shape (K,)."""

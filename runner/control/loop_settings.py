@@ -12,14 +12,13 @@ from stancekit.planners.search.friction_margin import SHARES
 @dataclass(frozen=True, kw_only=True)
 class LoopSettings:
     """horizon: key frames a plan; 0 for all that are left. replan_m: a body or a foot farther than this from the plan
-    has the rest planned anew, at the next moment when all feet stand; inf for never. most: so many plans at most;
-    tries: so many in a row that come no farther. shares: of the friction that is counted on, that are planned with.
-    goal_m: how far from where its last plan has it the centre of mass may end. learn_friction: estimate it from what
-    feet feel."""
+    has the rest planned anew, at the next moment when all feet stand; inf for never. tries: so many plans in a row
+    that come no farther, and it gives up. shares: of the friction that is counted on, that are planned with. goal_m:
+    how far from where its last plan has it the centre of mass may end. learn_friction: estimate it from what feet
+    feel."""
 
     horizon: int = 0
     replan_m: float = 0.012
-    most: int = 30
     tries: int = 6
     shares: tuple[float, ...] = SHARES
     goal_m: float = 0.03
@@ -29,7 +28,6 @@ class LoopSettings:
         collect_errors(
             lambda: checked(self.tries, "loop.tries", least=1.0),
             lambda: checked(self.horizon, "loop.horizon", least=0.0),
-            lambda: checked(self.most, "loop.most", least=1.0),
             lambda: checked(self.goal_m, "loop.goal_m", above=0.0),
         )
         if not self.replan_m > 0.0:

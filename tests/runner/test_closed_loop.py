@@ -135,8 +135,8 @@ def test_the_nearest_point_of_a_patch_is_that_of_a_dense_search() -> None:
 
 
 def test_settings_out_of_range_are_refused() -> None:
-    with pytest.raises(InvalidInput, match=r"loop.most"):
-        LoopSettings(most=0)
+    with pytest.raises(InvalidInput, match=r"loop.tries"):
+        LoopSettings(tries=0)
     with pytest.raises(InvalidInput, match=r"loop.replan_m: expected a number above 0, or inf"):
         LoopSettings(replan_m=-1.0)
     assert replace(LoopSettings(), replan_m=np.inf).replan_m == np.inf
