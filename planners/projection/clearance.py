@@ -34,6 +34,8 @@ from ..terrain.obstacles import Obstacles
 
 APART_M = 0.03
 """Moments are looked at so far apart: a third of those that are judged."""
+ROOM_M = 1e-3
+"""Links that come nearer to each other than this are too near: joints that follow to milliradians make them touch."""
 NEAR_M = 0.02
 """Beyond what they should keep, bodies farther apart than this are not looked at."""
 CLEAR_PRICE = 20.0
@@ -71,18 +73,21 @@ class PathClearance:
         self._solver = solver
         self._bodies = Bodies(solver, Obstacles.of(plan.course.terrain))
 
-    def deepest(self, plan: Plan) -> float:
-        """How deep a link is in something at most, at the moments that are judged [m]; that a foot strays from its path
-        is too deep, too."""
+    def depths(self, plan: Plan) -> tuple[float, float]:
+        """How deep a link is in something at most, at the moments that are judged, and how much of that, and of links
+        that are nearer to each other than ``ROOM_M``, is too much [m]; a foot that strays from its path is too deep,
+        too."""
         path = JointPath(PlanPath(plan), self._solver)
         moments, postures = _with_keys(path.path, *path.judged())
         found = [
-            overlap.depth_m
+            (overlap.depth_m, overlap.depth_m + (ROOM_M if overlap.other in self._bodies.links else -TOUCH_M))
             for _, body in path_bodies(path.path, moments, postures)
-            for overlap in self._bodies.overlaps(body)
+            for overlap in self._bodies.overlaps(body, links_m=-ROOM_M)
         ]
         stray = float(postures.error_m.max())
-        return max([*found, TOUCH_M + stray if stray > STRAY_M else 0.0])
+        found.append((TOUCH_M + stray, stray) if stray > STRAY_M else (0.0, 0.0))
+        depths, excess = zip(*found, strict=True)
+        return max(depths), max(excess)
 
     def nearness(self, plan: Plan, clearance_m: float, apart_m: float = APART_M) -> Nearness:
         """What is nearer than that and a little more, at moments so far apart: of every pair of bodies where it is

@@ -25,7 +25,6 @@ from ..equilibrium.scaled import Point, Scaled
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..motion.joints import STRAY_M
-from ..robot.bodies import TOUCH_M
 from ..robot.kinematics import Kinematics
 from ..robot.plan_joints import plan_angles
 from ..verify import check_plan
@@ -57,17 +56,18 @@ ATTEMPTS_M = (np.inf, APART_M, APART_M / 3.0)
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Measured:
-    """share, torque_nm: of the torque that has the largest share of its limit. depth_m: how deep a link is in something
-    at most, or how far a foot stays from its path; nan where nobody can look."""
+    """share, torque_nm: of the torque that has the largest share of its limit. depth_m, too_near_m: as of
+    ``PathClearance.depths``; nan and 0 where nobody can look."""
 
     share: float
     torque_nm: float
     depth_m: float
+    too_near_m: float
 
     @property
     def excess(self) -> tuple[float, float]:
-        """What is too much: of a share above 1, of a depth above what only touches."""
-        return max(self.share - 1.0, 0.0), max(self.depth_m - TOUCH_M, 0.0) if self.depth_m > 0.0 else 0.0
+        """What is too much: of a share above 1, and of what is too near."""
+        return max(self.share - 1.0, 0.0), self.too_near_m
 
     def better(self, other: Measured) -> bool:
         """Nothing is worse as far as it is too much, and something is better."""
@@ -146,9 +146,9 @@ def _at_key_frames(plan: Plan, limits: WholeBodyLimits, solver: Kinematics) -> W
     clearance = _clearance(plan, solver) if limits.steps else None
 
     def measured(one: Plan) -> Measured:
-        depth_m = np.nan if clearance is None else clearance.deepest(one)
+        depth_m, too_near_m = (np.nan, 0.0) if clearance is None else clearance.depths(one)
         share, torque_nm = largest(one, solver, limits.of(solver))
-        return Measured(share=share, torque_nm=torque_nm, depth_m=depth_m)
+        return Measured(share=share, torque_nm=torque_nm, depth_m=depth_m, too_near_m=too_near_m)
 
     before = measured(plan)
     best, after, taken = plan, before, 0

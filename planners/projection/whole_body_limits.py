@@ -21,7 +21,7 @@ class WholeBodyLimits:
     Arguments:
         torque_nm: no joint may take more, whatever it has itself [Nm]; None: what it has.
         share: of that, steps aim at it; a plan within its limits is left as it is.
-        clearance_m: where links go through each other or the terrain, steps aim at this distance [m].
+        clearance_m: where links go through the terrain, or come too near to each other, steps aim at this distance [m].
         steps: most steps of the whole plan; 0: forces alone.
     Raises:
         InvalidInput: for a torque that is not positive, a share outside of (0, 1], a negative number of steps or

@@ -25,9 +25,9 @@ from .shapes import Shape
 from .solids import link_shapes
 from .urdf_reader import pinocchio
 
-TOUCH_M = 1e-3
-"""Bodies this deep inside each other only touch: shapes are drawn to a millimetre, and joint angles, corners and coal's
-depths are ten times as exact."""
+TOUCH_M, LINKS_M = 1e-3, 1e-4
+"""A link this deep in the terrain only touches it, as terrain is known to a millimetre; and links this deep inside each
+other: joint angles, corners and coal's depths are ten times as exact. More presses them apart wherever it is run."""
 POSTURES = 256
 """In so many postures two links touch before they are taken for drawn so."""
 ALIGNED, ON_M = 1.0 - 1e-6, 1e-4
@@ -126,15 +126,17 @@ class Bodies:
         kept = [(i, j) for i, j in self._pairs.tolist() if frozenset((self.links[i], self.links[j])) not in left_out]
         self._pairs = np.array(kept, dtype=int).reshape(-1, 2)
 
-    def overlaps(self, body: WholeBody, *, beyond_m: float = TOUCH_M) -> tuple[Overlap, ...]:
-        """What is deeper than ``beyond_m`` inside something else, the deepest first; a foot may be in the surface that
-        it stands on."""
+    def overlaps(
+        self, body: WholeBody, *, terrain_m: float = TOUCH_M, links_m: float = LINKS_M
+    ) -> tuple[Overlap, ...]:
+        """What is deeper than ``terrain_m`` in the terrain, and than ``links_m`` in another link, below 0 what is as
+        near to it; the deepest first. A foot may be in the surface that it stands on."""
         turns, origins = self._in_world(body)
-        found = [
+        meeting = [
             Overlap(link=self.links[i], other=self.links[j], depth_m=-self._distance(turns, origins, i, j))
-            for i, j in self._meeting(turns, origins, self._pairs, 0.0)
+            for i, j in self._meeting(turns, origins, self._pairs, max(-links_m, 0.0))
         ]
-        found += [
+        found = [
             Overlap(
                 link=self.links[i], other=self._terrain.convex[part].name,
                 depth_m=-self._distance(turns, origins, i, part, terrain=True),
@@ -149,7 +151,9 @@ class Bodies:
         for surface in self._terrain.closed:
             for i in np.flatnonzero(surface.holds(middles)):
                 found.append(Overlap(link=self.links[i], other=surface.name, depth_m=surface.depth(middles[i])))
-        return tuple(sorted((each for each in found if each.depth_m > beyond_m), key=lambda each: -each.depth_m))
+        found = [each for each in found if each.depth_m > terrain_m]
+        found += [each for each in meeting if each.depth_m > links_m]
+        return tuple(sorted(found, key=lambda each: -each.depth_m))
 
     def near(self, body: WholeBody, within_m: float) -> Iterator[Near]:
         """What is nearer to each other than this, of the pairs that ``overlaps`` looks at; of the terrain's convex

@@ -33,7 +33,7 @@ def leg_overlaps(structure: Structure, report: GaitReport) -> Overlaps:
     deepest = dict[tuple[int, str, str], Overlap]()
     for time_s, posture in body.spaced():
         at = time_s / structure.settings.step_s
-        for each in bodies.overlaps(posture, beyond_m=0.0):
+        for each in bodies.overlaps(posture, terrain_m=0.0, links_m=0.0):
             for node in {int(np.floor(at)), int(np.ceil(at))}:
                 key = node, each.link, each.other
                 if key not in deepest or deepest[key].depth_m < each.depth_m:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.problem.course_file import spec_from
+from stancekit.planners.problem.course_file import read_course, spec_from
 from stancekit.planners.problem.course_layout import build_course
 from stancekit.planners.projection.whole_body_limits import WholeBodyLimits
 from stancekit.planners.search.friction_margin import plan_with_reserve
@@ -22,6 +22,7 @@ from stancekit.planners.motion import joints
 from stancekit.planners.projection import clearance
 from stancekit.planners.projection.clearance import Nearness, PathClearance
 from stancekit.planners.projection.whole_body import whole_body, with_joints
+from stancekit.planners.robot import bodies
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.search.whole_body_outcome import with_whole_body
 
@@ -127,3 +128,27 @@ def test_a_goal_inside_a_block_is_undecided_with_link_and_depth(beam: Plan) -> N
     assert outcome.certificate is None
     assert "body is " in outcome.message
     assert " inside the body of patches 1 to 6" in outcome.message
+
+
+def test_links_that_come_too_near_to_each_other_are_bent_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Between walls thighs come to 30 mm of the body: what is too near is what is as near as the nearest, and .5
+    mm more. Hips, always 25 mm from it, are left out."""
+    outcome = TwoStageCoursePlanner().solve(read_course("walls"))
+    assert outcome.plan is not None
+    plan = with_joints(outcome.plan)
+    solver = Kinematics(plan.course.robot)
+    hips = tuple(("body", f"{limb}_hip") for limb in plan.course.robot.limb_names)
+    monkeypatch.setattr(bodies, "_DRAWN_SO", {solver.model: bodies.Bodies(solver).drawn_so + hips})
+    looks = PathClearance(plan, solver)
+    assert looks.depths(plan) == (0.0, 0.0)
+    monkeypatch.setattr(clearance, "ROOM_M", 0.05)
+    depth, missing = looks.depths(plan)
+    least = 0.05 - missing  # distance of the nearest two
+    assert depth == 0.0
+    assert 0.0 < least < 0.05
+    monkeypatch.setattr(clearance, "ROOM_M", least + 0.0005)
+    found = whole_body(plan, WholeBodyLimits(clearance_m=least + 0.003))
+    assert found.before.too_near_m == pytest.approx(0.0005, abs=1e-6)
+    assert found.after.too_near_m == 0.0
+    assert found.steps >= 1
+    assert check_plan(found.plan, joints=True).accepted

@@ -22,7 +22,7 @@ from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
-from stancekit.planners.robot.bodies import TOUCH_M, Bodies, WholeBody
+from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies, WholeBody
 from stancekit.planners.robot.kinematics import Kinematics
 
 UP = np.array([0.0, 0.0, 1.0])
@@ -83,7 +83,7 @@ def test_a_tilted_box_is_as_deep_as_its_lowest_corner() -> None:
     assert not made.overlaps(standing(made, lowest + 1e-5, turn=turn))
 
 
-@pytest.mark.parametrize(("gap", "across"), [(0.05, False), (0.05, True), (0.0785, True), (0.0795, False), (0.1, True)])
+@pytest.mark.parametrize(("gap", "across"), [(0.05, False), (0.05, True), (0.0785, True), (0.0795, False), (0.07995, True), (0.1, True)])
 def test_capsules_are_as_deep_as_their_radii_less_the_distance_of_their_axes(gap: float, across: bool) -> None:
     """Axes that are parallel or at right angles, of capsules with radii of 3 and 5 cm."""
     lies = Rotation.from_euler("y", 90, degrees=True).as_matrix()
@@ -95,14 +95,14 @@ def test_capsules_are_as_deep_as_their_radii_less_the_distance_of_their_axes(gap
     shapes += [shape("LF_FOOT", "capsule", [0.05, 0.2], at=turn.T @ (foot - origin), turn=turn.T @ leans)]
     made = bodies(shapes)
     found = [each.depth_m for each in made.overlaps(standing(made, 1.0))]
-    assert found == ([pytest.approx(0.08 - gap, abs=1e-5)] if 0.08 - gap > TOUCH_M else [])
+    assert found == ([pytest.approx(0.08 - gap, abs=1e-5)] if 0.08 - gap > LINKS_M else [])
 
 
 def test_what_touches_by_less_than_the_tolerance_is_no_overlap() -> None:
     made = bodies([shape("base", "sphere", [0.1])], level())
     body = standing(made, 0.1 - 0.9 * TOUCH_M)
     assert not made.overlaps(body)
-    assert made.overlaps(body, beyond_m=0.0)[0].depth_m == pytest.approx(0.9 * TOUCH_M, abs=1e-6)
+    assert made.overlaps(body, terrain_m=0.0)[0].depth_m == pytest.approx(0.9 * TOUCH_M, abs=1e-6)
 
 
 def test_a_foot_may_be_in_the_surface_on_which_it_stands_and_in_no_other() -> None:
@@ -212,7 +212,7 @@ def test_mujoco_finds_the_same_links_inside_the_same_things() -> None:
                 for geom in (contact.geom1, contact.geom2)
             )
             theirs[names] = max(theirs.get(names, 0.0), -float(contact.dist))
-        ours = {frozenset((each.link, each.other)): each.depth_m for each in made.overlaps(body, beyond_m=0.0)}
+        ours = {frozenset((each.link, each.other)): each.depth_m for each in made.overlaps(body, terrain_m=0.0)}
         deep = [{names for names, depth in found.items() if depth > TOUCH_M} for found in (ours, theirs)]
         assert deep[0] == deep[1]
         pairs += len(deep[0])
