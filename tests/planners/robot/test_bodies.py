@@ -83,7 +83,9 @@ def test_a_tilted_box_is_as_deep_as_its_lowest_corner() -> None:
     assert not made.overlaps(standing(made, lowest + 1e-5, turn=turn))
 
 
-@pytest.mark.parametrize(("gap", "across"), [(0.05, False), (0.05, True), (0.0785, True), (0.0795, False), (0.07995, True), (0.1, True)])
+@pytest.mark.parametrize(
+    ("gap", "across"), [(0.05, False), (0.05, True), (0.0785, True), (0.0795, False), (0.07995, True), (0.1, True)]
+)
 def test_capsules_are_as_deep_as_their_radii_less_the_distance_of_their_axes(gap: float, across: bool) -> None:
     """Axes that are parallel or at right angles, of capsules with radii of 3 and 5 cm."""
     lies = Rotation.from_euler("y", 90, degrees=True).as_matrix()
