@@ -85,6 +85,8 @@ WRONG = {"offset_deg": 0.0, "delay_ms": 0.0, "mass": 1.0, "stiffness": 1.0, "fri
 
 def main(arguments: Arguments) -> None:
     """Plan, run and print."""
+    if arguments.perturbed and arguments.wrong == tuple(WRONG.values()):
+        raise SystemExit("--perturbed: expected something that is not as planned, e.g. --mass 1.15, got nothing")
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary) if arguments.folder is None else arguments.folder
         folder.mkdir(parents=True, exist_ok=True)
