@@ -10,7 +10,7 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.arrays import Array
-from stancekit.planners.projection.force_distribution import distribute_forces
+from stancekit.planners.projection.force_distribution import distribute_forces, standing_forces
 from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.legged import foot_radii
 
@@ -130,17 +130,19 @@ def prepare_plan(
         kinematics = Kinematics(course.robot, world.servo, gravity_m_s2=course.gravity_m_s2)
     else:
         kinematics, settings = resumption.kinematics, replace(settings, timing=settings.timing.at_pace(resumption.pace))
-    forces_n = distribute_forces(plan, kinematics) if settings.forces == "shared" else None
-    motion, pace, bound_by = PlanMotion(plan, settings.timing, forces_n), 1.0, ""
+    shared = settings.forces == "shared"
+    forces_n = distribute_forces(plan, kinematics) if shared else None
+    standing_n = standing_forces(plan, kinematics) if shared else None
+    motion, pace, bound_by = PlanMotion(plan, settings.timing, forces_n, standing_n=standing_n), 1.0, ""
     wished = resolved(motion, kinematics)
     most = ACCELERATION_RAD_S2 if course.robot.model is None else np.inf
     longer = unhurried(motion, wished, world.capabilities.velocity_rad_s, most)
-    motion = PlanMotion(plan, settings.timing, forces_n, longer)
+    motion = PlanMotion(plan, settings.timing, forces_n, longer, standing_n)
     wished = wished.retimed(motion.knots_s)
     if settings.check_limits:
         timed = parametrize(
             plan, kinematics, world.capabilities, settings.timing, forces_n=forces_n, hung=settings.hung,
-            drives=world.drives, longer=longer, wished=wished,
+            drives=world.drives, longer=longer, standing_n=standing_n, wished=wished,
         )  # fmt: skip
         motion, pace, bound_by, wished = timed.motion, timed.pace, timed.bound_by, timed.profile.wished
         _check_heat(accepted.source, timed.profile, world)
@@ -150,9 +152,12 @@ def prepare_plan(
     if resumption is not None and not settings.hung:
         followed = LoadTransfer(motion, resumption.carried_n, motion.rest_s)
     tracker = Tracker(followed, kinematics, world.rate_hz, feedback, settings.body, wished, world.drives)
+    first = tracker.start()
+    if resumption is not None:
+        tracker.take_over(world.last_rad - first.targets_rad, motion.rest_s)
     return Prepared(
         digest=accepted.digest, source=accepted.source, name=course.name, motion=motion, kinematics=kinematics,
-        tracker=tracker, first=tracker.start(), sees=sees, pace=pace, bound_by=bound_by,
+        tracker=tracker, first=first, sees=sees, pace=pace, bound_by=bound_by,
         clearance_m=motion.timing.clearance_m, terrain=course.terrain, surfaces=motion.solids,
     )  # fmt: skip
 

@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 RESERVES = (0.7, 0.75, 0.8, 0.85, 0.9, 0.93, 0.96, 0.98)
 """Shares of μ that are tried, the safest first."""
+STANDING = (0.5, 0.6, *RESERVES)
+"""The same while all limbs stand: who has not moved yet does not know what friction there is."""
 TIES = 1e-4
 """Of Σ‖f‖² beside the largest torque's share, forces in units of the weight."""
 EASY = 0.8
@@ -155,12 +157,38 @@ def distribute_forces(plan: Plan, kinematics: Kinematics | None = None) -> Array
     forces = np.array([plan.forces_n[i] if forces is None else forces for i, forces in enumerate(found)])
     if kinematics is None or plan.joints_rad is None:
         return forces
-    limit_nm = np.minimum(kinematics.torque_nm, float(plan.provenance.get("torque_nm", np.inf)))
     own, other = (np.array([
-        np.abs(kinematics.torques(plan.joints_rad[of.frame], rotation_of(plan.rotation_rad[of.frame]), each)) / limit_nm
-        for of, each in zip(plan.course.stances, those, strict=True)
-    ]).max(axis=1) for those in (plan.forces_n, forces))  # fmt: skip
+        _largest(plan, kinematics, of.frame, each) for of, each in zip(plan.course.stances, those, strict=True)
+    ]) for those in (plan.forces_n, forces))  # fmt: skip
     return np.where((other > max(EASY, own.max()))[:, None, None], plan.forces_n, forces)
+
+
+def standing_forces(plan: Plan, kinematics: Kinematics) -> Array | None:
+    """Forces with which all limbs stand at a plan's first key frame, with more of a reserve of friction than while some
+    are lifted, shape (N, 3) [N].
+
+    None where they do not all stand, where there are none, or where these would take more of a joint than the plan
+    does in its first stance, and more than ``EASY`` of what the joint has.
+    """
+    course, count = plan.course, len(plan.course.robot.limbs)
+    holds = [int(index) for index in course.holds[0]]
+    if min(holds) < 0:
+        return None
+    patches = [course.patch(index, plan.choice) for index in holds]
+    bears, arms_m = np.full(count, True), plan.toes_at(0) - plan.com_m[0]
+    found = ForceDistribution(count).forces(course, arms_m, patches, bears, reserves=STANDING)
+    if found is None or plan.joints_rad is None:
+        return found
+    most = max(EASY, _largest(plan, kinematics, 0, plan.forces_n[0]))
+    return found if _largest(plan, kinematics, 0, found) <= most else None
+
+
+def _largest(plan: Plan, kinematics: Kinematics, frame: int, forces_n: Array) -> float:
+    """Of the torques at a key frame under these forces, the largest as a share of what the joint has."""
+    limit_nm = np.minimum(kinematics.torque_nm, float(plan.provenance.get("torque_nm", np.inf)))
+    assert plan.joints_rad is not None
+    torques = kinematics.torques(plan.joints_rad[frame], rotation_of(plan.rotation_rad[frame]), forces_n)
+    return float((np.abs(torques) / limit_nm).max())
 
 
 def _skew(v: Array) -> Array:

@@ -123,8 +123,7 @@ class ClosedLoop:
             raise PlanningFailed(f"no plan to the end in {self._planning.plans} plans, {stuck}")
         why = f"frame {self._frame}, friction {self._friction.interval.line}"
         runner.decide("go on" if whole else "plan anew", why)
-        self._prepared = after = self._next(prepared, target, state)
-        runner.go([after.first.targets_rad])
+        self._prepared = self._next(prepared, target, state)
         return False
 
     def _watch(self) -> None:

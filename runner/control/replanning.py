@@ -86,7 +86,7 @@ class Replanner:
             if slid and any(course.lifts[frame + 1 : frame + 2]) and _counts(outcome) > shares[0]:
                 outcome = self._rather(outcome, with_pause(course, frame), "body first", answer)
             for what, other in _easier(course, frame):
-                if np.isinf(_counts(outcome)):
+                if np.isinf(_counts(outcome)) or (slid and _counts(outcome) >= 1.0):
                     outcome = self._rather(outcome, other, what, answer)
         self.plan_s += time.perf_counter() - begin
         if outcome.plan is None or np.isinf(_counts(outcome)):

@@ -20,7 +20,7 @@ from stancekit.planners.files.arrays import Array, cross
 from stancekit.planners.motion.joints import STRAY_M
 from stancekit.planners.robot.kinematics import Kinematics, pinocchio, rotation_of
 
-from ..motion.motion import Motion, MotionSample
+from ..motion.motion import Motion, MotionSample, smooth
 from ..motion.redundancy import RedundancyResolution, resolved
 from ..worlds.drives import Drives
 from ..worlds.world import State
@@ -99,6 +99,7 @@ class Tracker:
         self._wished = wished or resolved(motion, kinematics)
         self._time_s, self._swing = 0.0, SwingSpeed(kinematics, self._drives.velocity_rad_s, self._period_s)
         self._pressed, self._rolled = np.zeros((limbs, 3)), np.zeros((limbs, 3))
+        self._taken_over, self._within_s = np.zeros(len(kinematics.joints)), 1.0
         self._angles = self._wish = self._wished.at(0.0)
         self._drawn = min(1.0, self._period_s / DRAWN_S)
         self._shift = kinematics.com_offset(self._angles)
@@ -110,6 +111,12 @@ class Tracker:
     def start(self) -> Target:
         """Where the robot should be before the first period."""
         return self._target(self._motion.at(0.0))
+
+    def take_over(self, off_rad: Array, within_s: float) -> None:
+        """Begin with targets that are so far off, shape (J,) [rad], as what was sent last by whatever else is off the
+        first of them (bumpless transfer): less and less, and not at all after so long. The feet that stand meanwhile
+        are looked after as ever."""
+        self._taken_over, self._within_s = np.array(off_rad), within_s
 
     @property
     def kinematics(self) -> Kinematics:
@@ -190,8 +197,11 @@ class Tracker:
         shift, self._angles = self._shift, angles
         self._roll(sample, rotation @ self._kinematics.foot_frames(angles))
         self._shift = self._kinematics.com_offset(angles)
+        targets = command(self._drives, angles, given, rates, rising, self._loops.share)
+        if self._time_s < self._within_s:
+            targets = targets + (1.0 - smooth(self._time_s / self._within_s)) * self._taken_over
         return Target(
-            targets_rad=command(self._drives, angles, given, rates, rising, self._loops.share), sample=sample,
+            targets_rad=targets, sample=sample,
             origin_m=origin, shift_m=shift, angles_rad=angles, torques_nm=planned, rolled_m=self._rolled, error_m=error,
             loop_share=self._loops.share,
         )  # fmt: skip

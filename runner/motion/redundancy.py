@@ -71,9 +71,8 @@ class RedundancyResolution:
         tables = [_family(samples, shifts, motion.solids, kinematics, limb) for limb in limbs]
         near = None if near_rad is None else np.asarray(near_rad).reshape(len(tables), -1)
         chosen = [_cheapest(table, None if near is None else near[limb]) for limb, table in enumerate(tables)]
-        self._set(
-            times, np.concatenate([gaussian_filter1d(q, SMOOTHED, axis=0, mode="nearest") for q in chosen], axis=1)
-        )
+        smooth = [gaussian_filter1d(q, SMOOTHED, axis=0, mode="nearest") for q in chosen]
+        self._set(times, _from(near_rad, np.concatenate(smooth, axis=1), motion, times))
 
     def _set(self, times: Array, path: Array) -> None:
         self.path_rad = path
@@ -113,10 +112,16 @@ def _planned(motion: PlanMotion, times: Array, kinematics: Kinematics, near_rad:
     """Postures of a plan that has joint angles, as the verifier judges them; from where the robot is while it settles,
     shape (T, J)."""
     path = JointPath(motion.path, kinematics).postures(motion.moments(times)).angles
-    if near_rad is not None:
-        left = np.clip(1.0 - times / motion.timing.settle_s, 0.0, 1.0)[:, None]
-        path = path + left * (near_rad - path[0])
-    return path
+    return _from(near_rad, path, motion, times)
+
+
+def _from(near_rad: Array | None, path: Array, motion: Motion, times: Array) -> Array:
+    """The path from where the robot is, if it is somewhere: what it is off by there fades while the motion is at rest.
+    A robot that stands has no other way to the beginning that moves no foot."""
+    if near_rad is None:
+        return path
+    rest_s = motion.timing.settle_s if isinstance(motion, PlanMotion) else motion.seconds
+    return np.asarray(path + np.clip(1.0 - times / rest_s, 0.0, 1.0)[:, None] * (near_rad - path[0]))
 
 
 def _jumps(path: Array, most_rad: float = JUMP_RAD) -> NDArray[np.int_]:

@@ -103,18 +103,19 @@ def parametrize(
     hung: bool = False,
     drives: Drives | None = None,
     longer: Array | None = None,
+    standing_n: Array | None = None,
     wished: RedundancyResolution | None = None,
 ) -> TimedMotion:
     """The plan's motion, slowed down until all limits hold.
 
     share: of the limits of velocity and torque that may be used. hung: the robot hangs in a stand, its feet carry
-    nothing. drives: whose torques fall with speed, where they do. longer: as of ``PlanMotion``. wished: postures of
-    this motion at any pace, where they are known. Raises InvalidInput, with time, limb and joint, where a foot is out
-    of reach, or a torque at rest too large: no pace helps there.
+    nothing. drives: whose torques fall with speed, where they do. longer, standing_n: as of ``PlanMotion``. wished:
+    postures of this motion at any pace, where they are known. Raises InvalidInput, with time, limb and joint, where a
+    foot is out of reach, or a torque at rest too large: no pace helps there.
     """
     pace, bound_by = 1.0, ""
     for _ in range(ROUNDS):
-        motion = PlanMotion(plan, timing.at_pace(pace), forces_n, longer)
+        motion = PlanMotion(plan, timing.at_pace(pace), forces_n, longer, standing_n)
         wished = resolved(motion, kinematics) if wished is None else wished.retimed(motion.knots_s)
         profile = joint_profile(motion, kinematics, hung=hung, drives=drives, wished=wished)
         check_static(profile, kinematics, can, share)

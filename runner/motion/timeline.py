@@ -66,7 +66,8 @@ class _Phase:
 
 class PlanMotion:
     """A plan over time. forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None. longer: so many times
-    as long as ``Timing`` says every phase lasts, shape (P,).
+    as long as ``Timing`` says every phase lasts, shape (P,). standing_n: of all limbs at its beginning, before the load
+    moves to those that carry first, shape (N, 3) [N]; where None these carry it from the beginning.
 
     Raises InvalidInput where all limbs lift at once: nobody carries, and no position control can do that.
     """
@@ -74,10 +75,12 @@ class PlanMotion:
     counted = "key frames"
 
     def __init__(
-        self, plan: Plan, timing: Timing = Timing(), forces_n: Array | None = None, longer: Array | None = None
-    ) -> None:
+        self, plan: Plan, timing: Timing = Timing(), forces_n: Array | None = None, longer: Array | None = None,
+        standing_n: Array | None = None,
+    ) -> None:  # fmt: skip
         self.plan, self.timing, self.path = plan, timing, PlanPath(plan, timing.clearance_m)
         self._forces, self._longer = plan.forces_n if forces_n is None else forces_n, longer
+        self._standing = standing_n
         course = plan.course
         self.solids, self.normals = self.path.solids, self.path.normals
         patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
@@ -113,7 +116,7 @@ class PlanMotion:
         """All phases in order."""
         course, timing = self.plan.course, self.timing
         found, carried = [], self._support_forces(0, self.path.support(1))
-        found.append(self._still(0, timing.settle_s, carried, carried))
+        found.append(self._still(0, timing.settle_s, carried if self._standing is None else self._standing, carried))
         for k in range(1, course.frames):
             support = self.path.support(k)
             before, after = self._support_forces(k - 1, support), self._support_forces(k, support)

@@ -51,13 +51,55 @@ def lifted(accepted: Accepted) -> tuple[Array, Array]:
 
 def test_a_robot_that_stands_already_goes_on_from_what_its_feet_carry_as_slowly_as_asked(accepted: Accepted) -> None:
     runner, course = Runner(MemoryWorld()), accepted.plan.course
-    usual, carried_n = runner.prepare(accepted), np.tile([0.0, 0.0, course.weight_n / 6.0], (6, 1))
+    usual = runner.prepare(accepted)
+    carried_n = usual.motion.at(usual.motion.rest_s).forces_n
+    runner.world.reset(course.terrain, usual.first.angles_rad, usual.first.origin_m, np.eye(3))
     kinematics = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
     resumption = runner.prepare(accepted, Resumption(kinematics=kinematics, carried_n=carried_n, pace=0.5))
     assert resumption.motion.timing == usual.motion.timing.at_pace(0.5)
     assert resumption.motion.seconds > 1.5 * usual.motion.seconds
     np.testing.assert_array_equal(resumption.first.sample.forces_n, carried_n)
     assert np.abs(usual.first.sample.forces_n - carried_n).max() > 1.0
+
+
+def test_all_feet_carry_at_the_beginning_and_those_that_lift_hand_over_while_all_is_at_rest(accepted: Accepted) -> None:
+    motion, course = Runner(MemoryWorld()).prepare(accepted).motion, accepted.plan.course
+    lifted = [course.robot.limb_names.index(name) for name in course.lifts[1]]
+    begin, handed = (motion.at(time_s) for time_s in (0.0, motion.rest_s))
+    np.testing.assert_array_equal(begin.feet_m, handed.feet_m)
+    assert np.linalg.norm(begin.forces_n, axis=1).min() > 0.02 * course.weight_n
+    np.testing.assert_allclose(handed.forces_n[lifted], 0.0, atol=1e-9)
+    for time_s in np.linspace(0.0, motion.rest_s, 7):
+        sample = motion.at(float(time_s))
+        arms, forces = sample.feet_m - begin.com_m, sample.forces_n
+        np.testing.assert_allclose(forces.sum(axis=0), [0.0, 0.0, course.weight_n], atol=1e-3)
+        radii = Kinematics(course.robot).radii_m[:, None] * sample.normals
+        np.testing.assert_allclose(np.cross(arms - radii, forces).sum(axis=0), 0.0, atol=1e-3)
+
+
+def test_a_plan_that_is_taken_up_begins_with_what_was_sent_last_and_is_its_own_after_the_rest(
+    accepted: Accepted,
+) -> None:
+    world = MemoryWorld()
+    runner, course = Runner(world), accepted.plan.course
+    kinematics = Kinematics(course.robot, gravity_m_s2=course.gravity_m_s2)
+    first = runner.prepare(accepted).first
+    off = np.random.default_rng(0).uniform(-0.01, 0.01, len(first.targets_rad))
+    runner.world.reset(course.terrain, first.targets_rad + off, first.origin_m, np.eye(3))
+
+    def commands(*, off_rad: Array | None) -> list[Array]:
+        prepared = runner.prepare(accepted, Resumption(kinematics=kinematics, carried_n=first.sample.forces_n))
+        if off_rad is None:
+            prepared.tracker.take_over(np.zeros_like(off), prepared.motion.rest_s)
+        periods = round(prepared.motion.rest_s * runner.world.rate_hz) + 2
+        sent = [prepared.tracker.next(prepared.first.sample.forces_n) for _ in range(periods)]
+        return [target.targets_rad for target in sent if target is not None]
+
+    own, taken = commands(off_rad=None), commands(off_rad=off)
+    gap = np.array(taken) - np.array(own)
+    np.testing.assert_allclose(gap[0], off, atol=1e-4)
+    assert (np.diff(np.abs(gap).max(axis=1)) <= 1e-12).all()
+    np.testing.assert_array_equal(gap[-1], 0.0)
 
 
 def test_a_plan_is_followed_from_the_pose_that_was_found_to_its_last_frame(accepted: Accepted, tmp_path: Path) -> None:
