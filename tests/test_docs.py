@@ -204,6 +204,26 @@ def test_an_environments_page_has_its_spaces_reward_and_weights(extension) -> No
     assert re.findall(r"^## (.*)$", page, re.M)[0] == "Description"
 
 
+def test_pages_that_follow_from_the_code_are_in_the_repository_as_make_docs_writes_them(extension) -> None:
+    environments, keys = extension("environments"), extension("keys")
+    pages = {f"environments/{environments.short(name)}.md": environments.page(name) for name in environments.names()}
+    for name, page in {**pages, "reference/keys.md": keys.page()}.items():
+        assert (ROOT / "docs" / name).read_text(encoding="utf-8") == page, f"docs/{name}: make docs writes it anew"
+    verbs = re.findall(r"^## (.*)$", (ROOT / "docs" / "reference" / "command.md").read_text(encoding="utf-8"), re.M)
+    assert verbs == re.findall(r"^## (.*)$", extension("verbs").page(), re.M)
+
+
+def test_every_link_of_a_page_leads_to_a_file_of_the_repository() -> None:
+    """But for pages of examples, which are built of ``docs/examples`` when they run."""
+    pages = [*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), *(ROOT / "docs").glob("[a-z]*/*.md")]
+    found = [
+        (page, link) for page in pages for link in re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8"))
+        if "://" not in link and not link.startswith(("mailto:", "auto_examples/"))
+    ]  # fmt: skip
+    assert len(found) > 100
+    assert [f"{page.relative_to(ROOT)}: {link}" for page, link in found if not (page.parent / link).exists()] == []
+
+
 def test_every_script_that_measures_is_on_the_page_of_benchmarks(extension) -> None:
     briefs = extension("scripts").briefs()
     assert len(briefs) > 30
