@@ -32,6 +32,8 @@ STOOD_S = 0.1
 SLIDES_M_S, HELD_M_S = 0.01, 0.002
 """A foot that should stand and moves faster than this slides, one that is slower than that holds."""
 LOADED_N = 3.0
+CARRIED = 0.5
+"""Of what feet together should carry; where they carry less the body falls, and what they feel is no friction."""
 SHARED_NOISE, SLIDE_NOISE, HELD_NOISE = 0.015, 0.015, 0.03
 """Standard deviations σ_0 of what all feet err by together; σ of one slide, besides the spread within it and between
 slides; σ_h of the largest ratio that held."""
@@ -142,7 +144,9 @@ def _stances(record: Record, period_s: float, unit: float) -> Iterator[_Felt]:
     foothold = np.array([target.sample.foothold for target in targets])
     normal = np.einsum("tij,tij->ti", forces, normals)
     across = np.linalg.norm(forces - normal[:, :, None] * normals, axis=2)
-    counts = (foothold >= 0) & (normal >= LOADED_N) & (friction > 0.0)
+    wanted = np.array([target.sample.forces_n[:, 2].sum() for target in targets])
+    carried = forces[:, :, 2].sum(axis=1) >= CARRIED * wanted
+    counts = (foothold >= 0) & (normal >= LOADED_N) & (friction > 0.0) & carried[:, None]
     ratio = across / np.where(counts, normal * friction, np.inf)
     moved = np.diff(feet, axis=0, prepend=feet[:1])
     moved -= np.einsum("tij,tij->ti", moved, normals)[:, :, None] * normals

@@ -20,9 +20,11 @@ ALONG = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 
 
 def felt(
-    ratios: Array, speeds_m_s: tuple[float, float], foothold: tuple[int, int] = (0, 1), load_n: float = 30.0
-) -> Record:
-    """Two feet, on a floor and on a wall, that feel |f_t| = ratio μ f_n, shape (T, 2), and move along at a speed."""
+    ratios: Array, speeds_m_s: tuple[float, float], foothold: tuple[int, int] = (0, 1), load_n: float = 30.0,
+    carried: float = 1.0,
+) -> Record:  # fmt: skip
+    """Two feet, on a floor and on a wall, that feel |f_t| = ratio μ f_n, shape (T, 2), and move along at a speed.
+    carried: of the load that is planned."""
     record = Record()
     for k, ratio in enumerate(ratios):
         sample = MotionSample(
@@ -37,7 +39,7 @@ def felt(
         state = State(
             time_s=k * PERIOD_S, position_m=np.zeros(3), rotation=np.eye(3), velocity=np.zeros(6),
             angles_rad=np.zeros(1), rates_rad_s=np.zeros(1), torques_nm=np.zeros(1), feet_m=moved,
-            forces_n=load_n * (UP + (ratio * MU)[:, None] * ALONG), bump_n=0.0, sent_rad=np.zeros(1),
+            forces_n=carried * load_n * (UP + (ratio * MU)[:, None] * ALONG), bump_n=0.0, sent_rad=np.zeros(1),
         )  # fmt: skip
         record.add(target, state, 0.0)
     return record
@@ -120,6 +122,7 @@ def test_ratios_are_of_the_courses_friction_whatever_the_plan_counted_on() -> No
         felt(np.full((40, 2), 0.5), (0.05, 0.05), foothold=(-1, -1)),  # flies
         felt(np.full((40, 2), 0.5), (0.005, 0.005)),  # creeps: neither
         felt(np.full((5, 2), 0.5), (0.05, 0.0)),  # too short to tell
+        felt(np.full((40, 2), [0.1, 0.0]), (0.3, 0.3), carried=0.4),  # falls, along the surfaces
         Record(),
     ],
 )
