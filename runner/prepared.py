@@ -93,6 +93,17 @@ class Prepared(Tracked[P_co]):
     pace: float = 1.0
     bound_by: str = ""
 
+    def entry(self, world: SafeWorld) -> dict[str, Any]:
+        """What a log says of it before it is run."""
+        limbs = {leg.name: list(leg.joint_names) for leg in self.kinematics.model.legs}
+        return {
+            "digest": self.digest, "course": self.name, "source": self.source,
+            "joints": list(world.joints), "limbs": limbs, "rate_hz": world.rate_hz, "world": world.name,
+            "dry": world.dry, "pace": self.pace, "bound_by": self.bound_by,
+            "seconds": self.motion.seconds, "sees": self.sees, "frames": self.motion.last_frame + 1,
+            **self.motion.entry(), **world.drives.entry(),
+        }  # fmt: skip
+
     def execution(self, world: SafeWorld, record: Record, settings: RunSettings, wall_s: float) -> Execution:
         """What was measured against what was planned."""
         return Execution.of(

@@ -23,6 +23,7 @@ from stancekit.planners.terrain import Patch
 
 from .acceptance import Accepted, AcceptedGait
 from .control.leg_odometry import LegOdometry
+from .control.silent_feet import SilentFeet
 from .control.tracker import Target
 from .log import FORMAT, LOADED, Log, NoLog, state_json
 from .motion.gait_motion import GaitMotion
@@ -133,7 +134,7 @@ class Runner:
         else:
             prepared = prepare_gait(accepted, self.world, self.settings)
         self._prepared = prepared
-        self._log_plan(prepared)
+        self.log.write("plan", {"format": FORMAT, **prepared.entry(self.world)})
         return prepared
 
     def _begin(self, prepared: Prepared[PlannedMotion], terrain: Terrain | None) -> None:
@@ -170,7 +171,10 @@ class Runner:
         """The motion to its end, or to where ``until`` says so. Returns whether it ended."""
         assert self.state is not None
         told = body_from(self.world, self.settings)
-        odometry = LegOdometry(tracked.tracker.kinematics, tracked.first, self.world.rate_hz, felt=tracked.sees)
+        kinematics, rate_hz = tracked.tracker.kinematics, self.world.rate_hz
+        odometry = LegOdometry(kinematics, tracked.first, rate_hz, felt=tracked.sees)
+        weight_n = kinematics.robot.mass_kg * kinematics.gravity_m_s2
+        silent = SilentFeet(rate_hz, weight_n, kinematics.robot.limb_names)
         seen = self.state if told == "the world" else None
         felt, total = tracked.first.sample.forces_n, 0.0 if self._prepared is None else self._prepared.motion.last_frame
         while (target := tracked.next(felt, seen)) is not None:
@@ -181,6 +185,8 @@ class Runner:
             felt, seen = state.forces_n, state if told == "the world" else None
             seen = odometry.seen(target, state) if told == "leg odometry" else seen
             self.check_body(target, state)
+            if tracked.sees and (why := silent.found(target, state)):
+                self.world.trip(why)
             self._progress(int(target.sample.frame), int(total))
             if until(target, state):
                 return False
@@ -229,21 +235,6 @@ class Runner:
                 self.decide(what, why)
         self.decide("end", f"{ended.left} after {ended.seconds:.3f} s{': ' * bool(ended.message)}{ended.message}")
         return ended
-
-    def _log_plan(self, prepared: Prepared[PlannedMotion]) -> None:
-        """Log what is run."""
-        world = self.world
-        limbs = {leg.name: list(leg.joint_names) for leg in prepared.kinematics.model.legs}
-        self.log.write(
-            "plan",
-            {
-                "format": FORMAT, "digest": prepared.digest, "course": prepared.name, "source": prepared.source,
-                "joints": list(world.joints), "limbs": limbs, "rate_hz": world.rate_hz, "world": world.name,
-                "dry": world.dry, "pace": prepared.pace, "bound_by": prepared.bound_by,
-                "seconds": prepared.motion.seconds, "sees": prepared.sees, "frames": prepared.motion.last_frame + 1,
-                **prepared.motion.entry(), **world.drives.entry(),
-            },
-        )  # fmt: skip
 
     def _path(self, prepared: Prepared[PlannedMotion], state: State, goal_rad: Array) -> list[Array]:
         """A clear path from the measured pose to this one."""

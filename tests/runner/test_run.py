@@ -352,3 +352,16 @@ def test_a_set_up_file_that_names_another_robot_is_refused(accepted: Accepted, t
     nominal(joints, port="none", robot="ant").write(setup)
     with pytest.raises(InvalidInput, match=r"setup.yaml: robot: expected hexapod, whom the plan is for, got ant"):
         make_world("dynamixel", course.robot, setup=setup)
+
+
+def test_a_run_in_which_a_foot_feels_nothing_stops_and_names_it(accepted: Accepted) -> None:
+    pytest.importorskip("mujoco")
+    from stancekit.runner.worlds import make_world
+    from stancekit.runner.worlds.drives import Imperfections
+
+    for deaf in ((), (1,)):
+        world = make_world("mujoco", accepted.plan.course.robot, imperfections=Imperfections(deaf=deaf))
+        report = Runner(world, settings=FAST).run(accepted)
+        assert report.succeeded is (not deaf), report.message
+        name = accepted.plan.course.robot.limb_names[1]
+        assert report.message.startswith(f"foot of {name}: expected ") is bool(deaf)

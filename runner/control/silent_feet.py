@@ -1,0 +1,45 @@
+"""Feet that should press and feel nothing for long: there is no ground, or nothing comes back from their sensors.
+
+A foot that seeks the ground is lowered until it feels something. One whose sensor is dead pushes, and the others slide.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ..record import TOUCH_N
+from ..worlds.world import State
+from .tracker import Target
+
+BEARS, OF_WEIGHT = 8.0, 0.2
+"""A foot that should press with so many times what a touch is, or with this share of a light robot's weight,"""
+SILENT_S = 0.3
+"""for this time, in one stance or several, and felt nothing meanwhile, is silent."""
+
+
+class SilentFeet:
+    """Counts, for every foot, the time in which it should have pressed and felt nothing.
+
+    weight_n: of the robot; names: of its limbs.
+    """
+
+    def __init__(self, rate_hz: float, weight_n: float, names: Sequence[str]) -> None:
+        self._periods, self._names = SILENT_S * rate_hz, names
+        self._presses_n = min(BEARS * TOUCH_N, OF_WEIGHT * weight_n)
+        self._silent = np.zeros(len(names))
+
+    def found(self, target: Target, state: State) -> str:
+        """Which foot is silent, and since when it is known, in one line; empty where none is. One more period."""
+        sample = target.sample
+        wanted_n, felt_n = (np.einsum("ij,ij->i", each.forces_n, sample.normals) for each in (sample, state))
+        presses = (np.array(sample.foothold) >= 0) & (wanted_n >= self._presses_n)
+        self._silent = np.where(felt_n >= TOUCH_N, 0.0, self._silent + presses)
+        limb = int(np.argmax(self._silent))
+        if self._silent[limb] < self._periods:
+            return ""
+        return (
+            f"foot of {self._names[limb]}: expected {wanted_n[limb]:.0f} N where it stands, felt none for "
+            f"{SILENT_S:g} s: nothing is under it, or its sensor is dead"
+        )
