@@ -1,4 +1,4 @@
-"""Feet that should press and feel nothing: counted over stances, forgotten as soon as they feel, and a run that stops."""
+"""Feet that should press and feel nothing: counted over stances, forgotten as soon as they feel; a run that stops."""
 
 from __future__ import annotations
 
