@@ -163,24 +163,35 @@ def distribute_forces(plan: Plan, kinematics: Kinematics | None = None) -> Array
     return np.where((other > max(EASY, own.max()))[:, None, None], plan.forces_n, forces)
 
 
-def standing_forces(plan: Plan, kinematics: Kinematics) -> Array | None:
-    """Forces with which all limbs stand at a plan's first key frame, with more of a reserve of friction than while some
-    are lifted, shape (N, 3) [N].
+def standing_forces(plan: Plan, kinematics: Kinematics) -> dict[int, Array]:
+    """Forces with which all limbs carry where nobody lifts: at the first key frame, and at both ends of a step that the
+    body makes alone; with more of a reserve of friction than while some are lifted. By key frame, shape (N, 3) [N].
 
-    None where they do not all stand, where there are none, or where these would take more of a joint than the plan
-    does in its first stance, and more than ``EASY`` of what the joint has.
+    Left out are frames at which some limb is drawn up, at which there are none, or at which they would take more of a
+    joint than the plan does there, and more than ``EASY`` of what the joint has.
     """
     course, count = plan.course, len(plan.course.robot.limbs)
-    holds = [int(index) for index in course.holds[0]]
-    if min(holds) < 0:
-        return None
-    patches = [course.patch(index, plan.choice) for index in holds]
-    bears, arms_m = np.full(count, True), plan.toes_at(0) - plan.com_m[0]
-    found = ForceDistribution(count).forces(course, arms_m, patches, bears, reserves=STANDING)
-    if found is None or plan.joints_rad is None:
-        return found
-    most = max(EASY, _largest(plan, kinematics, 0, plan.forces_n[0]))
-    return found if _largest(plan, kinematics, 0, found) <= most else None
+    alone = [k for k in range(1, course.frames) if not course.lifts[k]]
+    distribution, found = ForceDistribution(count), dict[int, Array]()
+    for frame in sorted({0, *alone, *(k - 1 for k in alone)}):
+        holds = [int(index) for index in course.holds[frame]]
+        if min(holds) < 0:
+            continue
+        patches = [course.patch(index, plan.choice) for index in holds]
+        arms_m = plan.toes_at(frame) - plan.com_m[frame]
+        forces = distribution.forces(course, arms_m, patches, np.full(count, True), reserves=STANDING)
+        own = next(plan.forces_n[i] for i, stance in enumerate(course.stances) if stance.frame == frame)
+        if forces is not None and _spares(plan, kinematics, frame, forces, own):
+            found[frame] = forces
+    return found
+
+
+def _spares(plan: Plan, kinematics: Kinematics, frame: int, forces_n: Array, own_n: Array) -> bool:
+    """Whether forces ask of the joints no more than the plan's own do, or than is easy."""
+    if plan.joints_rad is None:
+        return True
+    most = max(EASY, _largest(plan, kinematics, frame, own_n))
+    return _largest(plan, kinematics, frame, forces_n) <= most
 
 
 def _largest(plan: Plan, kinematics: Kinematics, frame: int, forces_n: Array) -> float:

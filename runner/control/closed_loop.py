@@ -56,7 +56,8 @@ class ClosedLoop:
         self.runner, self.settings = runner, settings
         self._friction = FrictionEstimator(1.0 / runner.world.rate_hz)
         self._planning = Replanner(course, policy or (lambda observation: planner), settings, runner, self._friction)
-        self._frame = self._farthest = self._replans = self._stuck = 0
+        self._frame = self._replans = self._stuck = 0
+        self._least = len(course.footholds)
         self._kinematics = Kinematics(course.robot, runner.world.servo, gravity_m_s2=course.gravity_m_s2)
         self._recovery = SlipRecovery(runner, self._kinematics)
         self._watch()
@@ -116,8 +117,9 @@ class ClosedLoop:
         elif self._slid:
             target, state, seconds = self._recovery.recover(prepared.motion.plan, record, shares, self._feel)
             self._seconds += seconds
-        self._stuck = 0 if self._frame > self._farthest else self._stuck + 1
-        self._farthest = max(self._farthest, self._frame)
+        left = self._steps_left
+        self._stuck = 0 if left < self._least else self._stuck + 1
+        self._least = min(self._least, left)
         if self._stuck >= self.settings.tries:
             stuck = f"{self._stuck} of them in a row that came no farther, at frame {self._frame}"
             raise PlanningFailed(f"no plan to the end in {self._planning.plans} plans, {stuck}")
@@ -125,6 +127,11 @@ class ClosedLoop:
         runner.decide("go on" if whole else "plan anew", why)
         self._prepared = self._next(prepared, target, state)
         return False
+
+    @property
+    def _steps_left(self) -> int:
+        """How many feet are still to be put down; key frames that were put in for the body alone take none away."""
+        return sum(foothold.frame > self._frame for foothold in self._planning.course.footholds)
 
     def _watch(self) -> None:
         """Look anew, as nothing is known of feet that begin to stand."""
@@ -175,7 +182,7 @@ class ClosedLoop:
                 self._surfaces.append(offsets.line)
                 self.runner.decide("surfaces", offsets.line)
             moved = tuple(map(offsets.moved, patches))
-            measured = estimate_standing(moved, state, self._kinematics)
+            measured = estimate_standing(moved, state, self._kinematics, self._planning.course.terrain)
             starts = ([] if measured is None else [measured]) + ([] if offsets.planes else [ends])
         near = np.array(state.angles_rad if before.sees else target.angles_rad)
         course, servo = self._planning.course, self.runner.world.servo

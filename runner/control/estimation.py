@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
@@ -12,8 +14,10 @@ from stancekit.planners.search.plan_window import Standing
 from stancekit.planners.terrain import Patch
 
 from ..worlds.world import State
+from .surfaces import coplanar
 from .tracker import Target
 
+ROUNDING_M = 1e-9
 BORDER_M = 0.02
 """So far beyond its patch's border a foot may have slid and still be taken for standing on the border."""
 
@@ -32,25 +36,41 @@ def deviation_m(target: Target, state: State, kinematics: Kinematics, seeks: NDA
     return max(body, float(feet.max(initial=0.0)))
 
 
-def estimate_standing(patches: tuple[Patch, ...], state: State, kinematics: Kinematics) -> Standing | None:
+def estimate_standing(
+    patches: tuple[Patch, ...], state: State, kinematics: Kinematics, terrain: Sequence[Patch] = ()
+) -> Standing | None:
     """Where the robot is measured to stand; None where a foot left its patch.
 
-    patches: under all feet. Feet are put back into the planes of theirs, and onto the border where they slid a little
-    beyond.
+    patches: under all feet. Feet are put back into the planes of theirs. One that slid beyond its patch stands on what
+    terrain there is in the same plane, or, where it is only a little beyond all that, on the border: what a plan takes
+    feet to be off by, joints would make them slide.
     """
-    toes = []
+    toes, under = list[Array](), list[Patch]()
     for foot, radius, patch in zip(state.feet_m, kinematics.radii_m, patches, strict=True):
         toe = foot - radius * patch.normal
         inside = nearest_on(patch, toe)
+        if _along(patch, inside - toe) > 0.0:
+            others = [other for other in terrain if coplanar(patch, other)]
+            found = [(other, nearest_on(other, toe)) for other in others]
+            for other, there in found:
+                if _along(patch, there - toe) < _along(patch, inside - toe):
+                    patch, inside = other, there
         if np.linalg.norm(inside - toe) > BORDER_M:
             return None
         toes.append(inside)
+        under.append(patch)
     return Standing(
         com_m=measured_com_m(kinematics, state),
         rotation_rad=Rotation.from_matrix(state.rotation).as_rotvec(),
         toes_m=np.array(toes),
-        patches=patches,
+        patches=tuple(under),
     )
+
+
+def _along(patch: Patch, away_m: Array) -> float:
+    """How much of a way is along a patch [m]; rounding is none."""
+    along = float(np.linalg.norm(away_m - (away_m @ patch.normal) * patch.normal))
+    return along if along > ROUNDING_M else 0.0
 
 
 def nearest_on(patch: Patch, point: Array) -> Array:

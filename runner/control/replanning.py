@@ -63,7 +63,6 @@ class Replanner:
     ) -> None:
         self.course, self.plans, self.planned_share, self.counted, self.plan_s = course, 0, 1.0, 1.0, 0.0
         self._policy, self._settings, self._runner, self._friction = policy, settings, runner, friction
-        self._body = runner.settings.body
 
     def plan(
         self, frame: int, standing: Standing | None, *, slid: bool = False, limits: WholeBodyLimits | None = None
@@ -93,9 +92,6 @@ class Replanner:
             raise PlanningFailed(f"frame {frame}: {outcome.message or outcome.claim or outcome.status.value}")
         accepted = Accepted.verified(outcome.plan, f"plan {self.plans + 1}")
         self.plans, self.planned_share, self.counted = self.plans + 1, share, share * _counts(outcome)
-        body = self._body  # that pulls the body with less than a plan counts on bends the plan's own forces
-        whole = standing is not None and self.counted > body.cone_share * share
-        self._runner.settings = replace(self._runner.settings, body=replace(body, cone_share=1.0) if whole else body)
         if standing is not None:  # a log begins with its plan
             self._runner.decide("planned", f"counting on {self.counted:.2f} of the course's friction")
         return accepted

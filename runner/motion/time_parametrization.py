@@ -7,6 +7,7 @@ the motion, which is inverse kinematics of the whole plan; a second profile chec
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -103,7 +104,7 @@ def parametrize(
     hung: bool = False,
     drives: Drives | None = None,
     longer: Array | None = None,
-    standing_n: Array | None = None,
+    standing_n: Mapping[int, Array] | None = None,
     wished: RedundancyResolution | None = None,
 ) -> TimedMotion:
     """The plan's motion, slowed down until all limits hold.

@@ -6,7 +6,7 @@ one common progress, so that every point on the way is in balance as both ends a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Any
@@ -66,8 +66,9 @@ class _Phase:
 
 class PlanMotion:
     """A plan over time. forces_n: of its stances, shape (S, N, 3) [N]; the plan's own where None. longer: so many times
-    as long as ``Timing`` says every phase lasts, shape (P,). standing_n: of all limbs at its beginning, before the load
-    moves to those that carry first, shape (N, 3) [N]; where None these carry it from the beginning.
+    as long as ``Timing`` says every phase lasts, shape (P,). standing_n: of all limbs where nobody lifts, at its
+    beginning and while the body moves alone, by key frame, shape (N, 3) [N] each; where there are none those carry
+    that are to carry next.
 
     Raises InvalidInput where all limbs lift at once: nobody carries, and no position control can do that.
     """
@@ -76,11 +77,11 @@ class PlanMotion:
 
     def __init__(
         self, plan: Plan, timing: Timing = Timing(), forces_n: Array | None = None, longer: Array | None = None,
-        standing_n: Array | None = None,
+        standing_n: Mapping[int, Array] | None = None,
     ) -> None:  # fmt: skip
         self.plan, self.timing, self.path = plan, timing, PlanPath(plan, timing.clearance_m)
         self._forces, self._longer = plan.forces_n if forces_n is None else forces_n, longer
-        self._standing = standing_n
+        self._standing = standing_n or {}
         course = plan.course
         self.solids, self.normals = self.path.solids, self.path.normals
         patches = [course.patch(p, plan.choice) for p in range(len(course.footholds))]
@@ -115,15 +116,14 @@ class PlanMotion:
     def phases(self) -> tuple[_Phase, ...]:
         """All phases in order."""
         course, timing = self.plan.course, self.timing
-        found, carried = [], self._support_forces(0, self.path.support(1))
-        found.append(self._still(0, timing.settle_s, carried if self._standing is None else self._standing, carried))
+        found, carried = [], self._support_forces(0, 1)
+        found.append(self._still(0, timing.settle_s, self._standing.get(0, carried), carried))
         for k in range(1, course.frames):
-            support = self.path.support(k)
-            before, after = self._support_forces(k - 1, support), self._support_forces(k, support)
+            before, after = self._support_forces(k - 1, k), self._support_forces(k, k)
             found.append(self._still(k - 1, timing.transfer_s, carried, before))
             found += self._step(k, before, after)
             carried = after
-        last = self._support_forces(course.frames - 1, self.path.support(course.frames))
+        last = self._support_forces(course.frames - 1, course.frames)
         found.append(self._still(course.frames - 1, timing.transfer_s, carried, last))
         found.append(self._still(course.frames - 1, 2.0 * timing.settle_s, last, last))
         found = [phase for phase in found if phase.seconds > 0.0]
@@ -212,6 +212,10 @@ class PlanMotion:
             found.append(_Phase(seconds=place_s, segment=down, forces=(after, after)))
         return found
 
-    def _support_forces(self, frame: int, support: tuple[int, ...]) -> Array:
-        """Forces at a frame with these limbs only; where all of them stand, the mean of what the plan has there."""
+    def _support_forces(self, frame: int, step: int) -> Array:
+        """Forces at a frame of those that carry during the step to key frame ``step``; where all of them do, those with
+        which all stand, or else the mean of what the plan has there."""
+        support = self.path.support(step)
+        if len(support) == len(self.plan.course.robot.limbs) and frame in self._standing:
+            return self._standing[frame]
         return support_forces(self.plan, self._forces, frame, support)
