@@ -9,7 +9,10 @@ from stancekit.planners.answer.plan import Plan
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.motion.swing import clear_swing
 from stancekit.planners.problem.course_file import read_course
+from stancekit.planners.projection.force_distribution import standing_forces
+from stancekit.planners.robot.kinematics import Kinematics
 from stancekit.planners.robot.urdf import FOOT_RADIUS_M
+from stancekit.planners.search.plan_window import with_pause
 from stancekit.planners.search.two_stage import TwoStageCoursePlanner
 from stancekit.planners.terrain import Patch
 from stancekit.planners.terrain.prism import Solid
@@ -158,3 +161,28 @@ def test_a_schedule_that_lifts_all_limbs_at_once_is_refused_with_its_frame(plan:
     )  # fmt: skip
     with pytest.raises(InvalidInput, match=r"^frame 1: expected limbs that stay and carry the robot"):
         _ = PlanMotion(leap).seconds
+
+
+def test_while_the_body_moves_alone_all_feet_carry_in_balance_and_inside_their_cones() -> None:
+    course = with_pause(read_course("walls", frames=3), 1)
+    plan = TwoStageCoursePlanner().solve(course).plan
+    assert plan is not None
+    kinematics = Kinematics(course.robot)
+    standing = standing_forces(plan, kinematics)
+    assert sorted(standing) == [0, 1, 2]
+    moves = PlanMotion(plan, standing_n=standing)
+    begin, end = moves.step_s(2)
+    alone = [moves.at(float(time_s)) for time_s in np.linspace(begin + 1e-6, end, 9)]
+    assert np.linalg.norm(alone[-1].com_m - alone[0].com_m) > 0.01
+    np.testing.assert_allclose(alone[0].forces_n, standing[1], atol=1e-6)
+    np.testing.assert_allclose(alone[-1].forces_n, standing[2], atol=1e-6)
+    for sample in alone:
+        assert min(sample.foothold) >= 0
+        toes = sample.feet_m - kinematics.radii_m[:, None] * sample.normals
+        np.testing.assert_allclose(sample.forces_n.sum(axis=0), [0.0, 0.0, course.weight_n], atol=1e-3)
+        moment = np.cross(toes - sample.com_m, sample.forces_n).sum(axis=0)
+        np.testing.assert_allclose(moment, 0.0, atol=1e-3 * course.weight_n * course.length_scale_m)
+        along = np.einsum("ij,ij->i", sample.forces_n, sample.normals)
+        across = np.linalg.norm(sample.forces_n - along[:, None] * sample.normals, axis=1)
+        assert (along > 0.0).all()
+        assert (across <= sample.friction * along + 1e-6).all()
