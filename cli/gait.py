@@ -135,7 +135,7 @@ class Gait:
         else:
             self._say(plan, best, written)
         if not best.verified:
-            gait_answer.advise(task)
+            gait_answer.advise(task, best)
         return 0 if best.verified else 1
 
     # ------------------------------------------------------------------------------------------------- input

@@ -163,12 +163,21 @@ def verdict(one: Attempted) -> str:
     return f"no success: largest violation {one.solution.violation:.1e} ({one.solution.status})"
 
 
-def advise(task: GaitTask) -> None:
-    """Say what may help a walk that was not found, if its terrain is steeper than friction holds."""
+def advise(task: GaitTask, one: Attempted) -> None:
+    """Say what may help a walk that was not found: its terrain is steeper than friction holds, or all that is wrong is
+    what the robot's own legs are asked for."""
     import numpy as np
 
     from stancekit.planners.gait.method.homotopy import steepest
+    from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
 
+    wrong = {group.group for group in one.report.groups if group.checked and not group.accepted}
+    if wrong and wrong <= set(WHOLE_BODY):
+        err.print(
+            "only the robot's own legs cannot do it: more time (--duration-s), a walk in place of a trot (--gait walk) "
+            "or a smoother map (--smooth-m) may help"
+        )
+        return
     slope = steepest(task.terrain)
     if slope > task.friction and not any(task.adhesive):
         names = ",".join(task.robot.foot_names[:2])

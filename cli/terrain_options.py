@@ -90,7 +90,7 @@ class FootholdOptions:
     """Of footholds from the borders of their surface [m]; unless given, the radius of the robot's foot, else 0.02."""
     width_m: OptionalFloat = None
     """Least width of a foothold inside the margin [m]; unless given, as the margin."""
-    roughness_m: float = 0.01
+    roughness_m: float = 0.006
     """How far heights of a map may be off a foothold's plane, rms [m]."""
     noise_m: float = 0.0
     """Deviation of the sensor that made a map, allowed for beside the roughness [m]."""

@@ -52,6 +52,8 @@ class Experiment:
             known = [name for name in METHODS.names() if name != "modes"]
             if method not in known and ".py:" not in method:
                 raise InvalidInput(f"methods[{index}]: expected one of {', '.join(known)}, got {method!r}")
+            if ".py:" in method:
+                METHODS.get(method)  # what is no method is said before anything is labelled
             self.fit.check(method)
         for name in ("problems", "methods", "projections"):
             if not getattr(self, name):

@@ -29,7 +29,7 @@ METHODS: Registry[Callable[[FitRequest], Any]] = Registry(
         "joint": f"{_NETWORKS}:joint",
         "rl": f"{_NETWORKS}:reinforcement",
     },
-    expected="something to call with a FitRequest",
+    expected="a function of a FitRequest that returns a selector",
     accepts=lambda it: takes(it, 1),
 )
 """A method is called with a ``FitRequest`` and returns what it learned: an ``EnvelopeSet``, ``Modes``, or a selector

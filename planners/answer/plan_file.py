@@ -218,7 +218,8 @@ def _header(path: Path) -> dict[str, Any]:
     data = read_json(path)
     found = data.get("format") if isinstance(data, dict) else type(data).__name__
     if found not in (FORMAT, PAIRED):
-        raise InvalidInput(f"{path}: expected format {FORMAT!r}, got {shown(found)}")
+        hint = ", a walk: stancekit run and verify take those" if str(found).startswith("stancekit/gait/") else ""
+        raise InvalidInput(f"{path}: expected format {FORMAT!r}, got {shown(found)}{hint}")
     if set(data) != set(KEYS):
         names = ", ".join(sorted(set(data) ^ set(KEYS)))
         raise InvalidInput(f"{path}: expected the keys {', '.join(KEYS)}; missing or unknown: {names:.120}")

@@ -30,7 +30,9 @@ def footholds_of(
         found = map_footholds(terrain, limits, friction)
     if not found.pieces:
         refused = ", ".join(f"{area:.3g} m² {name}" for name, area in found.refused_m2.items() if area > 0.0)
-        raise InvalidInput(f"{terrain.name}: expected footholds, got none: {refused or 'no area'}")
+        noisy = isinstance(terrain, TriangleMesh) and found.refused_m2.get("edge", 0.0) > 0.0
+        hint = "; triangles of a scan that lean by its noise have no planes: make it a map" if noisy else ""
+        raise InvalidInput(f"{terrain.name}: expected footholds, got none: {refused or 'no area'}{hint}")
     return found
 
 
