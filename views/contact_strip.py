@@ -30,7 +30,7 @@ def draw_contacts(trajectory: Trajectory, size_px: Size, height: int) -> NDArray
     quiet_axes(axes, grid=None, sides=())
     axes.set_yticks(range(len(feet)), [foot.name for foot in feet], size=10.5, color=INK)
     axes.tick_params(labelsize=10.5)
-    axes.set_xlabel("s", size=10.5, color=QUIET, loc="right", labelpad=-14)
+    axes.annotate("s", (1.0, 0.0), (14, -4), "axes fraction", "offset points", size=10.5, color=QUIET, va="top")
     return to_rgb(figure)[-height:]
 
 

@@ -17,7 +17,7 @@ from matplotlib.colors import to_rgb, to_rgba
 from stancekit.planners.files.arrays import Array
 
 from .camera import Camera
-from .shapes import Capsule, Faces, Shape, along, ring
+from .shapes import Capsule, Faces, Shape, along, mesh_of, ring
 
 Colour = Any
 """A colour as matplotlib knows them: "#d1233b", or shares of red, green and blue."""
@@ -34,6 +34,10 @@ class Layer(IntEnum):
     SPACE = 2
     GLASS = 3
     TOP = 4
+
+
+CUBE = np.array(np.meshgrid([0.0, 1.0], [0.0, 1.0], [0.0, 1.0])).reshape(3, -1).T
+"""Corners of the unit cube, shape (8, 3)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -165,13 +169,14 @@ class Motion:
 
         aspect: width over height.
         """
-        near = [body.position_m for moment in self.moments for body in moment.bodies]
+        boxes = dict[int, Array]()  # of shapes, most of which are there at all moments
+        near = [corner for moment in (self.fixed, *self.moments) for body in moment.bodies
+                for corner in _corners(body, boxes)]  # fmt: skip
         near += [arrow.start_m + arrow.vector_m for moment in self.moments for arrow in moment.arrows]
-        near += [body.position_m for body in self.fixed.bodies]
         far = [facet.corners_m for facet in self.fixed.facets] + [s.points_m.reshape(-1, 3) for s in self.fixed.sheets]
         robot = self.camera.project(np.array(near) if near else np.concatenate(far))[0]
         low, high = robot.min(axis=0), robot.max(axis=0)
-        low, high = low - 0.1 * (high - low), high + 0.1 * (high - low)
+        low, high = low - 0.03 * (high - low), high + 0.03 * (high - low)
         if far:
             whole = self.camera.project(np.concatenate(far))[0]
             room = 1e9 if self.fixed.sheets else float(np.max(high - low))
@@ -180,6 +185,15 @@ class Motion:
         middle, half = 0.5 * (low + high), 0.51 * (high - low)
         half = np.maximum(half, half[::-1] * np.array([aspect, 1.0 / aspect]))
         return middle - half, middle + half
+
+
+def _corners(body: Body, boxes: dict[int, Array]) -> Array:
+    """Of the box of a body's shape, in the world, shape (8, 3) [m]. boxes: of shapes by identity, found once."""
+    if id(body.shape) not in boxes:
+        points = mesh_of(body.shape)[0]
+        low, high = points.min(axis=0), points.max(axis=0)
+        boxes[id(body.shape)] = low + CUBE * (high - low)
+    return np.asarray(body.position_m + boxes[id(body.shape)] @ body.rotation.T)
 
 
 def fans(facets: Sequence[Facet]) -> dict[tuple[Colour, float], Array]:
