@@ -42,6 +42,14 @@ from .surfaces import EmptyStep, found_offsets, without
 from .tracker import Target
 from .waiting import held_while
 
+NEXT = 3
+"""Key frames that are planned alone where not all that are left can be done."""
+OTHERWISE = (
+    ("bend the plan", WholeBodyLimits(), 0),
+    ("the next key frames alone", None, NEXT),
+    ("bend the next key frames", WholeBodyLimits(), NEXT),
+)
+
 
 class ClosedLoop:
     """One course walked by one policy on the runner's world.
@@ -202,22 +210,31 @@ class ClosedLoop:
         raise PlanningFailed(f"frame {self._frame}: no plan from here: {why}")
 
     def _ready(self, standing: Standing | None, resumption: Resumption | None = None) -> Prepared[PlanMotion]:
-        """A plan from there, prepared; a bent one where joints or bodies cannot do what contacts can."""
+        """A plan from there, prepared. Where joints or bodies cannot do what contacts can: a bent one, and where they
+        cannot do that, either, one of the next key frames alone, as what cannot be done is often far ahead."""
         runner, course = self.runner, self._planning.course
 
-        def made(limits: WholeBodyLimits | None) -> Prepared[PlanMotion]:
+        def made(limits: WholeBodyLimits | None, horizon: int) -> Prepared[PlanMotion]:
             self._planning.course = course  # what was put in for a plan that cannot be run is forgotten
-            accepted = self._planning.plan(self._frame, standing, slid=self._slid, limits=limits)
+            accepted = self._planning.plan(self._frame, standing, slid=self._slid, limits=limits, horizon=horizon)
             return runner.prepare(accepted, resumption)
 
+        if standing is None:  # a log begins with its plan
+            try:
+                return made(None, 0)
+            except InvalidInput:
+                return made(WholeBodyLimits(), 0)
         try:
-            return made(None) if standing is None else held_while(runner, partial(made, None))
+            return held_while(runner, partial(made, None, 0))
         except InvalidInput as error:
-            bent = partial(made, WholeBodyLimits())
-            if standing is None:  # a log begins with its plan
-                return bent()
-            runner.decide("bend the plan", str(error))
-            return held_while(runner, bent)
+            failed: InvalidInput | PlanningFailed = error
+        for what, limits, horizon in OTHERWISE:
+            runner.decide(what, str(failed))
+            try:
+                return held_while(runner, partial(made, limits, horizon))
+            except (InvalidInput, PlanningFailed) as error:
+                failed = error
+        raise failed
 
     def _astray(self, target: Target, state: State) -> bool:
         """Feet slide or came down on nothing, or all stand and the robot is astray; where anything is done about it."""

@@ -65,21 +65,25 @@ class Replanner:
         self._policy, self._settings, self._runner, self._friction = policy, settings, runner, friction
 
     def plan(
-        self, frame: int, standing: Standing | None, *, slid: bool = False, limits: WholeBodyLimits | None = None
-    ) -> Accepted:
+        self, frame: int, standing: Standing | None, *, slid: bool = False, limits: WholeBodyLimits | None = None,
+        horizon: int = 0,
+    ) -> Accepted:  # fmt: skip
         """Observe, choose, plan, verify.
 
         frame: of the course, at which the robot stands so, None at the beginning; its patches with the course's own
         friction. slid: feet did, so that the body may first move to where there is more reserve, before anybody lifts.
-        limits: of joints and bodies, to which the plan is bent. Raises PlanningFailed where there is none, InvalidInput
-        where the verifier rejects it.
+        limits: of joints and bodies, to which the plan is bent. horizon: key frames, 0 for the settings'. Raises
+        PlanningFailed where there is none, InvalidInput where the verifier rejects it.
         """
         begin = time.perf_counter()
         share, shares = self._shares()
         if standing is not None:
             patches = tuple(patch.with_friction(share * patch.friction) for patch in standing.patches)
             standing = replace(standing, patches=patches)
-        answer = partial(self._answer, frame=frame, share=share, standing=standing, shares=shares, limits=limits)
+        answer = partial(
+            self._answer, frame=frame, share=share, standing=standing, shares=shares, limits=limits,
+            horizon=horizon or self._settings.horizon,
+        )  # fmt: skip
         outcome, course = answer(self.course), self.course
         if standing is not None:
             if slid and any(course.lifts[frame + 1 : frame + 2]) and _counts(outcome) > shares[0]:
@@ -119,7 +123,7 @@ class Replanner:
 
     def _answer(
         self, course: Course, *, frame: int, share: float, standing: Standing | None, shares: tuple[float, ...],
-        limits: WholeBodyLimits | None,
+        limits: WholeBodyLimits | None, horizon: int,
     ) -> PlanOutcome:  # fmt: skip
         """What a policy's planner says of a course with this share of its friction."""
 
@@ -130,7 +134,7 @@ class Replanner:
             return self._policy(observation)
 
         return replan(
-            standing, slippery(course, share), frame=frame, horizon=self._settings.horizon or None, planner=planner_of,
+            standing, slippery(course, share), frame=frame, horizon=horizon or None, planner=planner_of,
             shares=shares, limits=limits,
         )  # fmt: skip
 

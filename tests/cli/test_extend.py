@@ -400,7 +400,7 @@ def scattered(level, rng):
         (("sample", "own.py:Wants"), "distribution own.py:Wants: expected something with sample(rng), or a class of "),
         (("solve", "p.json", "--method", "own.py:plans"), "method own.py:plans: expected something to call with Plann"),
         (("plan", "walls", "--planner", "own.py:plans"), "planner own.py:plans: expected something to call with Plann"),
-        (("fit", "data", "--method", "own.py:plans", "--out", "e.json"), "method own.py:plans: expected a function of a F"),
+        (("fit", "data", "--method", "own.py:plans", "--out", "e.json"), "method own.py:plans: expected a function "),
         (("plan", "own.py:scattered:0.5"), "family own.py:scattered: expected a FamilyTerrain or a list of patches,"),
         (("plan", "own.py:plans:0.5"), "family own.py:plans: expected a Family, or a function of a level and a gener"),
         (("warp", "own.py:scattered:0.5:1"), "family own.py:scattered: expected a function of x and y, got 3"),
