@@ -33,7 +33,6 @@ POSTURES = 256
 ALIGNED, ON_M = 1.0 - 1e-6, 1e-4
 """Cosine between normals of one surface, and how far from it what stands on it may be [m]."""
 
-
 _DRAWN_SO: WeakKeyDictionary[RobotModel, tuple[tuple[str, str], ...]] = WeakKeyDictionary()
 """``Bodies.drawn_so`` of models that there are, each tried once."""
 
@@ -126,9 +125,7 @@ class Bodies:
         kept = [(i, j) for i, j in self._pairs.tolist() if frozenset((self.links[i], self.links[j])) not in left_out]
         self._pairs = np.array(kept, dtype=int).reshape(-1, 2)
 
-    def overlaps(
-        self, body: WholeBody, *, terrain_m: float = TOUCH_M, links_m: float = LINKS_M
-    ) -> tuple[Overlap, ...]:
+    def overlaps(self, body: WholeBody, *, terrain_m: float = TOUCH_M, links_m: float = LINKS_M) -> tuple[Overlap, ...]:
         """What is deeper than ``terrain_m`` in the terrain, and than ``links_m`` in another link, below 0 what is as
         near to it; the deepest first. A foot may be in the surface that it stands on."""
         turns, origins = self._in_world(body)
@@ -151,9 +148,9 @@ class Bodies:
         for surface in self._terrain.closed:
             for i in np.flatnonzero(surface.holds(middles)):
                 found.append(Overlap(link=self.links[i], other=surface.name, depth_m=surface.depth(middles[i])))
-        found = [each for each in found if each.depth_m > terrain_m]
-        found += [each for each in meeting if each.depth_m > links_m]
-        return tuple(sorted(found, key=lambda each: -each.depth_m))
+        both = ((found, terrain_m), (meeting, links_m))
+        deep = [each for some, beyond_m in both for each in some if each.depth_m > beyond_m]
+        return tuple(sorted(deep, key=lambda each: -each.depth_m))
 
     def near(self, body: WholeBody, within_m: float) -> Iterator[Near]:
         """What is nearer to each other than this, of the pairs that ``overlaps`` looks at; of the terrain's convex
