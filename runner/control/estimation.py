@@ -50,11 +50,8 @@ def estimate_standing(
         toe = foot - radius * patch.normal
         inside = nearest_on(patch, toe)
         if _along(patch, inside - toe) > 0.0:
-            others = [other for other in terrain if coplanar(patch, other)]
-            found = [(other, nearest_on(other, toe)) for other in others]
-            for other, there in found:
-                if _along(patch, there - toe) < _along(patch, inside - toe):
-                    patch, inside = other, there
+            around = [(other, nearest_on(other, toe)) for other in terrain if coplanar(patch, other)]
+            patch, inside = min([(patch, inside), *around], key=lambda pair: _along(pair[0], pair[1] - toe))
         if np.linalg.norm(inside - toe) > BORDER_M:
             return None
         toes.append(inside)

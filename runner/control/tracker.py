@@ -99,7 +99,7 @@ class Tracker:
         self._wished = wished or resolved(motion, kinematics)
         self._time_s, self._swing = 0.0, SwingSpeed(kinematics, self._drives.velocity_rad_s, self._period_s)
         self._pressed, self._rolled = np.zeros((limbs, 3)), np.zeros((limbs, 3))
-        self._taken_over, self._within_s = np.zeros(len(kinematics.joints)), 1.0
+        self._taken_over, self._within_s = np.zeros(len(kinematics.joints)), 0.0
         self._angles = self._wish = self._wished.at(0.0)
         self._drawn = min(1.0, self._period_s / DRAWN_S)
         self._shift = kinematics.com_offset(self._angles)

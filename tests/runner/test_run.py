@@ -87,15 +87,15 @@ def test_a_plan_that_is_taken_up_begins_with_what_was_sent_last_and_is_its_own_a
     off = np.random.default_rng(0).uniform(-0.01, 0.01, len(first.targets_rad))
     runner.world.reset(course.terrain, first.targets_rad + off, first.origin_m, np.eye(3))
 
-    def commands(*, off_rad: Array | None) -> list[Array]:
+    def commands(*, taken_over: bool) -> list[Array]:
         prepared = runner.prepare(accepted, Resumption(kinematics=kinematics, carried_n=first.sample.forces_n))
-        if off_rad is None:
+        if not taken_over:
             prepared.tracker.take_over(np.zeros_like(off), prepared.motion.rest_s)
         periods = round(prepared.motion.rest_s * runner.world.rate_hz) + 2
         sent = [prepared.tracker.next(prepared.first.sample.forces_n) for _ in range(periods)]
         return [target.targets_rad for target in sent if target is not None]
 
-    own, taken = commands(off_rad=None), commands(off_rad=off)
+    own, taken = commands(taken_over=False), commands(taken_over=True)
     gap = np.array(taken) - np.array(own)
     np.testing.assert_allclose(gap[0], off, atol=1e-4)
     assert (np.diff(np.abs(gap).max(axis=1)) <= 1e-12).all()
