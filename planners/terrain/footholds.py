@@ -14,7 +14,7 @@ SLOPE_RAD = 0.6
 """About the friction cone of μ = .68."""
 FOOT_M = 0.02
 """Radius of a foot where no robot says otherwise [m]."""
-CLEARANCE_M, ROUGHNESS_M = 0.10, 0.01
+CLEARANCE_M, ROUGHNESS_M = 0.10, 0.006
 REASONS = ("steep", "covered", "inside", "rough", "edge", "small", "hole")
 """Why a surface is no foothold: its slope; something else within the clearance above it; a solid around it; off every
 plane; nearer to a border than the margin; narrower than a foot; not measured."""
