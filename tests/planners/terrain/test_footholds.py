@@ -145,3 +145,16 @@ def test_a_course_is_laid_out_between_two_places_and_refused_in_the_air(tmp_path
         course_between(terrain, (0.0, 0.0), (9.0, 0.0))
     with pytest.raises(InvalidInput, match=r"goal: expected a place 0.04 m or more from the start, got 0.01 m"):
         course_between(terrain, (0.0, 0.0), (0.01, 0.0))
+
+
+def test_no_plane_lies_over_a_step_of_a_noisy_map():
+    """Of 4 cm, whose plane is off by a quarter of that."""
+    x_m, y_m = np.arange(-1.0, 1.001, 0.02), np.arange(-0.6, 0.601, 0.02)
+    noise = np.random.default_rng(3).normal(0.0, 0.002, (len(x_m), len(y_m)))
+    heights = 0.04 * (x_m[:, None] > 0.0) + noise
+    ground = ElevationMap(x_m=x_m, y_m=y_m, heights_m=heights, name="steps")
+    found = footholds_of(ground, FootholdLimits(noise_m=0.002))
+    assert len(found.pieces) >= 2
+    assert max(np.arccos(piece.patch.normal[2]) for piece in found.pieces) < 0.02
+    rough = footholds_of(ground, FootholdLimits(noise_m=0.002, roughness_m=0.01))
+    assert max(np.arccos(piece.patch.normal[2]) for piece in rough.pieces) > 0.3
