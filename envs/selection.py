@@ -87,8 +87,13 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | relaxation | 'p1' | 'joint': P1 with the lift, linked (``planners.relaxation.joint``), over one box |
     | projections | ('fix-p',) | which P2 to run; the reward looks at the first |
     | weights | RewardWeights() | what a step is worth |
+    | backend | 'clarabel' | who solves P1: 'moreau' solves the batches of ``make_vec`` on a CUDA device, see below |
     | timing | False | put seconds into ``info`` |
     | render_mode | None | "rgb_array" or "human" |
+
+    With ``backend="moreau"`` (Moreau and a CUDA device; "moreau-cpu": the same on the processor) all P1 of a step are
+    solved together. Margins that lie within 1e-6 of where they count as feasible are solved again by Clarabel, so that
+    verdicts are those of "clarabel"; margins and points agree within the solvers' tolerances, not bit for bit.
 
     ## Version History
 

@@ -7,7 +7,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 import numpy as np
 from gymnasium import spaces
@@ -17,8 +17,9 @@ from stancekit.planners.answer.answer_file import read_envelopes
 from stancekit.planners.answer.outcome import Posture
 from stancekit.planners.equilibrium.features import ROOM
 from stancekit.planners.equilibrium.programs import Programs
+from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.arrays import Array
+from stancekit.planners.files.arrays import Array, checked_choice
 from stancekit.planners.projection.project import PROJECTIONS, Projection, project
 from stancekit.planners.relaxation.envelope import Envelope, EnvelopeSet
 from stancekit.planners.relaxation.joint import Joint, RelaxationName
@@ -32,6 +33,8 @@ from .scenes import Scene, SceneKind
 
 VERTICES = 3
 """Corners of the patches that the environment's observation holds."""
+Backend = Literal["clarabel", "moreau", "moreau-cpu"]
+"""Who solves P1: Clarabel one after the other, or Moreau a batch at a time, on a CUDA device or on the processor."""
 ADMITTED = 1e-6
 """A projection counts when the verifier finds no violation above this (non-dimensional)."""
 
@@ -70,6 +73,10 @@ class _Trial:
     p2_seconds: float
 
 
+Asked = tuple[tuple[Envelope, ...], Array | None]
+"""Boxes, and for "joint" the point of the one."""
+
+
 class SelectionOptions(SceneOptions, total=False):
     """Keywords of the environments beside their problem; the page of ``EnvelopeSelectionEnv`` has their meaning."""
 
@@ -78,6 +85,7 @@ class SelectionOptions(SceneOptions, total=False):
     relaxation: RelaxationName
     projections: tuple[Projection, ...]
     weights: RewardWeights
+    backend: Backend
     timing: bool
 
 
@@ -90,6 +98,7 @@ class SelectionSettings(SceneSettings):
     relaxation: RelaxationName = "p1"
     projections: tuple[Projection, ...] = ("fix-p",)
     weights: RewardWeights = RewardWeights()
+    backend: Backend = "clarabel"
     timing: bool = False
 
     def __post_init__(self) -> None:
@@ -97,6 +106,7 @@ class SelectionSettings(SceneSettings):
             raise InvalidInput("projections: expected one or more, got none")
         for name in self.projections:
             PROJECTIONS.get(name)
+        checked_choice(self.backend, "backend", get_args(Backend))
         if not isinstance(self.boxes, int) or self.boxes < 1:
             raise InvalidInput(f"boxes: expected an integer of at least 1, got {self.boxes!r}")
         joint = self.relaxation == "joint"
@@ -123,7 +133,7 @@ class SelectionTask:
         self._keys = {way: f"project_{way.replace('-', '_')}" for way in self._projections}
         self._weights = settings.weights
         self._timing = settings.timing
-        self._programs = Programs()
+        self._programs = Programs(engine="rows" if settings.backend == "clarabel" else settings.backend)
         self.scenes = settings.source(chosen, self._programs)
         self.observation_space = scene_space(self._count)
         self.action_space = self._make_action_space()
@@ -156,7 +166,14 @@ class SelectionTask:
 
     def judge_all(self, scenes: Sequence[Scene], actions: Sequence[Any] | NDArray[Any]) -> list[Verdict]:
         """``judge`` of an action a scene, the postures of all verified together: every bit is that of one by one."""
-        tried = [self._try(scene, action) for scene, action in zip(scenes, actions, strict=True)]
+        asked = [self._envelopes(action) for action in actions]
+        begin = time.perf_counter()
+        answers = self._relax([scene.scaled for scene in scenes], asked)
+        each = (time.perf_counter() - begin) / max(len(asked), 1)
+        tried = [
+            self._project(scene, answer, envelopes, each)
+            for scene, answer, (envelopes, _) in zip(scenes, answers, asked, strict=True)
+        ]
         found = [(trial.scene, trial.postures, way) for trial in tried for way in trial.postures]
         if found:
             begin = time.perf_counter()
@@ -168,26 +185,35 @@ class SelectionTask:
             tried = [replace(trial, p2_seconds=trial.p2_seconds + share * bool(trial.found)) for trial in tried]
         return [self._verdict(trial) for trial in tried]
 
-    def _try(self, scene: Scene, action: NDArray[np.float32] | np.int64) -> _Trial:
-        """P1 over the boxes of an action, and from its point every projection."""
-        scaled = scene.scaled
-        envelopes, point = self._envelopes(action)
+    def _relax(self, scaled: Sequence[Scaled], asked: Sequence[Asked]) -> list[RelaxationAnswer]:
+        """P1 of every problem over the boxes of its action; problems of one layout are asked about together."""
+        found = dict[int, RelaxationAnswer]()
+        for layout in dict.fromkeys(one.layout for one in scaled):
+            these = [index for index, one in enumerate(scaled) if one.layout == layout]
+            problems, boxes = [scaled[index] for index in these], [asked[index][0] for index in these]
+            points = [point for index in these if (point := asked[index][1]) is not None]
+            if self._relaxation == "joint":
+                answers = self._programs.get(Joint, layout).solve_each(problems, [box for (box,) in boxes], points)
+            else:
+                answers = self._programs.get(McCormick, layout).solve_any_of_each(problems, boxes)
+            found |= zip(these, answers, strict=True)
+        return [found[index] for index in range(len(scaled))]
+
+    def _project(
+        self, scene: Scene, answer: RelaxationAnswer, envelopes: Sequence[Envelope], p1_seconds: float
+    ) -> _Trial:
+        """From the point of P1 every projection."""
         begin = time.perf_counter()
-        if point is None:
-            answer = self._programs.get(McCormick, scaled.layout).solve_any(scaled, envelopes)
-        else:
-            answer = self._programs.get(Joint, scaled.layout).solve(scaled, envelopes[0], point)
-        middle = time.perf_counter()
         postures: dict[Projection, Posture] = {}
         if answer.feasible and answer.point is not None:
-            points = {way: project(self._programs, way, scaled, answer.point) for way in self._projections}
-            postures = {way: scaled.posture(at) for way, at in points.items() if np.isfinite(at.residual)}
+            points = {way: project(self._programs, way, scene.scaled, answer.point) for way in self._projections}
+            postures = {way: scene.scaled.posture(at) for way, at in points.items() if np.isfinite(at.residual)}
         return _Trial(
             scene=scene, answer=answer, envelope=envelopes[answer.chosen], postures=postures, found=len(postures),
-            p1_seconds=middle - begin, p2_seconds=time.perf_counter() - middle,
+            p1_seconds=p1_seconds, p2_seconds=time.perf_counter() - begin,
         )  # fmt: skip
 
-    def _envelopes(self, action: NDArray[np.float32] | np.int64) -> tuple[tuple[Envelope, ...], Array | None]:
+    def _envelopes(self, action: NDArray[np.float32] | np.int64) -> Asked:
         """The boxes of an action, and for "joint" the point of the one."""
         if np.shape(action) != self.action_space.shape:
             raise InvalidInput(f"action: expected shape {self.action_space.shape}, got {np.shape(action)}")

@@ -11,8 +11,9 @@ import cvxpy as cp
 import numpy as np
 
 from ..files.arrays import Array
+from .conic_solution import ConicSolution, ConicStatus, Solved
 from .layout import Index
-from .rows import EXACT, STATUS, ConicSolution, ConicStatus
+from .rows import EXACT, STATUS
 
 Terms = dict[str, cp.Constraint]
 """Constraints by name."""
@@ -40,7 +41,7 @@ class Model:
         z, groups = _packed((name, _dual(term)) for name, term in self.terms.items())
         return ConicSolution(
             status=STATUS.get(answer.status, ConicStatus.FAILED),
-            answer=SimpleNamespace(x=x, z=z),
+            answer=Solved(x=x, z=z),
             columns=columns,
             groups=groups,
             objective=answer.obj_val + constant,
@@ -59,7 +60,7 @@ class Model:
         own = self.solve()
         x, kept = _placed(columns, own.columns, own.x)
         z, rows = _placed(groups, own.groups, own.z)
-        return replace(own, answer=SimpleNamespace(x=x, z=z), columns=kept, groups=rows)
+        return replace(own, answer=Solved(x=x, z=z), columns=kept, groups=rows)
 
 
 def _placed(wanted: Mapping[str, Index], has: Mapping[str, Index], values: Array) -> tuple[Array, dict[str, Index]]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from ..files.arrays import Array
+from .conic_solution import ConicSolution, ConicStatus
 from .layout import Layout
-from .rows import ConicSolution, ConicStatus
 
 
 def multiplier_shapes(layout: Layout) -> dict[str, tuple[int, ...]]:

@@ -11,11 +11,9 @@ depends on its own problem alone.
 
 from __future__ import annotations
 
-import enum
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import Any, Generic, Protocol
 
 import clarabel
@@ -24,58 +22,9 @@ import numpy as np
 from ..files.arrays import Array
 from .clarabel_settings import solver_settings
 from .columns import Columns, pattern_of
+from .conic_solution import ConicSolution, ConicStatus
 from .gather import D, Fill, Gather, Numbers, Values
 from .layout import Index
-
-
-class ConicStatus(enum.Enum):
-    """What the conic solver ended with, after its statuses were mapped."""
-
-    SOLVED = "solved"
-    INFEASIBLE = "infeasible"
-    FAILED = "failed"
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ConicSolution:
-    """One solve, by the names of variables and groups of rows.
-
-    answer: the solver's own, with x and z. objective: of x; bound: of z, the dual objective; exact: whether the solver
-    met its own tolerances; seconds: in the solver alone [s].
-    """
-
-    status: ConicStatus
-    answer: Any
-    columns: Mapping[str, Index]
-    groups: Mapping[str, Index]
-    objective: float
-    bound: float
-    exact: bool
-    iterations: int
-    seconds: float
-
-    @cached_property
-    def x(self) -> Array:
-        """Primal, shape (n,)."""
-        return np.array(self.answer.x)
-
-    @cached_property
-    def z(self) -> Array:
-        """Dual, shape (m,); a Farkas ray where infeasible."""
-        return np.array(self.answer.z)
-
-    @property
-    def solved(self) -> bool:
-        """Whether x is a point."""
-        return self.status is ConicStatus.SOLVED
-
-    def value(self, name: str) -> Array:
-        """Value of the variable of this name, in its own shape."""
-        return _part(self.x, self.columns[name])
-
-    def dual(self, name: str) -> Array:
-        """Multipliers of the group of rows of this name, in its shape: L = objective + z'(A x − b)."""
-        return _part(self.z, self.groups[name])
 
 
 class Reference(Protocol):
@@ -104,7 +53,7 @@ class Rows(Generic[D]):
 
     def __init__(self, *, keep: bool) -> None:
         self._keep = keep
-        self._cones: list[object] = []
+        self._cones: list[Any] = []
         self._blocks: list[tuple[Index, Index, Values[D]]] = []
         self._right: list[tuple[Index, Values[D]]] = []
         self._squares: list[tuple[Index, Index, Fill[D] | float]] = []
@@ -112,6 +61,7 @@ class Rows(Generic[D]):
         self._constants: list[Fill[D]] = []
         self._solver: clarabel.DefaultSolver | None = None
         self._reference: Callable[[D], Reference] | None = None
+        self._together: Callable[[Sequence[D]], list[ConicSolution]] | None = None
         self.columns: dict[str, Index] = {}
         self.groups: dict[str, Index] = {}
         self.shape = (0, 0)
@@ -174,6 +124,10 @@ class Rows(Generic[D]):
         """From now on ``solve`` asks another formulation of the same program, with its names and shapes."""
         self._reference = reference
 
+    def solve_together(self, solver: Callable[[Sequence[D]], list[ConicSolution]]) -> None:
+        """From now on ``solve_all`` asks a solver of batches; ``solve`` stays as it is."""
+        self._together = solver
+
     def solve(self, data: D) -> ConicSolution:
         """Solve for this problem, by the kept solver with its numbers updated, or by a new one.
 
@@ -197,9 +151,7 @@ class Rows(Generic[D]):
             careful = solver_settings(equilibrate=True, careful=True)
             answer = clarabel.DefaultSolver(hessian, q, matrix, b, self._cones, careful).solve()
             said = answer.status
-        value, constant = float(answer.obj_val), 0.0
-        if self._constants:
-            constant = sum(float(np.sum(fill(data))) for fill in self._constants)
+        value, constant = float(answer.obj_val), self.constant(data)
         return ConicSolution(
             status=STATUS.get(said, ConicStatus.FAILED),
             answer=answer,
@@ -211,6 +163,21 @@ class Rows(Generic[D]):
             iterations=int(answer.iterations),
             seconds=time.perf_counter() - begin,
         )
+
+    def solve_all(self, data: Sequence[D], doubtful: Callable[[ConicSolution], bool]) -> list[ConicSolution]:
+        """``solve`` of each, one by one, or together by what ``solve_together`` was given.
+
+        doubtful: which answers of a batch are asked for again of ``solve``, as those that failed are.
+        """
+        if self._together is None:
+            return [self.solve(one) for one in data]
+        found = zip(data, self._together(data), strict=True)
+        again = ConicStatus.FAILED
+        return [self.solve(one) if said.status is again or doubtful(said) else said for one, said in found]
+
+    def constant(self, data: D) -> float:
+        """What the objective has beside x."""
+        return sum((float(np.sum(fill(data))) for fill in self._constants), start=0.0)
 
     def _update(self, solver: clarabel.DefaultSolver, data: D) -> None:
         """Load the numbers of a problem into the kept solver, as lists, which are read faster."""
@@ -243,7 +210,7 @@ class Rows(Generic[D]):
         return self._hessian(data), self._q.load(numbers, data), matrix, self._b.load(numbers, data)
 
     @property
-    def cone_list(self) -> list[object]:
+    def cone_list(self) -> list[Any]:
         """The cones in the order of the rows, as Clarabel takes them."""
         return list(self._cones)
 
@@ -287,9 +254,3 @@ class Rows(Generic[D]):
 
 def _scaled(factor: float, weight: Fill[D] | float) -> Fill[D] | float:
     return (lambda d: factor * np.asarray(weight(d))) if callable(weight) else factor * weight
-
-
-def _part(values: Array, index: Index) -> Array:
-    """values[index] for indices in a row, as those of a variable and of a group are."""
-    begin = index.item(0) if index.size else 0
-    return values[begin : begin + index.size].reshape(index.shape)

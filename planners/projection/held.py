@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..equilibrium.conic_solution import ConicSolution
 from ..equilibrium.gather import Fill, Of
 from ..equilibrium.layout import Layout
 from ..equilibrium.objective import objective
-from ..equilibrium.rows import ConicSolution, Reference, Rows
+from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, HeldToes, Moments
 from ..files.arrays import Array, cross

@@ -12,23 +12,26 @@ lift, linearised at a learned point (``least_gap``), draws the answer to the bil
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
+from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import ConicStatus, Reference, Rows
+from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, Moments
 from ..files.arrays import Array
 from .boxed import Boxed
 from .envelope import Envelope
+from .envelope_rows import envelope_rows
 from .least_gap import least_gap
 from .margin_gradient import margin_gradient
-from .mccormick import McCormick, envelope_rows
-from .relaxed import RelaxationAnswer, Relaxed
+from .mccormick import McCormick
+from .relaxed import RelaxationAnswer, Relaxed, doubtful
 
 MARGIN_PRICE = 10.0
 """Of the margin, in units of the squared gap: the answer leaves the envelope only where it has to."""
@@ -109,8 +112,22 @@ class Joint:
         at: [p, f] about which the gap is linearised, shape (B, 6); None, where it is, for the middle of the box.
         gradient: of the margin in the box's bounds.
         """
+        given = self._given(scaled, box, at)
+        return self._answer(self.rows.solve(given), given, gradient=gradient)
+
+    def solve_each(
+        self, scaled: Sequence[Scaled], boxes: Sequence[Envelope], at: Sequence[Array]
+    ) -> list[RelaxationAnswer]:
+        """``solve`` of a box and a point a problem, all solved as ``Rows.solve_all`` does."""
+        data = [self._given(*one) for one in zip(scaled, boxes, at, strict=True)]
+        solved = self.rows.solve_all(data, doubtful)
+        return [self._answer(solution, given) for solution, given in zip(solved, data, strict=True)]
+
+    def _given(self, scaled: Scaled, box: Envelope, at: Array | None) -> Boxed:
         about = None if self._signed else near_nominal(scaled, 0.5 * (box.low + box.high) if at is None else at)
-        solution = self.rows.solve(Boxed(scaled, about, boxes=(box,)))
+        return Boxed(scaled, about, boxes=(box,))
+
+    def _answer(self, solution: ConicSolution, given: Boxed, *, gradient: bool = False) -> RelaxationAnswer:
         if not solution.solved:
             infeasible = solution.status is ConicStatus.INFEASIBLE
             return RelaxationAnswer(margin=float("inf") if infeasible else float("nan"), seconds=solution.seconds)
@@ -118,12 +135,12 @@ class Joint:
         reached = np.concatenate([position, forces], axis=1)
         return RelaxationAnswer(
             margin=float(solution.value("margin")[0]),
-            relaxed=Relaxed.of(scaled, solution, self._forces),
+            relaxed=Relaxed.of(given.scaled, solution, self._forces),
             at=reached,
             excess=solution.value("moments").reshape(-1, 3, 3) - position[:, :, None] * forces[:, None, :],
             objective=solution.objective,
             seconds=solution.seconds,
-            gradient=margin_gradient(solution, reached, box) if gradient else None,
+            gradient=margin_gradient(solution, reached, given.boxes[0]) if gradient else None,
         )
 
     def _boxed(self, layout: Layout, body: Body, toes: FreeToes, forces: Forces, margin: Index) -> None:

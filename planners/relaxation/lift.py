@@ -11,12 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Layout
 from ..equilibrium.multipliers import multipliers
 from ..equilibrium.objective import objective
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
+from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Scaled
 from ..equilibrium.terms import Body, Forces, FreeToes, Given, Moments
 from ..files.arrays import Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..equilibrium.rows import ConicSolution
+from ..equilibrium.conic_solution import ConicSolution
 from ..files.arrays import Array
 from .envelope import HIGH_HIGH, HIGH_LOW, LOW_HIGH, LOW_LOW, SIGNS, Envelope
 

@@ -18,18 +18,20 @@ from typing import Literal
 
 import numpy as np
 
+from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.gather import Of
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.objective import objective
-from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
+from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled, skew
 from ..equilibrium.terms import Body, Forces, FreeToes, Given
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from .boxed import Boxed as Boxed
-from .envelope import Corners, Envelope
+from .envelope import Envelope
+from .envelope_rows import envelope_rows
 from .margin_gradient import margin_gradient
-from .relaxed import DualBound, RelaxationAnswer, Relaxed
+from .relaxed import DualBound, RelaxationAnswer, Relaxed, doubtful
 
 Axes = Literal["contact", "world"]
 
@@ -130,15 +132,20 @@ class McCormick:
 
         The margin is NaN where none is feasible and some solve failed. Raises InvalidInput for no envelopes.
         """
-        if not envelopes:
+        return self.solve_any_of_each((scaled,), (envelopes,))[0]
+
+    def solve_any_of_each(
+        self, scaled: Sequence[Scaled], envelopes: Sequence[Sequence[Envelope]]
+    ) -> list[RelaxationAnswer]:
+        """``solve_any`` of every problem, all that is asked about solved as ``Rows.solve_all`` does."""
+        if not all(envelopes):
             raise InvalidInput("envelopes: expected one or more, got none")
-        answers = [self.solve(scaled, envelope) for envelope in envelopes]
-        if len(answers) == 1:
-            return answers[0]
-        chosen = int(np.nanargmin([answer.margin if answer.known else np.inf for answer in answers]))
-        best = replace(answers[chosen], chosen=chosen, solves=len(answers))
-        all_known = all(answer.known for answer in answers)
-        return best if best.feasible or all_known else RelaxationAnswer(margin=float("nan"), solves=len(answers))
+        data = [Boxed(one, boxes=(box,)) for one, boxes in zip(scaled, envelopes, strict=True) for box in boxes]
+        solved = iter(self.rows.solve_all(data, doubtful))
+        return [
+            _best([self._answer(next(solved), one) for _ in boxes])
+            for one, boxes in zip(scaled, envelopes, strict=True)
+        ]
 
     def dual_bound(self, scaled: Scaled, box: Envelope) -> DualBound:
         """The signed margin over this box, and what its solution and multipliers prove about other boxes; of a posture.
@@ -233,6 +240,16 @@ class McCormick:
         rows.right(most, Of("allowed"))
 
 
+def _best(answers: Sequence[RelaxationAnswer]) -> RelaxationAnswer:
+    """The answer of least margin, and which it was."""
+    if len(answers) == 1:
+        return answers[0]
+    chosen = int(np.nanargmin([answer.margin if answer.known else np.inf for answer in answers]))
+    best = replace(answers[chosen], chosen=chosen, solves=len(answers))
+    all_known = all(answer.known for answer in answers)
+    return best if best.feasible or all_known else RelaxationAnswer(margin=float("nan"), solves=len(answers))
+
+
 def moment_axes(scaled: Scaled) -> Array:
     """P_j × F_k (E7, E9) in the column 9i + 3j + k, shape (3, 9B): the moment balance of a posture is axes · m = 0."""
     across = np.matmul(skew(np.eye(3)), scaled.contact_frames[:, None])  # (B, j, 3, k)
@@ -250,42 +267,6 @@ def _terms(rows: Rows[Given], layout: Layout, *, explicit: bool, inner: bool = F
     body.limits()
     body.steps(toes)
     return body, toes, forces
-
-
-def envelope_rows(
-    rows: Rows[Given],
-    whole: Index,
-    moments: Index,
-    *,
-    margin: Index | None = None,
-    share: Index | None = None,
-    e: int | None = None,
-) -> None:
-    """(p, f, m) ∈ M_c(B): the four envelope rows of every m_jk = p_j f_k, and [p, f] ∈ B, the e-th box.
-
-    whole: [p, f], (B, 6); moments: (B, 9). margin: relaxes every row. share: z of every contact, (B,), in whose measure
-    the rows are: (p, f, m) ∈ z M_c(B).
-    """
-    count = len(whole)
-    envelope, sides = rows.at_most(_of("envelope", e), 4, count, 3, 3), rows.at_most(_of("sides", e), 2, count, 6)
-    rows.put(envelope[:2], moments.reshape(-1, 3, 3), -1.0)
-    rows.put(envelope[2:], moments.reshape(-1, 3, 3), 1.0)
-    p_ends, f_ends, products, outward = (Of(f"corners.{name}", e) for name in Corners._fields)
-    rows.put(envelope, whole[:, None, 3:], p_ends)
-    rows.put(envelope, whole[:, :3, None], f_ends)
-    rows.put(sides[0], whole, -1.0)
-    rows.put(sides[1], whole, 1.0)
-    for group, bounds, at in ((envelope, products, (slice(None), None, None)), (sides, outward, (slice(None), None))):
-        if share is not None:
-            rows.put(group, share[at], -bounds)
-            continue
-        rows.right(group, bounds)
-        if margin is not None:
-            rows.put(group, margin, -1.0)
-
-
-def _of(name: str, e: int | None) -> str:
-    return name if e is None else f"{name}_{e}"
 
 
 def _relaxed(solution: ConicSolution, scaled: Scaled, forces: Forces) -> Relaxed:

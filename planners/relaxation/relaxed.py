@@ -7,13 +7,15 @@ from functools import cached_property
 
 import numpy as np
 
+from ..equilibrium.conic_solution import ConicSolution
 from ..equilibrium.layout import Index
-from ..equilibrium.rows import ConicSolution
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
 
 FEASIBLE_MARGIN = 1e-7
 """A margin up to this counts as feasible: the solver's own tolerance."""
+NEAR = 1e-6
+"""Solvers differ about a margin by less."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,6 +140,11 @@ class DualBound:
     rows: Array | None = None
     slope: Array | None = None
     constant: float = 0.0
+
+
+def doubtful(solution: ConicSolution) -> bool:
+    """Whether the margin is so near to where it counts as feasible that another solver could say otherwise."""
+    return solution.solved and abs(float(solution.value("margin")[0]) - FEASIBLE_MARGIN) < NEAR
 
 
 def unit_shares(scaled: Scaled, weights: Array) -> Array:

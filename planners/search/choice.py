@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..answer.outcome import Certificate
+from ..equilibrium.conic_solution import ConicStatus
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import ConicStatus
 from ..equilibrium.scaled import Point, Scaled
 from ..files.arrays import Array
 from ..projection.descent import cost

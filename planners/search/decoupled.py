@@ -11,11 +11,12 @@ import numpy as np
 
 from ..answer.outcome import Certificate
 from ..answer.plan import PlanOutcome
+from ..equilibrium.conic_solution import ConicSolution, ConicStatus
 from ..equilibrium.layout import Index, Layout
 from ..equilibrium.multipliers import multipliers
 from ..equilibrium.objective import objective
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import ConicSolution, ConicStatus, Reference, Rows
+from ..equilibrium.rows import Reference, Rows
 from ..equilibrium.scaled import Point, Scaled
 from ..equilibrium.terms import Body, FreeToes, Given
 from ..problem.course import Course

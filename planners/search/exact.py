@@ -17,9 +17,9 @@ import numpy as np
 
 from ..answer.outcome import Outcome, Status
 from ..answer.plan import PlanOutcome
+from ..equilibrium.conic_solution import ConicStatus
 from ..equilibrium.layout import Index
 from ..equilibrium.programs import Programs
-from ..equilibrium.rows import ConicStatus
 from ..equilibrium.scaled import Point, Scaled, cones_met, skew
 from ..errors import InvalidInput
 from ..files.arrays import Array, checked, checked_int

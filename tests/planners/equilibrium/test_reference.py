@@ -12,8 +12,8 @@ import pytest
 import scipy.sparse as sp
 
 from stancekit.planners.answer.outcome import Certificate
+from stancekit.planners.equilibrium.conic_solution import ConicSolution, ConicStatus
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.equilibrium.rows import ConicSolution, ConicStatus
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.equilibrium.terms import Given
 from stancekit.planners.errors import InvalidInput

@@ -13,8 +13,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stancekit.planners.equilibrium.clarabel_settings import solver_settings
+from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.model import Model
-from stancekit.planners.equilibrium.rows import ConicStatus, Rows
+from stancekit.planners.equilibrium.rows import Rows
 
 SEEDS = st.integers(0, 2**32 - 1)
 ROWS, COLUMNS = 7, 3

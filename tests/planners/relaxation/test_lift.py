@@ -12,8 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stancekit.planners.answer.outcome import Certificate, Posture
+from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.programs import Programs
-from stancekit.planners.equilibrium.rows import ConicStatus, Rows
+from stancekit.planners.equilibrium.rows import Rows
 from stancekit.planners.equilibrium.scaled import Point, Scaled
 from stancekit.planners.problem import Contact, PostureProblem
 from stancekit.planners.projection.project import project

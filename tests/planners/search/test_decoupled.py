@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from stancekit.planners.answer.outcome import Status
-from stancekit.planners.equilibrium.rows import ConicStatus
+from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.problem.course import StepLimits
 from stancekit.planners.problem.course_file import read_course

@@ -13,8 +13,8 @@ import pytest
 
 from stancekit.envs.distributions.postures import DISTRIBUTIONS
 from stancekit.planners.answer.outcome import Status
+from stancekit.planners.equilibrium.conic_solution import ConicStatus
 from stancekit.planners.equilibrium.reference import p1
-from stancekit.planners.equilibrium.rows import ConicStatus
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem.course_file import read_course
