@@ -106,14 +106,20 @@ def with_joints(plan: Plan, kinematics: Kinematics | None = None) -> Plan:
 
 
 def whole_body(
-    plan: Plan, limits: WholeBodyLimits = WholeBodyLimits(), kinematics: Kinematics | None = None
+    plan: Plan,
+    limits: WholeBodyLimits = WholeBodyLimits(),
+    kinematics: Kinematics | None = None,
+    start_rad: Array | None = None,
 ) -> WholeBodyPlan:
     """The plan with joint angles, with torques within the limits and bodies apart where such a plan is found; never a
     worse one.
 
-    Raises InvalidInput without pinocchio, and for a robot whose legs are not known.
+    start_rad: of a robot that stands already at the first key frame, as for ``plan_angles``. Raises InvalidInput
+    without pinocchio, and for a robot whose legs are not known.
     """
     solver = kinematics or Kinematics(plan.course.robot, gravity_m_s2=plan.course.gravity_m_s2)
+    angles = np.array([answer.angles for answer in plan_angles(plan, solver, start_rad)])
+    plan = replace(plan, joints_rad=angles)
     first = found = _at_key_frames(plan, limits, solver)
     if limits.torque_nm is None or not limits.steps or first.after.share > 1.0:
         return found
@@ -139,10 +145,9 @@ def _friction(plan: Plan) -> float:
 
 
 def _at_key_frames(plan: Plan, limits: WholeBodyLimits, solver: Kinematics) -> WholeBodyPlan:
-    """As ``whole_body``, with torques looked at at key frames only."""
-    angles = np.array([answer.angles for answer in plan_angles(plan, solver)])
+    """As ``whole_body`` of a plan with joint angles, with torques looked at at key frames only."""
     said = {} if limits.torque_nm is None else {"torque_nm": limits.torque_nm}  # what the verifier holds it to
-    plan = replace(plan, joints_rad=angles, provenance={**plan.provenance, **said})
+    plan = replace(plan, provenance={**plan.provenance, **said})
     clearance = _clearance(plan, solver) if limits.steps else None
 
     def measured(one: Plan) -> Measured:

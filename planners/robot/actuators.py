@@ -56,8 +56,10 @@ class ActuatorModel:
     def __post_init__(self) -> None:
         collect_errors(
             lambda: check_numbers(self, above=POSITIVE, least=("rotor_kg_m2",)),
-            lambda: self.continuous_nm is None
-            or checked(self.continuous_nm, "continuous_nm", least=0.0, most=self.stall_nm),
+            lambda: (
+                self.continuous_nm is None
+                or checked(self.continuous_nm, "continuous_nm", least=0.0, most=self.stall_nm)
+            ),
         )
 
     @classmethod

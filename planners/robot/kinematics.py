@@ -27,9 +27,7 @@ from .urdf_reader import at_rest, built, pinocchio
 
 __all__ = ["REACHED_M", "JointAnswer", "Kinematics", "pinocchio", "rotation_of"]
 
-DAMPING = 1e-4
-STEPS = 60
-LONGEST_STEP_RAD = 0.3
+DAMPING, STEPS, LONGEST_STEP_RAD = 1e-4, 60, 0.3
 DRAWN_AT = 0.2
 """In pictures the roll joint of a leg that is drawn up is so far along its thigh."""
 
@@ -120,14 +118,15 @@ class Kinematics:
         forces_n: ArrayLike | None = None,
         seed: ArrayLike | None = None,
         obstacles: Sequence[Solid] = (),
+        most_rad: ArrayLike = np.inf,
     ) -> JointAnswer:
         """Angles for a body pose and toes in the world.
 
-        com_m: the body's origin, shape (3,) [m]. rotation_rad: rotation vector, taken exactly, not linearised, shape
-        (3,). toes_m: where the limbs touch, shape (N, 3) [m]. normals: of the surfaces, shape (N, 3); the foot's centre
-        is a radius away along them. Without normals the foot's centre goes to the toe. forces_n: on the robot, world
-        frame, shape (N, 3) [N]. seed: angles to stay close to, shape (J,). obstacles: what the links of legs that are
-        drawn up should keep off.
+        com_m: the body's origin, shape (3,) [m]. rotation_rad: rotation vector, taken exactly, (3,). toes_m: where
+        limbs touch, shape (N, 3) [m]. normals: of the surfaces, shape (N, 3); the foot's centre is a radius away along
+        them, without them at the toe. forces_n: on the robot, world frame, shape (N, 3) [N]. seed: angles to stay close
+        to, shape (J,). obstacles: what the links of legs that are drawn up should keep off. most_rad: a limb whose
+        comfortable posture is farther from the seed leaves the seed as little as goes, shape (N,).
         """
         count = len(self.robot.limbs)
         turn = rotation_of(rotation_rad)
@@ -136,12 +135,15 @@ class Kinematics:
         feet = self.targets(com, turn, read_only(toes_m, (count, 3), "toes_m"), out)
         near = None if seed is None else read_only(seed, (len(self.joints),), "seed")
         if self.robot.model is None:
-            close = None if near is None else near.reshape(count, -1)
             wished = limb_postures(
-                self.robot, self.servo, feet, -out @ turn, near=close, pose=(com, turn), obstacles=obstacles
-            )
+                self.robot, self.servo, feet, -out @ turn, near=None if near is None else near.reshape(count, -1),
+                pose=(com, turn), obstacles=obstacles,
+            )  # fmt: skip
         else:
             wished = self._near(feet, near)
+        if near is not None:
+            far = self.by_leg(np.abs(wished - near)).max(axis=1) > most_rad
+            wished = np.where(self.of_joints(far), near, wished)
         angles, error = self.reach(feet, wished, wished)
         excess = np.zeros(count)
         if np.any(error > REACHED_M):

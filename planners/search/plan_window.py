@@ -24,7 +24,7 @@ class Standing:
     """Where a robot stands at a key frame.
 
     com_m, rotation_rad: shape (3,); toes_m: shape (N, 3) [m], each on the patch of the same index.
-    yaws_rad: of soles [rad]; () for 0.
+    yaws_rad: of soles [rad]; () for 0. angles_rad: of the joints, shape (J,), where they are known.
     """
 
     com_m: Array
@@ -32,6 +32,7 @@ class Standing:
     toes_m: Array
     patches: tuple[Patch, ...]
     yaws_rad: tuple[float, ...] = ()
+    angles_rad: Array | None = None
 
     @classmethod
     def at_end(cls, plan: Plan) -> Standing:
@@ -42,6 +43,7 @@ class Standing:
             toes_m=plan.toes_at(plan.course.frames - 1),
             patches=tuple(plan.course.patch(int(index), plan.choice) for index in plan.course.holds[-1]),
             yaws_rad=_yaws(plan) if plan.course.has_soles else (),
+            angles_rad=None if plan.joints_rad is None else plan.joints_rad[-1],
         )
 
 

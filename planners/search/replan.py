@@ -25,11 +25,11 @@ def replan(
 ) -> PlanOutcome:
     """Plan key frames ``frame`` to ``frame + horizon`` of a course from where the robot stands.
 
-    state: pose and toes at ``frame``, whose toes stay; None at the beginning, where they are free as in the course.
-    horizon: how many frames ahead; None for all that are left. planner: one, or what chooses one for the window (a
-    policy); by default the two-stage planner over the lift. shares: of the friction, tried in this order until there is
-    a plan (``friction_margin.plan_with_reserve``). limits: of joints and bodies, to which the window's plan is bent;
-    None: contacts alone.
+    state: pose and toes at ``frame``, whose toes stay, and joints, where they are known; None at the beginning, where
+    they are free as in the course. horizon: how many frames ahead; None for all that are left. planner: one, or what
+    chooses one for the window (a policy); by default the two-stage planner over the lift. shares: of the friction,
+    tried in this order until there is a plan (``friction_margin.plan_with_reserve``). limits: of joints and bodies, to
+    which the window's plan is bent; None: contacts alone.
 
     Returns the planner's outcome over the window, whose plan begins at ``state``; ``plan_window.joined`` puts windows
     together. With limits it is one of the whole body, with its joint angles: ``details`` say in how many steps, from
@@ -47,4 +47,4 @@ def replan(
         return outcome
     from .whole_body_outcome import with_whole_body  # slow to import
 
-    return with_whole_body(outcome, limits)
+    return with_whole_body(outcome, limits, None if state is None else state.angles_rad)

@@ -177,10 +177,12 @@ class ClosedLoop:
     def _next(self, before: Prepared[PlanMotion], target: Target, state: State) -> Prepared[PlanMotion]:
         """The next plan, from where the robot is measured to stand, or else from where it should."""
         index, plan = round(target.sample.frame), before.motion.plan
+        near = np.array(state.angles_rad if before.sees else target.angles_rad)
         held = [plan.course.patch(int(p), plan.choice) for p in plan.course.holds[index]]
         patches = tuple(patch.with_friction(patch.friction / self._planning.planned_share) for patch in held)
         ends = Standing(
-            com_m=plan.com_m[index], rotation_rad=plan.rotation_rad[index], toes_m=plan.toes_at(index), patches=patches
+            com_m=plan.com_m[index], rotation_rad=plan.rotation_rad[index], toes_m=plan.toes_at(index), patches=patches,
+            angles_rad=near,
         )  # fmt: skip
         starts = [ends]
         if before.sees:
@@ -192,7 +194,6 @@ class ClosedLoop:
             moved = tuple(map(offsets.moved, patches))
             measured = estimate_standing(moved, state, self._kinematics, self._planning.course.terrain)
             starts = ([] if measured is None else [measured]) + ([] if offsets.planes else [ends])
-        near = np.array(state.angles_rad if before.sees else target.angles_rad)
         course, servo = self._planning.course, self.runner.world.servo
         failures = []
         for standing in starts:

@@ -61,6 +61,7 @@ def estimate_standing(
         rotation_rad=Rotation.from_matrix(state.rotation).as_rotvec(),
         toes_m=np.array(toes),
         patches=tuple(under),
+        angles_rad=np.array(state.angles_rad),
     )
 
 

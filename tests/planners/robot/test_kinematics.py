@@ -158,6 +158,28 @@ def test_a_plan_has_angles_that_stay_close_where_toes_stay(plan: Plan) -> None:
         assert moved.max() < 0.6
 
 
+@pytest.mark.parametrize("limb", [0, 2, 4])
+def test_a_robot_that_stands_keeps_its_posture_until_a_limb_lifts(
+    plan: Plan, kinematics: Kinematics, limb: int
+) -> None:
+    """It begins with the knee at the far side of its circle about the line from shoulder to foot."""
+    usual, its = plan_angles(plan), slice(4 * limb, 4 * limb + 4)
+    foot = kinematics.feet(usual[0].angles)[limb] - SHOULDERS[limb]
+    outward = rotation_of([0.0, 0.0, outward_rad(ROBOT.limbs[limb])])
+    family = swivels(link_lengths(ROBOT.limbs[limb]), outward.T @ foot)
+    servo = Servo()
+    within = family[np.all((family > servo.lower_rad) & (family < servo.upper_rad), axis=1)]
+    start = np.array(usual[0].angles)
+    start[its] = max(within, key=lambda other: float(np.abs(other - start[its]).max()))
+    assert np.abs(start - usual[0].angles).max() > 2.0
+    assert plan.course.holds[1, limb] == plan.course.holds[0, limb]
+
+    found = plan_angles(plan, start_rad=start)
+    assert all(answer.within_limits for answer in found)
+    np.testing.assert_allclose(found[0].angles, start, atol=0.02)  # only feet are put where the plan has them
+    assert np.abs(found[1].angles - found[0].angles)[its].max() <= 0.5
+
+
 def test_a_good_plan_is_within_the_joints_and_the_report_has_a_row_a_frame_and_stance(plan: Plan) -> None:
     report = joint_report(plan)
     assert report.accepted, report.message
