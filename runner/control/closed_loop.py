@@ -43,11 +43,13 @@ from .tracker import Target
 from .waiting import held_while
 
 NEXT = 3
-"""Key frames that are planned alone where not all that are left can be done."""
+"""Key frames that are planned alone where not all that are left can be done; and then one."""
 OTHERWISE = (
     ("bend the plan", WholeBodyLimits(), 0),
     ("the next key frames alone", None, NEXT),
     ("bend the next key frames", WholeBodyLimits(), NEXT),
+    ("the next key frame alone", None, 1),
+    ("bend the next key frame", WholeBodyLimits(), 1),
 )
 
 
