@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -86,6 +87,31 @@ def test_less_friction_than_planned_is_felt_by_feet_that_slide_and_planned_with(
     assert seen[-1].window.terrain[0].friction == pytest.approx(
         report.friction.share * seen[0].window.terrain[0].friction
     )
+
+
+def test_where_bodies_can_do_one_key_frame_at_a_time_that_is_what_is_planned(monkeypatch: pytest.MonkeyPatch) -> None:
+    decided, prepared = list[str](), list[int]()
+    prepare, decide = Runner.prepare, Runner.decide
+
+    def refuse(self: Runner, accepted: Any, resumption: Any = None) -> Any:
+        if resumption is not None and accepted.plan.course.frames > 2:
+            raise InvalidInput("expected a motion in which no bodies collide")
+        prepared.append(accepted.plan.course.frames)
+        return prepare(self, accepted, resumption)
+
+    def note(self: Runner, what: str, why: str) -> None:
+        decided.append(what)
+        decide(self, what, why)
+
+    monkeypatch.setattr(Runner, "prepare", refuse)
+    monkeypatch.setattr(Runner, "decide", note)
+    report, _ = looped(0.7, LoopSettings(replan_m=0.008), frames=3)
+    assert report.succeeded, report.message
+    tries = ["bend the plan", "the next key frames alone", "bend the next key frames", "the next key frame alone"]
+    assert [what for what in decided if what in tries][:4] == tries
+    assert prepared[0] == 3
+    assert len(prepared) > 2
+    assert set(prepared[1:]) == {2}
 
 
 def test_without_planning_anew_it_keeps_its_first_plan() -> None:
