@@ -55,14 +55,10 @@ class JointNeeds:
         """Of the mean, by its square; NaN where it is not known."""
         return self.rms_nm / self.continuous_nm
 
-    @property
-    def overheated(self) -> str:
-        """The joint that gets hotter than it bears, in one line; empty where none does, as far as that is known."""
-        if np.isnan(self.heat).all() or np.nanmax(self.heat) <= 1.0:
-            return ""
-        worst = int(np.nanargmax(self.heat))
-        heat, rms, most = self.heat[worst], self.rms_nm[worst], self.continuous_nm[worst]
-        return f"joint {self.joints[worst]}: {heat:.2g} times the heat that it bears, {rms:.3g} of {most:.3g} Nm (RMS)"
+    def said(self, joint: int) -> str:
+        """What one joint needs."""
+        heat = f", {self.heat[joint]:.2g} times the heat that it bears" if self.heat[joint] > 1.0 else ""
+        return f"{self.peak_nm[joint]:.3g} Nm at most and {self.rms_nm[joint]:.3g} Nm (RMS){heat}"
 
     @property
     def line(self) -> str:

@@ -17,6 +17,7 @@ from stancekit.planners.robot.legged import foot_radii
 from .acceptance import Accepted, AcceptedGait, check_joints, proven, walker
 from .control.tracker import Target, Tracker
 from .execution import Execution
+from .motion.actuator_limits import check_actuators, check_at_rest
 from .motion.bodies import motion_bodies
 from .motion.gait_motion import GaitMotion
 from .motion.motion import Hung, LoadTransfer, Motion
@@ -37,10 +38,10 @@ from .motion.time_parametrization import (
     unhurried,
 )
 from .motion.timeline import PlanMotion
-from .needs import JointNeeds
 from .record import Record
 from .safety.guard import SafeWorld
 from .settings import RunSettings
+from .worlds.drives import Drives
 from .worlds.world import Ground, Solids, State, Terrain
 
 LOG = logging.getLogger(__name__)
@@ -151,12 +152,14 @@ def prepare_plan(
     motion = PlanMotion(plan, settings.timing, forces_n, longer, standing_n)
     wished = wished.retimed(motion.knots_s)
     if settings.check_limits:
+        if not settings.hung:
+            check_at_rest(accepted.source, motion, kinematics, wished, world.drives, LIMIT_SHARE)
         timed = parametrize(
             plan, kinematics, world.capabilities, settings.timing, forces_n=forces_n, hung=settings.hung,
             drives=world.drives, longer=longer, standing_n=standing_n, wished=wished,
         )  # fmt: skip
         motion, pace, bound_by, wished = timed.motion, timed.pace, timed.bound_by, timed.profile.wished
-        _check_heat(accepted.source, timed.profile, world)
+        _check_heat(accepted.source, timed.profile, world.drives)
         _check_bodies(accepted, timed, kinematics)
     feedback = settings.feedback if sees else BLIND
     followed: Motion = Hung(motion) if settings.hung else motion
@@ -239,9 +242,12 @@ def _check_gait(motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *,
     """Raise InvalidInput where joints cannot do it: a gait cannot be slowed down. What a robot's own joints can
     accelerate follows from their torques; servos are given a limit of their own. Returns what its tracker wishes."""
     most = ACCELERATION_RAD_S2 if kinematics.robot.model is None else np.inf
-    profile = joint_profile(motion, kinematics, hung=hung, balanced=True, drives=world.drives)
+    wished = resolved(motion, kinematics)
+    if not hung:
+        check_at_rest("gait", motion, kinematics, wished, world.drives, LIMIT_SHARE)
+    profile = joint_profile(motion, kinematics, hung=hung, balanced=True, drives=world.drives, wished=wished)
     can = world.capabilities
-    check_static(profile, kinematics, can, LIMIT_SHARE)
+    check_static(profile, kinematics, can, LIMIT_SHARE, world.drives)
     uses = limit_use(profile, can, acceleration_rad_s2=most, share=LIMIT_SHARE, drives=world.drives)
     for name, (use, joint) in uses.items():
         if use > 1.0:
@@ -249,13 +255,10 @@ def _check_gait(motion: GaitMotion, kinematics: Kinematics, world: SafeWorld, *,
                 f"gait: joint {can.joints[joint]}: it would take {use:.2g} times the {name} that it may have; a gait "
                 "runs as planned, or not at all: plan one that steps less high or less far"
             )
-    _check_heat("gait", profile, world)
+    _check_heat("gait", profile, world.drives)
     return profile.wished
 
 
-def _check_heat(source: str, profile: JointProfile, world: SafeWorld) -> None:
+def _check_heat(source: str, profile: JointProfile, drives: Drives) -> None:
     """Raise InvalidInput for a motion that makes an actuator hotter than it bears, as far as that is known."""
-    torques = profile.static_nm + profile.dynamic_nm
-    needs = JointNeeds.of(world.joints, world.drives.actuators, torques, 1.0 / RATE_HZ)
-    if needs.overheated:
-        raise InvalidInput(f"{source}: expected a motion that its actuators bear: {needs.overheated}")
+    check_actuators(source, drives, profile.static_nm + profile.dynamic_nm, 1.0 / RATE_HZ, share=1.0)

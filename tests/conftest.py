@@ -176,6 +176,7 @@ def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPat
     bodies collide, most of a run's work."""
     from stancekit.runner import prepared
     from stancekit.runner.motion.redundancy import near_of
+    from stancekit.runner.motion.timeline import PlanMotion
 
     resolve, parametrize, collide = prepared.resolved, prepared.parametrize, prepared.motion_bodies
 
@@ -189,6 +190,8 @@ def each_plan_is_timed_once(timed: dict[str, Any], monkeypatch: pytest.MonkeyPat
         return timed[asked]
 
     def postures(motion: Any, kinematics: Any) -> Any:
+        if not isinstance(motion, PlanMotion):
+            return resolve(motion, kinematics)
         key = (motion.plan, motion.timing, motion.phases, body(kinematics))
         return once(resolve, key, motion, kinematics)
 

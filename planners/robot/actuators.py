@@ -92,7 +92,7 @@ class Actuators:
     format: Literal["stancekit/actuators/1"] = FORMAT
 
     def __post_init__(self) -> None:
-        known = {**builtin_actuators(), **self.actuators}
+        known = self.known
         wrong = [
             f"joints.{pattern}: expected one of {', '.join(known)}, got {shown(name)}"
             for pattern, name in self.joints.items()
@@ -101,9 +101,18 @@ class Actuators:
         if wrong:
             raise InvalidInput("; ".join(wrong))
 
+    @property
+    def known(self) -> dict[str, ActuatorModel]:
+        """All that a joint may have, by name: those that come with the package, and the file's own."""
+        return {**builtin_actuators(), **self.actuators}
+
     def of(self, joints: Sequence[str]) -> tuple[ActuatorModel, ...]:
         """Of each of these joints. Raises InvalidInput for joints that have none, and for patterns of no joint."""
-        known = {**builtin_actuators(), **self.actuators}
+        known = self.known
+        return tuple(known[name] for name in self.names(joints))
+
+    def names(self, joints: Sequence[str]) -> tuple[str, ...]:
+        """What the actuators of these joints are called. Raises InvalidInput as ``of`` does."""
         fits = {joint: [p for p in self.joints if fnmatchcase(joint, p)] for joint in joints}
         lacks = [joint for joint, patterns in fits.items() if not patterns]
         if lacks:
@@ -111,7 +120,7 @@ class Actuators:
         idle = [p for p in self.joints if not any(fnmatchcase(joint, p) for joint in joints)]
         if idle:
             raise InvalidInput(f"actuators: joints: unknown joint {', '.join(idle)}")
-        return tuple(known[self.joints[fits[joint][0]]] for joint in joints)
+        return tuple(self.joints[fits[joint][0]] for joint in joints)
 
 
 @cache

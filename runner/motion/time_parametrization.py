@@ -22,6 +22,7 @@ from ..control.foot_placement import ContactFeedback
 from ..control.tracker import Target, Tracker
 from ..worlds.capabilities import WorldCapabilities
 from ..worlds.drives import Drives
+from .actuator_limits import check_actuators
 from .motion import Motion, MotionSample
 from .redundancy import RedundancyResolution, resolved
 from .timeline import KNOTS, PlanMotion, Timing
@@ -119,7 +120,7 @@ def parametrize(
         motion = PlanMotion(plan, timing.at_pace(pace), forces_n, longer, standing_n)
         wished = resolved(motion, kinematics) if wished is None else wished.retimed(motion.knots_s)
         profile = joint_profile(motion, kinematics, hung=hung, drives=drives, wished=wished)
-        check_static(profile, kinematics, can, share)
+        check_static(profile, kinematics, can, share, drives)
         uses = limit_use(profile, can, acceleration_rad_s2=acceleration_rad_s2, share=share, drives=drives)
         slower = min((1.0 / use if name in LINEAR else use**-0.5) for name, (use, _) in uses.items() if use > 0.0)
         if slower >= 1.0 - 1e-6:
@@ -244,7 +245,9 @@ def limit_use(
     }
 
 
-def check_static(profile: JointProfile, kinematics: Kinematics, can: WorldCapabilities, share: float) -> None:
+def check_static(
+    profile: JointProfile, kinematics: Kinematics, can: WorldCapabilities, share: float, drives: Drives | None = None
+) -> None:
     """Raise InvalidInput for what no pace helps with."""
     row, limb = np.unravel_index(int(np.argmax(profile.error_m)), profile.error_m.shape)
     if profile.error_m[row, limb] > STRAY_M:
@@ -252,6 +255,8 @@ def check_static(profile: JointProfile, kinematics: Kinematics, can: WorldCapabi
             f"motion: {profile.time_s[row]:.2f} s, limb {kinematics.robot.limb_names[int(limb)]}: its foot stays "
             f"{1e3 * profile.error_m[row, limb]:.2g} mm from where it should be"
         )
+    if drives is not None:
+        check_actuators("motion", drives, profile.static_nm, float(profile.time_s[1]), share)
     over = np.abs(profile.static_nm) - share * can.torque_nm
     row, joint = np.unravel_index(int(np.argmax(over)), over.shape)
     if over[row, joint] >= 0.0:

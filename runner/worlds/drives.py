@@ -26,8 +26,9 @@ class Drives:
 
     joints: names, in the order of all arrays. lower_rad, upper_rad, velocity_rad_s, torque_nm: limits.
     stiffness_nm_rad, damping_nms_rad: Kp, Kd. rotor_kg_m2: inertia of the rotors, seen behind the gears. actuators:
-    what turns every joint, J of them. yields: to loads, as those loops do; False where a joint is to be where it is
-    sent: its loop is not known, or carries nothing.
+    what turns every joint, J of them. assigned: what names them, None where the robot's own file says what its joints
+    can. yields: to loads, as those loops do; False where a joint is to be where it is sent: its loop is not known, or
+    carries nothing.
     """
 
     joints: tuple[str, ...]
@@ -39,11 +40,12 @@ class Drives:
     damping_nms_rad: Array
     rotor_kg_m2: Array
     actuators: tuple[ActuatorModel, ...]
+    assigned: Actuators | None = None
     yields: bool = True
 
     def __post_init__(self) -> None:
         for name in self.__annotations__:
-            if name not in ("joints", "actuators", "yields"):
+            if name not in ("joints", "actuators", "assigned", "yields"):
                 object.__setattr__(self, name, read_only(getattr(self, name), (len(self.joints),), f"drives.{name}"))
 
     @classmethod
@@ -71,6 +73,7 @@ class Drives:
             velocity_rad_s=np.array([actuator.no_load_rad_s for actuator in found]),
             torque_nm=np.array([actuator.stall_nm for actuator in found]),
             stiffness_nm_rad=loops[:, 0], damping_nms_rad=loops[:, 1], rotor_kg_m2=loops[:, 2], actuators=found,
+            assigned=actuators,
         )  # fmt: skip
 
     @cached_property

@@ -203,22 +203,48 @@ def test_bad_input_is_one_line_and_exit_code_2(
     assert err.count("\n") == 1
 
 
-@pytest.mark.parametrize(
-    ("actuator", "said"),
-    [
-        ("{stall_nm: 0.5, no_load_rad_s: 4}", "Nm at rest, expected less than 0.9 of its 0.5 Nm"),
-        ("{stall_nm: 40, continuous_nm: 0.2, no_load_rad_s: 40, thermal_s: 1}", "times the heat that it bears"),
-    ],
+SAID = re.compile(
+    r"expected actuators that bear it: joint (\w+) needs ([\d.]+) Nm at most and ([\d.]+) Nm \(RMS\)"
+    r"(, [\d.e+]+ times the heat that it bears)?, weak has (.*); (.*)\n$"
 )
+
+
+@pytest.mark.parametrize(
+    ("actuator", "has", "hot"),
+    [
+        ("{stall_nm: 0.5, no_load_rad_s: 4}", "0.9 of 0.5 Nm for a moment", False),
+        ("{stall_nm: 40, continuous_nm: 0.2, no_load_rad_s: 40, thermal_s: 1}",
+         "0.9 of 40 Nm for a moment and 0.2 Nm for ever", True),
+    ],
+)  # fmt: skip
 def test_joints_weaker_than_the_plan_needs_are_one_line_before_any_motion(
-    folder: Path, capsys: pytest.CaptureFixture[str], actuator: str, said: str
+    folder: Path, capsys: pytest.CaptureFixture[str], actuator: str, has: str, hot: bool
 ) -> None:
-    file = folder / "actuators.yaml"
-    file.write_text(f'format: stancekit/actuators/1\nactuators: {{weak: {actuator}}}\njoints: {{"*": weak}}\n')
+    """It says what the joints are then seen to need in a run with joints that have it, as measured there, too."""
+    code, out, _ = ended(Run(plan=folder / "plan.json", json=True), capsys)
+    assert code == 0
+    ran, file = json.loads(out), folder / "actuators.yaml"
+    strong = "strong: {stall_nm: 40, continuous_nm: 40, no_load_rad_s: 40}"
+    file.write_text(
+        f'format: stancekit/actuators/1\nactuators: {{weak: {actuator}, {strong}}}\njoints: {{"*": weak}}\n'
+    )
     code, out, err = ended(Run(plan=folder / "plan.json", actuators=str(file)), capsys)
+    found = SAID.search(err)
     assert (code, out, err.count("\n")) == (2, "", 1)
-    assert said in err
-    assert "joint " in err
+    assert found is not None, err
+    joint, peak_nm, rms_nm = found[1], float(found[2]), float(found[3])
+    assert (bool(found[4]), found[5], found[6]) == (hot, has, "at rest strong would do")
+    for needs, off in (ran["needs"], 0.05), (ran["loads"], 0.25):
+        assert peak_nm == pytest.approx(needs[joint]["peak_nm"], rel=off)
+        assert rms_nm == pytest.approx(needs[joint]["rms_nm"], rel=off)
+    file.write_text(file.read_text().replace('"*": weak', '"*": strong'))
+    assert ended(Run(plan=folder / "plan.json", actuators=str(file)), capsys)[0] == 0
+
+
+def test_where_no_known_actuator_bears_a_plan_that_is_said(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = ended(Run(plan=folder / "plan.json", actuators="XM430-W350"), capsys)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert "XM430-W350 has 0.9 of 4.1 Nm for a moment and 0.82 Nm for ever; no known actuator would do" in err
 
 
 @pytest.mark.parametrize(

@@ -35,12 +35,12 @@ def test_peaks_means_and_shares_are_those_of_the_torques() -> None:
     assert needs.to_json()["b"]["heat"] is None
 
 
-def test_who_gets_too_hot_is_named_with_what_it_bears_and_a_short_effort_is_none() -> None:
+def test_a_short_effort_is_borne_and_a_long_one_is_said_with_its_heat() -> None:
     short, long = (
         JointNeeds.of(("knee",), (SERVO,), np.full((count, 1), 6.0), 0.1) for count in (50, 100)
     )  # nine times the heat at last: borne for 50 s · ln(9/8) = 5.9 s
-    assert short.overheated == ""
-    assert long.overheated == "joint knee: 1.6 times the heat that it bears, 6 of 2 Nm (RMS)"
+    assert short.said(0) == "6 Nm at most and 6 Nm (RMS)"
+    assert long.said(0) == "6 Nm at most and 6 Nm (RMS), 1.6 times the heat that it bears"
 
 
 def test_what_nobody_knows_of_its_heat_is_taken_to_be_repeated_for_ever() -> None:
