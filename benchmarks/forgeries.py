@@ -25,7 +25,7 @@ def main() -> int:
     """Forge, judge, verify and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--each", type=int, default=20)
-    parser.add_argument("--only", default="", help="postures, plans, walks or proofs")
+    parser.add_argument("--only", default="", help="walks, plans, links, postures or proofs")
     arguments = parser.parse_args()
     kinds, forged, judged, accepted = 0, 0, 0, 0
     for family in families.families():

@@ -152,12 +152,19 @@ class PlanPath:
 
         Raises InvalidInput for a path of more than ``MOST`` moments.
         """
-        segments = tuple(self._segments())
-        lengths = np.array([self._length(segment) for segment in segments])
+        return self.divided(self.counts(apart_m))
+
+    def counts(self, apart_m: float = APART_M) -> NDArray[np.int_]:
+        """How many moments of every segment that are, the one before it left out. Raises InvalidInput as above."""
+        lengths = np.array([self._length(segment) for segment in self._segments()])
         if not lengths.sum() <= MOST * apart_m:
             raise InvalidInput(f"path: expected at most {MOST * apart_m:g} m of it, got {lengths.sum():.3g} m")
-        counts = np.maximum(1, np.ceil(lengths / apart_m)).astype(int)
-        return self.at([(of, np.arange(1, n + 1) / n) for of, n in zip(segments, counts.tolist(), strict=True)])
+        return np.maximum(1, np.ceil(lengths / apart_m)).astype(int)
+
+    def divided(self, counts: NDArray[np.int_]) -> Moments:
+        """The whole path, so many moments of every segment."""
+        parts = zip(self._segments(), counts.tolist(), strict=True)
+        return self.at([(of, np.arange(1, n + 1) / n) for of, n in parts])
 
     def at(self, parts: list[tuple[Segment, Array]]) -> Moments:
         """Moments of segments, at shares of them of shape (K,)."""

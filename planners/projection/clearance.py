@@ -27,9 +27,10 @@ from ..equilibrium.terms import Given
 from ..files.arrays import Array, cross
 from ..motion.joints import STRAY_M, JointPath, PathPostures, path_bodies
 from ..motion.path import Moments, PlanPath
-from ..robot.bodies import TOUCH_M, Bodies, Near
+from ..robot.bodies import TOUCH_M, Bodies
 from ..robot.kinematics import Kinematics
 from ..robot.leg_slopes import turning
+from ..robot.overlaps import Near
 from ..terrain.obstacles import Obstacles
 
 APART_M = 0.03

@@ -7,27 +7,31 @@ of either keeps apart are clear (the separating-axis theorem); coal measures the
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..terrain.obstacles import Ground, Obstacles
 from .kinematics import Kinematics
 from .links_in_ground import LinksInGround
+from .overlaps import Near, Overlap, WholeBody
 from .robot_model import RobotModel
 from .shapes import Shape
 from .solids import link_shapes
-from .urdf_reader import pinocchio
+from .urdf_reader import coal, pinocchio
 
 TOUCH_M, LINKS_M = 1e-3, 1e-4
 """A link this deep in the terrain only touches it, as terrain is known to a millimetre; and links this deep inside each
 other: joint angles, corners and coal's depths are ten times as exact. More presses them apart wherever it is run."""
+FINE, ARCS = 0.5, 1.01
+"""Two links that go so much of the tolerance between two postures are not looked at in between; points go so much
+farther on the arcs of joints than straight."""
+SIDES = np.array(list(product((-1.0, 1.0), repeat=3)))
+"""Corners of a box in units of half its sides."""
 POSTURES = 256
 """In so many postures two links touch before they are taken for drawn so."""
 ALIGNED, ON_M = 1.0 - 1e-6, 1e-4
@@ -35,48 +39,6 @@ ALIGNED, ON_M = 1.0 - 1e-6, 1e-4
 
 _DRAWN_SO: WeakKeyDictionary[RobotModel, tuple[tuple[str, str], ...]] = WeakKeyDictionary()
 """``Bodies.drawn_so`` of models that there are, each tried once."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class WholeBody:
-    """A robot in the world, J joints, N limbs.
-
-    rotation, origin_m: R_WB and p_WB of the base's frame, shapes (3, 3), (3,) [m]. angles: shape (J,) [rad]. toes_m,
-    normals: where limbs touch and of what surface, shape (N, 3); stands: which of them do, shape (N,).
-    """
-
-    rotation: Array
-    origin_m: Array
-    angles: Array
-    toes_m: Array
-    normals: Array
-    stands: NDArray[np.bool_]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Overlap:
-    """A link is depth_m deep inside something: another link, or a part of the terrain."""
-
-    link: str
-    other: str
-    depth_m: float
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Near:
-    """A shape of a link near to another one, or to a part of the terrain.
-
-    shape, other: numbers of the shapes, other −1 for the terrain; name: of what it is near to. distance_m: negative
-    inside. points_m: of both where they are nearest, in the world, shape (2, 3); normal: unit vector from the other to
-    the shape, along which the distance grows.
-    """
-
-    shape: int
-    other: int
-    name: str
-    distance_m: float
-    points_m: Array
-    normal: Array
 
 
 class Bodies:
@@ -88,7 +50,7 @@ class Bodies:
     """
 
     def __init__(self, kinematics: Kinematics, terrain: Obstacles = Obstacles(convex=(), closed=())) -> None:
-        self._coal, self._pin, self._of = _coal(), pinocchio(), kinematics
+        self._coal, self._pin, self._of = coal(), pinocchio(), kinematics
         self.model = kinematics.model
         known = kinematics.known
         self._data, self._terrain = known.createData(), terrain
@@ -152,6 +114,43 @@ class Bodies:
         deep = [each for some, beyond_m in both for each in some if each.depth_m > beyond_m]
         return tuple(sorted(deep, key=lambda each: -each.depth_m))
 
+    def between(self, first: WholeBody, last: WholeBody, links_m: float = LINKS_M) -> Iterator[tuple[float, Overlap]]:
+        """Links that are deeper than ``links_m`` in each other on the way between two postures, on which joints turn
+        evenly, and in neither of them, each with its share of the way.
+
+        Two links d₁ and d₂ apart in the two postures, whose points go m in the body between them, are (d₁ + d₂ − m) / 2
+        apart at least. Where that is not enough both halves of the way are looked at, too, as long as m is more than
+        ``FINE`` of the tolerance.
+        """
+        placed = {0.0: self._placed(first.angles), 1.0: self._placed(last.angles)}
+        parts = [(0.0, 1.0, self._pairs)]
+        while parts:
+            begin, end, pairs = parts.pop()
+            near = list(self._crossing(placed[begin], placed[end], pairs, links_m))
+            for *pair, depths, _ in near:
+                at = begin if depths[0] > depths[1] else end
+                if max(depths) > links_m and 0.0 < at < 1.0:
+                    yield at, Overlap(link=self.links[pair[0]], other=self.links[pair[1]], depth_m=max(depths))
+            left = [(i, j) for i, j, depths, way in near if max(depths) <= links_m and way > FINE * links_m]
+            if left:
+                middle = 0.5 * (begin + end)
+                placed[middle] = self._placed(first.angles + middle * (last.angles - first.angles))
+                parts += [(begin, middle, np.array(left)), (middle, end, np.array(left))]
+
+    def _crossing(
+        self, first: tuple[Array, Array], last: tuple[Array, Array], pairs: NDArray[np.int_], links_m: float
+    ) -> Iterator[tuple[int, int, tuple[float, float], float]]:
+        """Pairs of shapes, placed twice in the body, that may be deeper in each other in between; how deep they are in
+        both, and how far their points go [m]."""
+        corners = self._middles[:, None] + SIDES * self._halves[:, None]
+        ends = [origins[:, None] + corners @ np.swapaxes(turns, 1, 2) for turns, origins in (first, last)]
+        way = ARCS * np.linalg.norm(ends[1] - ends[0], axis=2).max(axis=1)[pairs].sum(axis=1)
+        for row in np.flatnonzero(self._gaps(*first, pairs) < way - links_m).tolist():
+            i, j = pairs[row].tolist()
+            depths = -self._distance(*first, i, j), -self._distance(*last, i, j)
+            if sum(depths) > 2.0 * links_m - way[row]:
+                yield i, j, depths, float(way[row])
+
     def near(self, body: WholeBody, within_m: float) -> Iterator[Near]:
         """What is nearer to each other than this, of the pairs that ``overlaps`` looks at; of the terrain's convex
         parts alone."""
@@ -189,6 +188,10 @@ class Bodies:
         self, turns: Array, origins: Array, pairs: NDArray[np.int_], within_m: float
     ) -> Iterator[tuple[int, int]]:
         """Pairs of shapes that no axis of either's box keeps farther apart than this."""
+        yield from pairs[self._gaps(turns, origins, pairs) < within_m].tolist()
+
+    def _gaps(self, turns: Array, origins: Array, pairs: NDArray[np.int_]) -> Array:
+        """How far apart an axis of either's box keeps pairs of shapes at least, shape (P,) [m]."""
         first, second = pairs.T
         middles = origins + np.einsum("sij,sj->si", turns, self._middles)
         between = (middles[second] - middles[first])[:, None]
@@ -197,7 +200,7 @@ class Bodies:
         ha, hb = self._halves[first], self._halves[second]
         along_a = np.abs(between @ a)[:, 0] - ha - np.einsum("pij,pj->pi", across, hb)
         along_b = np.abs(between @ b)[:, 0] - hb - np.einsum("pij,pi->pj", across, ha)
-        yield from pairs[np.maximum(along_a.max(axis=1), along_b.max(axis=1)) < within_m].tolist()
+        return np.asarray(np.maximum(along_a.max(axis=1), along_b.max(axis=1)))
 
     def _in_terrain(self, turns: Array, origins: Array, body: WholeBody, within_m: float) -> Iterator[tuple[int, int]]:
         """Shapes and parts of the terrain that no axis of the shape's box, and no face of the part, keeps farther
@@ -269,16 +272,6 @@ class Bodies:
         for point in points:
             corners.append(point)
         return self._coal.Convex.convexHull(corners, True, "Qt")
-
-
-def _coal() -> Any:
-    """The coal module. Raises InvalidInput where it is not installed."""
-    try:
-        import coal
-    except ImportError:
-        message = "bodies: expected coal for collisions, it is not installed: pip install 'stancekit[kin]'"
-        raise InvalidInput(message) from None
-    return coal
 
 
 def _spread(count: int, dimension: int) -> Array:

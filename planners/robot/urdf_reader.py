@@ -136,6 +136,16 @@ def pinocchio() -> Any:
     return module
 
 
+def coal() -> Any:
+    """The coal module. Raises InvalidInput where it is not installed."""
+    try:
+        import coal as module
+    except ImportError:
+        message = "bodies: expected coal for collisions, it is not installed: pip install 'stancekit[kin]'"
+        raise InvalidInput(message) from None
+    return module
+
+
 def built(text: str, where: str) -> Any:
     """pinocchio's model of a URDF on a free-flying base. Raises InvalidInput for what pinocchio refuses."""
     pin = pinocchio()

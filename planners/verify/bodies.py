@@ -7,7 +7,7 @@ terrain is ``Obstacles``; a foot may be in the surface it stands on.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -20,8 +20,9 @@ from ..files.arrays import Array
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from ..robot.bodies import Bodies, Overlap, WholeBody
+    from ..robot.bodies import Bodies
     from ..robot.kinematics import Kinematics
+    from ..robot.overlaps import Overlap, WholeBody
 
 NO_ANGLES = "the plan has no joint angles that the motion could go through"
 
@@ -71,33 +72,55 @@ class BodyReport:
         }
 
 
-def spaced(points_m: Array) -> NDArray[np.intp]:
-    """As few samples of a motion as are not farther apart than ``APART_M``, with the first and the last.
+def spaced(points_m: Array, angles_rad: Array) -> NDArray[np.intp]:
+    """As few samples of a motion as are not farther apart than ``APART_M`` and ``TURN_RAD``, with the first and the
+    last.
 
-    points_m: feet and body's origin at every sample, shape (K, P, 3) [m].
+    points_m: feet and body's origin at every sample, shape (K, P, 3) [m]. angles_rad: of the joints, shape (K, J).
     """
-    from ..motion.path import APART_M  # slow to import
+    from ..motion.joints import TURN_RAD  # slow to import
+    from ..motion.path import APART_M
 
     chosen = [0]
     for k in range(1, len(points_m) - 1):
-        if np.linalg.norm(points_m[k + 1] - points_m[chosen[-1]], axis=1).max() > APART_M:
+        moved = np.linalg.norm(points_m[k + 1] - points_m[chosen[-1]], axis=1).max()
+        if moved > APART_M or np.abs(angles_rad[k + 1] - angles_rad[chosen[-1]]).max() > TURN_RAD:
             chosen.append(k)
     return np.unique([*chosen, len(points_m) - 1])
 
 
 def bodies_report(bodies: Bodies, postures: Iterable[tuple[float, WholeBody]], astray: str = "") -> BodyReport:
-    """Judge postures, each with its key frame or its progress between two; astray: as of ``BodyReport``.
+    """Judge postures alone, each with its key frame; astray: as of ``BodyReport``."""
+    return _report(bodies, ((frame, bodies.overlaps(posture)) for frame, posture in postures), astray)
+
+
+def motion_report(bodies: Bodies, postures: Iterable[tuple[float, WholeBody]], astray: str = "") -> BodyReport:
+    """Judge postures that follow each other, each with its progress, and links on the way from one to the next.
 
     Whether postures are near enough to each other to stand for the motion between them is their maker's to see to.
     """
+
+    def found() -> Iterator[tuple[float, Sequence[Overlap]]]:
+        before: tuple[float, WholeBody] | None = None
+        for frame, posture in postures:
+            if before is not None:
+                for share, overlap in bodies.between(before[1], posture):
+                    yield before[0] + share * (frame - before[0]), (overlap,)
+            yield frame, bodies.overlaps(posture)
+            before = frame, posture
+
+    return _report(bodies, found(), astray)
+
+
+def _report(bodies: Bodies, found: Iterable[tuple[float, Sequence[Overlap]]], astray: str) -> BodyReport:
+    """found: of every posture its progress, and what is too deep in something, the deepest first."""
     deepest: Overlap | None = None
     at, count, hit = 0.0, 0, 0
-    for frame, posture in postures:
+    for frame, overlaps in found:
         count += 1
-        found = bodies.overlaps(posture)
-        hit += bool(found)
-        if found and (deepest is None or found[0].depth_m > deepest.depth_m):
-            deepest, at = found[0], frame
+        hit += bool(overlaps)
+        if overlaps and (deepest is None or overlaps[0].depth_m > deepest.depth_m):
+            deepest, at = overlaps[0], frame
     return BodyReport(
         postures=count, hit=hit, worst=deepest, frame=at, missing=bodies.missing, drawn_so=bodies.drawn_so,
         astray=astray,
@@ -123,7 +146,7 @@ def check_bodies(plan: Plan, angles: Array, solver: Kinematics) -> dict[str, Map
     except InvalidInput as error:
         return found | {"motion": {"verdict": "not checked", "message": str(error)}}
     astray = _astray(plan, moments.frame, postures.error_m) if postures.error_m.max() > STRAY_M else ""
-    return found | {"motion": bodies_report(bodies, path_bodies(path, moments, postures), astray).to_json()}
+    return found | {"motion": motion_report(bodies, path_bodies(path, moments, postures), astray).to_json()}
 
 
 def _astray(plan: Plan, frames: Array, error_m: Array) -> str:

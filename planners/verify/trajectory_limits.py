@@ -72,8 +72,8 @@ class Limits:
     angular_residual, rest_acceleration: in units of g a stand height, and of g. least_…: what a phase has at least.
     joints_m: distance of a foot from its toe, with all joints within their limits. joint_speed, torque: shares of what
     the robot's file gives a joint; the rest is what a controller corrects by. legs_moment: as moment_balance, of the
-    whole robot, whose legs weigh something. bodies_m: of one link in another, or in the ground.
-    ``docs/verifier.md`` says of each why it is what it is.
+    whole robot, whose legs weigh something. bodies_m: of one link in another, or in the ground; of the
+    latter what is within 1 mm counts as 0. ``docs/verifier.md`` says of each why it is what it is.
     """
 
     step_s: float = STEP_S
@@ -120,4 +120,4 @@ class Limits:
     joint_speed: float = 0.9
     torque: float = 0.9
     legs_moment: float = 0.05
-    bodies_m: float = 1e-3
+    bodies_m: float = 1e-4

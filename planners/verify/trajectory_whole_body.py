@@ -14,7 +14,7 @@ import numpy as np
 
 from ..errors import InvalidInput
 from ..files.arrays import Array
-from .bodies import bodies_report, spaced
+from .bodies import motion_report, spaced
 from .trajectory_limits import WHOLE_BODY, Limits
 from .trajectory_measurements import TrajectoryMeasurements
 from .trajectory_series import Rows, Series
@@ -22,7 +22,7 @@ from .trajectory_series import Rows, Series
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from ..robot.bodies import WholeBody
+    from ..robot.overlaps import WholeBody
     from ..robot.walk_joints import WalkPostures
 
 
@@ -165,7 +165,7 @@ class WholeBodyMeasurements:
         from ..terrain.obstacles import Obstacles
 
         bodies = Bodies(self.kinematics, Obstacles.under(self.trajectory.terrain))
-        report = bodies_report(bodies, self.spaced())
+        report = motion_report(bodies, self.spaced())
         if report.worst is None:
             return Series(np.zeros((1, 1)), ("",), self.times_s[:1]), report.missing
         names = f"{report.worst.link} in {report.worst.other}"
@@ -174,12 +174,12 @@ class WholeBodyMeasurements:
     def spaced(self) -> Iterator[tuple[float, WholeBody]]:
         """Postures that are as near to each other as ``spaced`` has them, each with its time [s]."""
         points = np.concatenate([self.trajectory.feet_m, self.postures.origin_m[:, None]], axis=1)
-        for k in spaced(points):
+        for k in spaced(points, self.postures.angles):
             yield float(self.times_s[k]), self.posture(int(k))
 
     def posture(self, sample: int) -> WholeBody:
         """Where the whole robot is at a sample."""
-        from ..robot.bodies import WholeBody
+        from ..robot.overlaps import WholeBody
 
         walk, its, k = self.trajectory, self.postures, sample
         return WholeBody(

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from stancekit.planners.answer.plan import Plan
-from stancekit.planners.robot.bodies import Bodies, WholeBody
+from stancekit.planners.robot.bodies import Bodies
 from stancekit.planners.robot.kinematics import Kinematics, rotation_of
+from stancekit.planners.robot.overlaps import WholeBody
 from stancekit.planners.terrain.obstacles import Obstacles
-from stancekit.planners.verify.bodies import BodyReport, bodies_report
+from stancekit.planners.verify.bodies import BodyReport, motion_report
 from stancekit.planners.verify.bodies import spaced as rows_apart
 
 from ..control.tracker import Target
@@ -22,7 +23,7 @@ def motion_bodies(plan: Plan, targets: Sequence[Target], kinematics: Kinematics)
     targets: of the whole motion, as ``joint_profile`` has them.
     """
     bodies = Bodies(kinematics, Obstacles.of(plan.course.terrain))
-    return bodies_report(bodies, ((target.sample.frame, posture(target, kinematics)) for target in spaced(targets)))
+    return motion_report(bodies, ((target.sample.frame, posture(target, kinematics)) for target in spaced(targets)))
 
 
 def posture(target: Target, kinematics: Kinematics) -> WholeBody:
@@ -36,7 +37,8 @@ def posture(target: Target, kinematics: Kinematics) -> WholeBody:
 
 
 def spaced(targets: Sequence[Target]) -> Iterator[Target]:
-    """As few of a motion's targets as are not farther apart than ``APART_M``, with the first and the last."""
+    """As few of a motion's targets as are not farther apart than ``APART_M`` and ``TURN_RAD``, with the first and the
+    last."""
     points = [np.concatenate([target.sample.feet_m, target.origin_m[None]]) for target in targets]
-    for row in rows_apart(np.array(points)):
+    for row in rows_apart(np.array(points), np.array([target.angles_rad for target in targets])):
         yield targets[row]

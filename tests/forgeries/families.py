@@ -12,7 +12,7 @@ import numpy as np
 from stancekit.planners.verify import check_certificate, check_plan, check_posture
 from stancekit.planners.verify.trajectories import check_trajectory
 
-from . import judge_walks, stances, walks
+from . import judge_walks, links, stances, walks
 from .crawl import crawl
 
 
@@ -27,7 +27,7 @@ class Family:
 
 
 def families() -> Iterator[Family]:
-    """Walks, plans, postures, proofs."""
+    """Walks, plans, links, postures, proofs."""
     walk = crawl()
     yield Family(
         name="walks", kinds={name: partial(forge, walk) for name, forge in walks.KINDS.items()},
@@ -38,6 +38,7 @@ def families() -> Iterator[Family]:
         name="plans", kinds={name: partial(forge, plan) for name, forge in stances.PLANS.items()},
         verdict=lambda one: _of_report(check_plan(one)), judge=stances.plan_fault,
     )  # fmt: skip
+    yield Family(name="links", kinds=links.KINDS, verdict=links.verdict, judge=links.fault)
     problem, posture = stances.honest_posture()
     yield Family(
         name="postures", kinds={name: partial(forge, problem, posture) for name, forge in stances.POSTURES.items()},

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from ...files.arrays import Array
-from ...robot.bodies import Bodies, Overlap, WholeBody
+from ...robot.bodies import Bodies
 from ...robot.inverse_kinematics import descend
 from ...robot.kinematics import rotation_of
+from ...robot.overlaps import Overlap, WholeBody
 from ...terrain.obstacles import Obstacles
 from ...verify.trajectories import GaitReport
 from ...verify.trajectory_measurements import TrajectoryMeasurements

@@ -22,8 +22,9 @@ from tests.planners.robot.small_urdfs import quadruped
 
 pytest.importorskip("pinocchio")
 pytest.importorskip("coal")
-from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies, WholeBody
+from stancekit.planners.robot.bodies import LINKS_M, TOUCH_M, Bodies
 from stancekit.planners.robot.kinematics import Kinematics
+from stancekit.planners.robot.overlaps import WholeBody
 
 UP = np.array([0.0, 0.0, 1.0])
 
@@ -140,6 +141,27 @@ def test_pairs_that_touch_in_every_posture_are_left_out_and_said() -> None:
     more = bodies([shape(link, "sphere", [radius]) for link, radius in (*balls, ("base", 0.38))])
     assert more.drawn_so == (("base", "LF_THIGH"),)  # links, as an SRDF names them: of all shapes of theirs
     assert more.drawn_so[0] not in {(each.link, each.other) for each in more.overlaps(standing(more, 2.0))}
+
+
+def test_links_that_cross_between_two_postures_are_found_as_deep_as_they_are_on_the_way() -> None:
+    """Against the closed form of two balls, at a thousand moments of ways on which joints turn by .3 rad."""
+    rng, radius, found = np.random.default_rng(4), 0.01, list[bool]()
+    for _ in range(60):
+        ball = shape("LF_SHANK", "sphere", [radius], at=[0.0, 0.05, -0.15])
+        alone = bodies([ball])
+        first = standing(alone, 1.0)
+        last = replace(first, angles=first.angles + rng.uniform(-0.3, 0.3, len(first.angles)))
+        middle = alone._placed(0.5 * (first.angles + last.angles))[1][0]
+        made = bodies([ball, shape("base", "sphere", [radius], at=middle + rng.normal(scale=0.01, size=3))])
+        way = first.angles + np.linspace(0.0, 1.0, 1000)[:, None] * (last.angles - first.angles)
+        centres = np.array([made._placed(angles)[1] for angles in way])
+        depths = 2.0 * radius - np.linalg.norm(centres[:, 0] - centres[:, 1], axis=1)
+        if max(depths[0], depths[-1], LINKS_M - np.abs(depths.max() - LINKS_M)) < 0.8 * LINKS_M:
+            between = [overlap.depth_m for _, overlap in made.between(first, last)]
+            assert bool(between) == (depths.max() > LINKS_M)
+            assert max(between, default=0.0) <= max(depths.max(), 0.0) + 1e-6
+            found.append(bool(between))
+    assert min(found.count(True), found.count(False)) >= 5
 
 
 def test_what_has_no_shape_is_said() -> None:

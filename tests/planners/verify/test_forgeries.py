@@ -11,7 +11,7 @@ from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.verify import check_certificate, check_plan, check_posture
 from stancekit.planners.verify.trajectories import check_trajectory
 from stancekit.planners.verify.trajectory_limits import WHOLE_BODY
-from tests.forgeries import judge_walks, stances
+from tests.forgeries import judge_walks, links, stances
 from tests.forgeries.crawl import crawl
 from tests.forgeries.walks import KINDS
 
@@ -50,6 +50,19 @@ def test_a_forged_plan_is_refused(name: str) -> None:
     forged = stances.PLANS[name](plan(), 3.0, np.random.default_rng(3))
     assert stances.plan_fault(forged)
     assert not check_plan(forged).accepted
+
+
+@pytest.mark.parametrize("name", links.KINDS)
+def test_links_inside_each_other_are_refused_in_plans_and_walks_at_moments_and_between(name: str) -> None:
+    for size in (2.0, 10.0):
+        forged = links.KINDS[name](size, np.random.default_rng(3))
+        assert links.fault(forged)
+        accepted, group = links.verdict(forged)
+        assert not accepted
+        assert group in ("bodies", "motion")
+    honest_one = links.KINDS[name](-2.0, np.random.default_rng(3))  # as much apart
+    assert links.fault(honest_one) == ""
+    assert links.verdict(honest_one)[0]
 
 
 @pytest.mark.parametrize("name", stances.POSTURES)

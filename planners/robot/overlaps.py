@@ -1,0 +1,52 @@
+"""A robot in the world, and what of it is near to, or inside, something else: plain values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..files.arrays import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class WholeBody:
+    """A robot in the world, J joints, N limbs.
+
+    rotation, origin_m: R_WB and p_WB of the base's frame, shapes (3, 3), (3,) [m]. angles: shape (J,) [rad]. toes_m,
+    normals: where limbs touch and of what surface, shape (N, 3); stands: which of them do, shape (N,).
+    """
+
+    rotation: Array
+    origin_m: Array
+    angles: Array
+    toes_m: Array
+    normals: Array
+    stands: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Overlap:
+    """A link is depth_m deep inside something: another link, or a part of the terrain."""
+
+    link: str
+    other: str
+    depth_m: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Near:
+    """A shape of a link near to another one, or to a part of the terrain.
+
+    shape, other: numbers of the shapes, other −1 for the terrain; name: of what it is near to. distance_m: negative
+    inside. points_m: of both where they are nearest, in the world, shape (2, 3); normal: unit vector from the other to
+    the shape, along which the distance grows.
+    """
+
+    shape: int
+    other: int
+    name: str
+    distance_m: float
+    points_m: Array
+    normal: Array
