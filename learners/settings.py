@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import Any, TypeVar
 
 from stancekit.planners.errors import InvalidInput
-from stancekit.planners.files.validation import validated
+from stancekit.planners.files.validation import neighbour, validated
 
 Settings = TypeVar("Settings")
 
@@ -18,5 +18,7 @@ def typed(kind: type[Settings], given: Mapping[str, Any], where: str) -> Setting
     known = [f.name for f in fields(kind)]  # type: ignore[arg-type]
     for name in given:
         if name not in known:
-            raise InvalidInput(f"{prefix}{name}: expected one of {', '.join(known)}, got an unknown key")
+            raise InvalidInput(
+                f"{prefix}{name}: expected one of {', '.join(known)}, got an unknown key{neighbour(name, known)}"
+            )
     return validated(kind, dict(given), key=prefix)

@@ -222,7 +222,7 @@ def _read_json(path: Path, model: type[Model]) -> Model:
     try:
         return model.model_validate_json(json.dumps(data))
     except ValidationError as error:
-        raise InvalidInput(f"{path}: " + "; ".join(validation_errors(error))) from None
+        raise InvalidInput(f"{path}: " + "; ".join(validation_errors(error, model))) from None
 
 
 def _line(error: Exception) -> str:

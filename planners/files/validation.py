@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import reprlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import is_dataclass
+from difflib import get_close_matches
 from functools import lru_cache
-from typing import Any, TypeVar, cast, get_type_hints
+from typing import Any, TypeVar, cast, get_args, get_type_hints
 
 from pydantic import BaseModel, ConfigDict, TypeAdapter, ValidationError, create_model
 
@@ -60,7 +62,7 @@ def validated(kind: type[Value], data: Any, where: str = "", *, key: str = "") -
     try:
         value: Value = _reader(cast(Any, kind)).validate_python(data)
     except ValidationError as error:
-        message = "; ".join(key + line for line in validation_errors(error))
+        message = "; ".join(key + line for line in validation_errors(error, kind))
         raise InvalidInput(f"{where}: {message}" if where else message) from None
     return value
 
@@ -73,7 +75,7 @@ def check_fields(value: Any, key: str = "") -> None:
     try:
         _model(cast(Any, type(value))).model_validate(vars(value))
     except ValidationError as error:
-        raise InvalidInput("; ".join(key + line for line in validation_errors(error))) from None
+        raise InvalidInput("; ".join(key + line for line in validation_errors(error, type(value)))) from None
 
 
 @lru_cache(maxsize=64)
@@ -88,11 +90,17 @@ def _reader(kind: Any) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
-def validation_errors(error: ValidationError) -> Iterator[str]:
+def neighbour(name: str, known: Iterable[str]) -> str:
+    """What follows "unknown key" in a refusal: the known one that is most like it, if one is."""
+    near = get_close_matches(name, sorted(known), n=1)
+    return f", did you mean {near[0]!r}?" if near else ""
+
+
+def validation_errors(error: ValidationError, kind: Any) -> Iterator[str]:
     """One "key: what was expected, got what" for everything wrong in a file, up to ``MOST_ERRORS``.
 
-    Where a dataclass refused its values (InvalidInput), what it said, with its place before it. Of a file of another
-    format, that alone.
+    kind: what was read. Where a dataclass refused its values (InvalidInput), what it said, with its place before it. Of
+    a file of another format, that alone.
     """
     found = error.errors(include_url=False)
     other = [item for item in found if item["loc"] == ("format",) and str(item["input"]).startswith("stancekit/")]
@@ -107,7 +115,7 @@ def validation_errors(error: ValidationError) -> Iterator[str]:
         elif item["type"] in ("missing", "missing_argument"):
             yield f"{key}: expected this key, got nothing"
         elif item["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-            yield f"{key}: unknown key"
+            yield f"{key}: unknown key{neighbour(str(item['loc'][-1]), _known(kind, item['loc'][:-1]))}"
         elif item["type"] in ("tuple_type", "list_type"):
             yield f"{key}: expected a list in brackets, got {shown(item['input'])}"
         else:
@@ -115,3 +123,31 @@ def validation_errors(error: ValidationError) -> Iterator[str]:
             yield f"{key}: {wanted}, got {shown(item['input'])}"
     if error.error_count() > MOST_ERRORS:
         yield f"and {error.error_count() - MOST_ERRORS} more"
+
+
+def _known(kind: Any, place: Sequence[int | str]) -> set[str]:
+    """The keys that a file may have at a place in it, as pydantic names places."""
+    kinds = _kinds(kind)
+    for part in place:
+        hints = [_hints(each) for each in kinds]
+        inside = [hint[part] for hint in hints if part in hint]
+        told = {  # a branch of a union, by what one of its keys has to be
+            each for each, hint in zip(kinds, hints, strict=True) if any(part in get_args(one) for one in hint.values())
+        }
+        kinds = set[type]().union(*map(_kinds, inside)) or told or kinds
+    return {name for each in kinds for name in _hints(each)}
+
+
+def _kinds(hint: Any) -> set[type]:
+    """Classes with fields that an annotation stands for, alone or as an element."""
+    alone = isinstance(hint, type) and (is_dataclass(hint) or issubclass(hint, BaseModel))
+    return set[type]([hint] if alone else []).union(*map(_kinds, get_args(hint)))
+
+
+def _hints(kind: Any) -> dict[str, Any]:
+    """What the fields of a class are; nothing where names are in them that only a type checker knows."""
+    names = kind.__dataclass_fields__ if is_dataclass(kind) else kind.model_fields
+    try:
+        return {name: hint for name, hint in get_type_hints(kind, include_extras=True).items() if name in names}
+    except NameError:
+        return {}

@@ -169,7 +169,8 @@ def robot_from_json(data: Any) -> GaitRobot:
         model = model_from_json(ModelJson.model_validate(data["model"]), data["name"]) if "model" in data else None
         return GaitRobot(**{**data, "feet": feet, "model": model})
     except ValidationError as error:
-        raise InvalidInput(f"robot: {'; '.join(f'model.{each}' for each in validation_errors(error))}") from None
+        wrong = "; ".join(f"model.{each}" for each in validation_errors(error, ModelJson))
+        raise InvalidInput(f"robot: {wrong}") from None
     except InvalidInput as error:
         raise InvalidInput(f"robot: {error}") from None
     except (TypeError, KeyError, ValueError, AttributeError):

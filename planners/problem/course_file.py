@@ -107,7 +107,7 @@ def spec_from(data: Mapping[str, Any]) -> CourseSpec:
     try:
         return CourseSpec.model_validate(data)
     except ValidationError as error:
-        raise InvalidInput("; ".join(_plain(text, data) for text in validation_errors(error))) from None
+        raise InvalidInput("; ".join(_plain(text, data) for text in validation_errors(error, CourseSpec))) from None
 
 
 def _plain(text: str, data: Mapping[str, Any]) -> str:

@@ -121,7 +121,7 @@ class GaitRobot:
         try:
             return _Numbers.model_validate(read_yaml(path)).robot()
         except ValidationError as error:
-            raise InvalidInput(f"{path}: {'; '.join(validation_errors(error))}") from None
+            raise InvalidInput(f"{path}: {'; '.join(validation_errors(error, _Numbers))}") from None
         except InvalidInput as error:
             raise InvalidInput(f"{path}: {error}") from None
 

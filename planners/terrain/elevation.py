@@ -57,7 +57,11 @@ class ElevationMap:
             raise InvalidInput(
                 f"{self.name}: expected heights of shape ({len(self.x_m)}, {len(self.y_m)}), got {heights.shape}"
             )
-        heights[~np.isfinite(heights)] = np.nan
+        if (wrong := np.argwhere(np.isinf(heights))).size:
+            raise InvalidInput(
+                f"{self.name}: expected heights, NaN where there is none, got {len(wrong)} that are infinite, the "
+                f"first {heights[tuple(wrong[0])]:g} at {wrong[0].tolist()}"
+            )
         if np.all(np.isnan(heights)):
             raise InvalidInput(f"{self.name}: expected heights, got {heights.size} holes and nothing else")
         if np.nanmax(heights) - np.nanmin(heights) > WIDEST_M:

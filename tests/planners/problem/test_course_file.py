@@ -280,7 +280,8 @@ def test_every_wrong_key_is_named_with_the_file(write):
     path = write(FLOOR | {"frames": 0, "gate": "tripod", "candidates": {"count": 0}, "start_m": [0.0]})
     message = refusal(read_course, path)
     assert message.startswith(f"{path}: ")
-    for part in ("frames: expected greater than or equal to 1, got 0", "gate: unknown key", "candidates.count:",
+    for part in ("frames: expected greater than or equal to 1, got 0", "gate: unknown key, did you mean 'gait'?",
+                 "candidates.count:",
                  "start_m[1]: expected this key, got nothing",
                  "start_m[2]: expected this key, got nothing"):  # fmt: skip
         assert part in message
@@ -294,7 +295,11 @@ def test_every_wrong_key_is_named_with_the_file(write):
         ({"robot": {"mass_kg": 0, "limbs": {"a": {"shoulder_m": [0, 0, 0]}}}},
          "robot.mass_kg: expected greater than 0, got 0; robot.limbs.a.reach_m: expected this key, got nothing"),
         ({"via_m": [[0, 0, 0], {"at": [1, 2, 3]}]},
-         "via_m[1].at_m: expected this key, got nothing; via_m[1].at: unknown key"),
+         "via_m[1].at_m: expected this key, got nothing; via_m[1].at: unknown key, did you mean 'at_m'?"),
+        ({"terrain": {"kind": "flat", "frction": 0.5}}, "terrain.frction: unknown key, did you mean 'friction'?"),
+        ({"terrain": {"kind": "flat", "apart_n": 0.5}}, "terrain.apart_n: unknown key"),  # one of walls
+        ({"robot": {"mass_kg": 1, "limbs": {"a": {"shoulder_m": [0, 0, 0], "reach_m": 1, "reech_m": 1}}}},
+         "robot.limbs.a.reech_m: unknown key, did you mean 'reach_m'?"),
         ({"terrain": {"kind": "walls", "apart_m": -1, "colour": "red"}},
          "terrain.apart_m: expected greater than 0, got -1; terrain.colour: unknown key"),
         ({"terrain": {"kind": "icy-walls", "left": ["#."], "right": ["# ."]}},

@@ -45,7 +45,7 @@ def test_a_name_is_of_all_joints_and_none_of_those_here_bears_its_stall_torque_f
             r"actuators.strong.continuous_nm: expected a number in \[0, 80\], got 90",
         ),
         (("stall_nm: 80", "stall_nm: -1"), "actuators.strong.stall_nm: expected"),
-        (("gear: 9", "gears: 9"), "actuators.strong.gears: unknown key"),
+        (("gear: 9", "gears: 9"), "actuators.strong.gears: unknown key, did you mean 'gear'"),
         (("XM430-W350", "XM430"), r"joints.\*: expected one of XM540-W270, XM430-W350, strong, got 'XM430'"),
     ],
 )

@@ -115,6 +115,8 @@ def many(path):
         ("e.pcd", lambda p: p.write_bytes(b""), {}, "expected points, the file is empty"),
         ("e.pcd", lambda p: p.write_bytes(b"# no"), {}, "which pypcd4 cannot read"),
         ("nan.npy", lambda p: np.save(p, np.full((9, 9), np.nan)), {}, "expected heights, got 81 holes and nothing"),
+        ("inf.npy", lambda p: np.save(p, np.where(np.eye(9) > 0.0, np.inf, 0.0)), {},
+         "expected heights, NaN where there is none, got 9 that are infinite, the first inf at"),
         ("nan.npy", lambda p: np.save(p, np.full((9, 3), np.nan)), {"kind": "cloud"}, "got none of 9 that is finite"),
         ("row.npy", lambda p: np.save(p, np.zeros((1, 50))), {}, "x_m: expected 4 or more grid lines, got 1"),
         ("mm.stl", lambda p: trimesh.creation.box((900, 900, 90)).export(p), {}, "is read with unit_m: 0.001"),
