@@ -45,7 +45,7 @@ class Caps:
     iterations: int = 80
     solve_s: float = 60.0
     total_s: float = 240.0
-    densifications: int = 4
+    densifications: int = 6
     smoothing: Smoothing = field(default_factory=Smoothing)
     in_subprocess: bool = False
 
