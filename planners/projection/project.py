@@ -46,6 +46,8 @@ SURFACE = 1e-7
 """A point this close to the bilinear surface (non-dimensional moment residual) needs no further step."""
 STEPS = 6
 """Most linearised steps of SCP."""
+STALLED = 0.9
+"""A posture's SCP ends where a step leaves more than this share of the moment: near the surface a step leaves a sliver."""
 
 
 def project(programs: Programs, projection: Projection, scaled: Scaled, start: Point, *, steps: int = STEPS) -> Point:
@@ -95,15 +97,17 @@ def _scp(programs: Programs, scaled: Scaled, start: Point, steps: int) -> Point:
 def scp(programs: Programs, scaled: Scaled, start: Point, *, steps: int = STEPS, worth: float = float("inf")) -> Point:
     """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new toes.
 
-    worth: of a posture, take no step where the first toes leave more than this.
+    worth: of a posture, take no step where the first toes leave more than this. It ends, too, where it has stalled.
     """
     least = scaled.weights is None
     held, step = programs.get(FixToes, scaled.layout, False, least), None
     best = point = held.solve(scaled, start)
-    solves, seconds = 1, point.seconds
+    solves, seconds, most = 1, point.seconds, float("inf")
     for _ in range(steps):
-        if best.residual <= SURFACE or (least and not (np.isfinite(point.residual) and best.residual <= worth)):
+        vain = least and (not np.isfinite(point.residual) or best.residual > worth or point.residual > most)
+        if best.residual <= SURFACE or vain:
             break
+        most = STALLED * point.residual
         about = point if least else programs.get(FixToes, scaled.layout, False, True).solve(scaled, point)
         if not np.isfinite(about.residual):
             about = replace(start, toes=point.toes)
