@@ -22,7 +22,7 @@ TILT_ROOM_RAD = np.deg2rad(10.0)
 """How much further than in training a patch may lean before an envelope is refused as learned for something else."""
 LOW_LOW, HIGH_HIGH, LOW_HIGH, HIGH_LOW = range(4)
 """The corners of a box in p_j and f_k, in the order of the four envelope rows of m_jk = p_j f_k."""
-P_ENDS, F_ENDS = [0, 1, 0, 1], [0, 1, 1, 0]
+P_ENDS, F_ENDS = np.array([0, 1, 0, 1]), np.array([0, 1, 1, 0])
 """Which bounds, of low and high, they are at."""
 SIGNS = np.array([1.0, 1.0, -1.0, -1.0])[:, None, None, None]
 """Of those rows: the first two bound m_jk from below, the others from above."""
@@ -104,8 +104,8 @@ class Envelope:
     def corners(self) -> Corners:
         """The numbers of the envelope rows."""
         ends = np.array([self.low, self.high])
-        p = SIGNS * ends[P_ENDS, :, :3, None]
-        f = ends[F_ENDS, :, None, 3:]
+        p = SIGNS * ends.take(P_ENDS, axis=0)[:, :, :3, None]
+        f = ends.take(F_ENDS, axis=0)[:, :, None, 3:]
         ends[0] *= -1.0
         return Corners(p=p, f=SIGNS * f, products=p * f, outward=ends)
 
