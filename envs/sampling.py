@@ -177,7 +177,7 @@ class SampledScenes:
         """What the search claims of the k-th problem; None where it cannot become the scene that is wanted."""
         begin, numbers = time.perf_counter(), scaled.problem(k)
         sought = (Status.FEASIBLE if wanted else Status.INFEASIBLE) if self._balanced else None
-        if sought is Status.INFEASIBLE and stands(self._expert.programs, numbers, scaled.middles[k]):
+        if sought is Status.INFEASIBLE and stands(self._expert.programs, numbers, scaled.near_corners[k]):
             return None
         search = self._expert.search(numbers, wanted=sought)
         feasible = search.found is not None

@@ -62,9 +62,11 @@ class ScaledBatch:
         return found
 
     @cached_property
-    def middles(self) -> Array:
-        """The means of the patches' vertices, shape (B, N, 3)."""
-        return np.asarray(self.vertices.mean(axis=2))
+    def near_corners(self) -> Array:
+        """Of every patch the corner that is nearest to its limb's shoulder, c and Θ nominal, shape (B, N, 3)."""
+        away = self.vertices - (self.like.com[0] + self.like.shoulders)[:, None]
+        nearest = np.vecdot(away, away).argmin(axis=2)
+        return np.asarray(np.take_along_axis(self.vertices, nearest[:, :, None, None], axis=2)[:, :, 0])
 
     @cached_property
     def _shared(self) -> dict[str, Any]:
