@@ -47,7 +47,7 @@ SURFACE = 1e-7
 STEPS = 6
 """Most linearised steps of SCP."""
 STALLED = 0.9
-"""A posture's SCP ends where a step leaves more than this share of the moment: near the surface a step leaves a sliver."""
+"""A posture's SCP ends where a step leaves more than this share of the moment: one that gets there leaves far less."""
 
 
 def project(programs: Programs, projection: Projection, scaled: Scaled, start: Point, *, steps: int = STEPS) -> Point:
@@ -97,7 +97,7 @@ def _scp(programs: Programs, scaled: Scaled, start: Point, steps: int) -> Point:
 def scp(programs: Programs, scaled: Scaled, start: Point, *, steps: int = STEPS, worth: float = float("inf")) -> Point:
     """Fix the toes; while that leaves a moment, step along the linearised surface and fix the new toes.
 
-    worth: of a posture, take no step where the first toes leave more than this. It ends, too, where it has stalled.
+    worth: of a posture, take no step where the first toes leave more than this; none, either, after one that stalled.
     """
     least = scaled.weights is None
     held, step = programs.get(FixToes, scaled.layout, False, least), None

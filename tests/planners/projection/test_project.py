@@ -144,6 +144,25 @@ def test_no_step_is_taken_where_the_first_toes_leave_more_than_it_is_worth(progr
     assert spared >= 5
 
 
+def test_an_scp_that_has_stalled_ends_and_one_that_gets_to_the_surface_is_the_same_without(
+    programs, starts, monkeypatch
+):
+    stalled = reached = 0
+    for _, scaled, start in starts:
+        mine = scp(programs, scaled, start)
+        with monkeypatch.context() as patch:
+            patch.setattr("stancekit.planners.projection.project.STALLED", np.inf)
+            whole = scp(programs, scaled, start)
+        assert (mine.residual <= SURFACE) == (whole.residual <= SURFACE)
+        if whole.residual <= SURFACE:
+            assert (mine.solves, mine.forces.tolist()) == (whole.solves, whole.forces.tolist())
+            reached += 1
+        else:
+            stalled += mine.solves < whole.solves
+    assert stalled >= 3
+    assert reached >= 5
+
+
 # ------------------------------------------------------------------------------------------------- where there is none
 
 
