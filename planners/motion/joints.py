@@ -59,8 +59,8 @@ class JointPath:
         self.corners = dict[tuple[int, int], Array]()
         """Angles at both corners of a swing, shape (2, n), by key frame that it ends at and limb."""
 
-    def judged(self) -> tuple[Moments, PathPostures]:
-        """Moments so near to each other, nearer where joints turn by more than ``TURN_RAD`` in between, and the
+    def judged(self, turn_rad: float = TURN_RAD) -> tuple[Moments, PathPostures]:
+        """Moments so near to each other, nearer where joints turn by more than ``turn_rad`` in between, and the
         postures there.
 
         Raises InvalidInput for a path of which there are too many.
@@ -72,7 +72,7 @@ class JointPath:
             self._turn(moments, postures)
             postures = self._postures(moments)
         turned = np.abs(np.diff(postures.angles, axis=0, prepend=postures.angles[:1])).max(axis=1)
-        finer = np.ceil(np.maximum.reduceat(turned, np.cumsum(counts) - counts) / TURN_RAD)
+        finer = np.ceil(np.maximum.reduceat(turned, np.cumsum(counts) - counts) / turn_rad)
         if finer.max() > 1.0:
             moments = self.path.divided(counts * np.maximum(finer, 1.0).astype(int))
             postures = self._postures(moments)

@@ -94,7 +94,7 @@ class PathClearance:
         """What is nearer than that and a little more, at moments so far apart: of every pair of bodies where it is
         nearest, and wherever it is too near."""
         path = JointPath(PlanPath(plan), self._solver, apart_m)
-        moments, postures = _with_keys(path.path, *path.judged())
+        moments, postures = _with_keys(path.path, *path.judged(turn_rad=np.inf))
         near = list[tuple[int, Near]]()
         for t, (_, body) in enumerate(path_bodies(path.path, moments, postures)):
             loose = replace(body, stands=np.ones_like(body.stands))  # feet lift off what they stand on
