@@ -32,7 +32,8 @@ LIMIT_SHARE = 0.9
 """Of the limits of velocity and torque that may be used."""
 RATE_HZ = 100.0
 """How often the motion is sampled."""
-LEAST_PACE = 0.02
+LEAST_PACE = 0.1
+"""Phases last as long as their joints need (``unhurried``): what still wants a tenth of the pace jumps."""
 ROUNDS = 4
 LINEAR = ("velocity", "torque at speed")
 """Uses of limits that fall with the pace, or faster; the others do with its square."""
