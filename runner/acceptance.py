@@ -82,8 +82,10 @@ class AcceptedGait:
         if not record.verified:
             raise InvalidInput(f"{path}: expected a gait that the verifier accepted, this one it rejected")
         report = check_trajectory(record.trajectory)
-        if not report.accepted or report.digest != record.verdict.get("digest"):
+        if not report.accepted:
             raise InvalidInput(f"{path}: expected a gait that the verifier accepts as its file says: {report.message}")
+        if report.digest != record.verdict.get("digest"):
+            raise InvalidInput(f"{path}: expected the gait that its verdict is of, got one edited or judged otherwise")
         _check_whole(report, str(path))
         try:
             robot = walker(record.trajectory.robot)
