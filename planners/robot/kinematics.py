@@ -128,8 +128,7 @@ class Kinematics:
         to, shape (J,). obstacles: what the links of legs that are drawn up should keep off. most_rad: a limb whose
         comfortable posture is farther from the seed leaves the seed as little as goes, shape (N,).
         """
-        count = len(self.robot.limbs)
-        turn = rotation_of(rotation_rad)
+        count, turn = len(self.robot.limbs), rotation_of(rotation_rad)
         out = np.zeros((count, 3)) if normals is None else read_only(normals, (count, 3), "normals")
         com = read_only(com_m, (3,), "com_m")
         feet = self.targets(com, turn, read_only(toes_m, (count, 3), "toes_m"), out)
@@ -145,12 +144,11 @@ class Kinematics:
             far = self.by_leg(np.abs(wished - near)).max(axis=1) > most_rad
             wished = np.where(self.of_joints(far), near, wished)
         angles, error = self.reach(feet, wished, wished)
-        excess = np.zeros(count)
+        excess, torques = np.zeros(count), np.zeros(len(self.joints))
         if np.any(error > REACHED_M):
             beyond, missed = self.reach(feet, wished, wished, limits=False)
             over = self.by_leg(np.maximum(beyond - self.highest_rad, self.lowest_rad - beyond)).max(axis=1)
             excess = np.where(missed <= REACHED_M, np.maximum(over, 0.0), 0.0)
-        torques = np.zeros(len(self.joints))
         if forces_n is not None:
             torques = self.torques(angles, turn, read_only(forces_n, (count, 3), "forces_n"))
         return JointAnswer(angles=angles, error_m=error, limit_rad=excess, torques_nm=torques)
