@@ -4,10 +4,9 @@
 
 A problem has a box about its own patches, of random width, so that P1 is feasible for about half of them. A row a
 size: solves a second of the clock, everything counted from scaled problems to multipliers (numbers loaded, copied to
-the device, solved, copied back), and of Clarabel on one thread in turn with them; how many Clarabel processes that is
-worth; of how many problems the two say something else; the largest difference of two margins; and of those that P1
-admits, for how many fix-p from the two points ends differently: where P1 leaves freedom its points differ. Without the
-device one line says so.
+the device, solved, copied back), and of Clarabel on one thread in turn with them; their ratio; of how many problems the
+two say something else; the largest difference of two margins; and of those that P1 admits, for how many fix-p from the
+two points ends differently: where P1 leaves freedom its points differ. Without the device one line says so.
 """
 
 from __future__ import annotations
@@ -55,7 +54,7 @@ def main(arguments: Arguments) -> None:
     for size in arguments.sizes:
         here = scaled[:size], boxes[:size]
         for made in (programs, alone := Programs()):
-            made.get(McCormick, scaled[0].layout).solve_any_of_each(here[0][:size], here[1][:size])  # compiled, warm
+            made.get(McCormick, scaled[0].layout).solve_any_of_each(*here)  # compiled, warm
         taken = np.array([[timed(made, *here)[0] for made in (programs, alone)] for _ in range(arguments.rounds)])
         together, one_by_one = (timed(made, *here)[1] for made in (programs, alone))
         seconds = taken.min(axis=0)

@@ -92,8 +92,9 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
     | render_mode | None | "rgb_array" or "human" |
 
     With ``backend="moreau"`` (Moreau and a CUDA device; "moreau-cpu": the same on the processor) all P1 of a step are
-    solved together. Margins that lie within 1e-6 of where they count as feasible are solved again by Clarabel, so that
-    verdicts are those of "clarabel"; margins and points agree within the solvers' tolerances, not bit for bit.
+    solved together. Margins agree within the solvers' tolerances; those within 1e-6 of where they count as feasible are
+    solved again by Clarabel, so that P1 says what it says with "clarabel": for "joint" these are all that it admits.
+    Where P1 leaves freedom its point is another one, and what is projected from it with it.
 
     ## Version History
 

@@ -24,10 +24,16 @@ class Columns:
     shape: tuple[int, int]
     has_canonical_format: ClassVar[bool] = True
 
+    @property
+    def columns(self) -> Index:
+        """The column of every entry."""
+        return np.repeat(np.arange(self.shape[1]), np.diff(self.indptr))
+
     def transposed_times(self, z: Array) -> Array:
         """A'z."""
-        column = np.repeat(np.arange(self.shape[1]), np.diff(self.indptr))
-        return np.bincount(column, self.data * z[self.indices], minlength=self.shape[1]).astype(np.float64, copy=False)
+        return np.bincount(self.columns, self.data * z[self.indices], minlength=self.shape[1]).astype(
+            np.float64, copy=False
+        )
 
 
 def pattern_of(rows: Index, columns: Index, shape: tuple[int, int]) -> Columns:

@@ -93,8 +93,8 @@ class MoreauSolver(Generic[D]):
         self._order = np.concatenate([np.zeros(0, dtype=int), *(span for kind in rows for span in kind)])
         place = np.empty(m, dtype=int)
         place[self._order] = np.arange(m)
-        self._by_rows, offsets, columns = _by_rows(place[matrix.indices], _columns(matrix), m)
-        upper, right = hessian.indices, _columns(hessian)
+        self._by_rows, offsets, columns = _by_rows(place[matrix.indices], matrix.columns, m)
+        upper, right = hessian.indices, hessian.columns
         mirrored = np.flatnonzero(upper != right)
         ends = np.concatenate([upper, right[mirrored]]), np.concatenate([right, upper[mirrored]])
         sorted_, own_offsets, own_columns = _by_rows(*ends, n)
@@ -121,11 +121,6 @@ def check_device(device: Device) -> None:
         raise InvalidInput(f"backend: expected a CUDA device for moreau, got none: {' '.join(why.split())}")
 
 
-def _columns(matrix: Columns) -> Index:
-    """The column of every entry."""
-    return np.repeat(np.arange(matrix.shape[1]), np.diff(matrix.indptr))
-
-
 def _by_rows(rows: Index, columns: Index, count: int) -> tuple[Index, Index, Index]:
     """Entries sorted by rows: their order, where each of ``count`` rows begins and the last one ends, their columns."""
     order = np.lexsort((columns, rows))
@@ -134,6 +129,6 @@ def _by_rows(rows: Index, columns: Index, count: int) -> tuple[Index, Index, Ind
 
 def _dual(hessian: Columns, x: Array, b: Array, z: Array) -> float:
     """The dual objective  −½ x'P x − b'z."""
-    upper, right = hessian.indices, _columns(hessian)
+    upper, right = hessian.indices, hessian.columns
     curved = hessian.data * x[upper] * x[right] * np.where(upper == right, 0.5, 1.0)
     return -float(curved.sum() + b @ z)
