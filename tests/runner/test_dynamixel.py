@@ -20,11 +20,12 @@ pytest.importorskip("pinocchio")
 from stancekit.planners.errors import HardwareFault, InvalidInput
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.emulators.bus_process import BusProcess
+from stancekit.runner.emulators.servo_bus import ServoBus
 from stancekit.runner.worlds.dynamixel import control_table as table
 from stancekit.runner.worlds.dynamixel.calibration import Calibration, nominal
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from tests.emulators.bus_faults import spoiled
-from tests.emulators.servo_bus import BusProcess, ServoBus
 
 LATENCY_MS = 40.0
 """Emulated servos answer late where tests share a machine with others."""
