@@ -18,7 +18,14 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
-from .rosbridge_protocol import Client, cancel_wrong, fields_wrong, goal_wrong, operation_wrong, path_wrong
+from .rosbridge_protocol import (
+    Client,
+    cancel_wrong,
+    fields_wrong,
+    goal_wrong,
+    operation_wrong,
+    path_wrong,
+)
 from .trajectory_controller import INVALID_JOINTS, Controller, Task
 
 FAULTS = (
@@ -57,7 +64,9 @@ class RosBridge:
         self._due: list[tuple[float, str]] = []
         self._faults: set[str] = set()
         self._statuses: list[dict[str, Any]] = []
-        self._server = serve(self._serve, "127.0.0.1", port, logger=logging.Logger("quiet", logging.CRITICAL))
+        self._server = serve(
+            self._serve, "127.0.0.1", port, logger=logging.Logger("quiet", logging.CRITICAL)
+        )
         self.port = int(self._server.socket.getsockname()[1])
         self.robot.now_s = time.monotonic()
         self.robot.stop()
@@ -132,12 +141,18 @@ class RosBridge:
     def _refuse(self, client: Client, message: Any, why: str) -> None:
         with self._lock:
             self.errors.append(why)
-        self._say(client, {"op": "status", "level": "error", "msg": why} | ({} if message is None else {"id": message}))
+        self._say(
+            client,
+            {"op": "status", "level": "error", "msg": why}
+            | ({} if message is None else {"id": message}),
+        )
 
     def _advertise(self, client: Client, message: dict[str, Any]) -> None:
         slashes = message["type"].count("/")
         if slashes != (2 if self.ros == 2 else 1):
-            self._refuse(client, message.get("id"), f"{message['topic']}: unknown type {message['type']}")
+            self._refuse(
+                client, message.get("id"), f"{message['topic']}: unknown type {message['type']}"
+            )
 
     def _unadvertise(self, client: Client, message: dict[str, Any]) -> None: ...
 
@@ -170,7 +185,11 @@ class RosBridge:
                 self._cancel(said["id"])
 
     def _call_service(self, client: Client, message: dict[str, Any]) -> None:
-        if self.ros == 2 and message["service"] == f"{self.controller}/follow_joint_trajectory/_action/cancel_goal":
+        if (
+            self.ros == 2
+            and message["service"]
+            == f"{self.controller}/follow_joint_trajectory/_action/cancel_goal"
+        ):
             self._cancel_goal(client, message)
             return
         known = message["service"] == "/controller_manager/switch_controller"
@@ -179,10 +198,17 @@ class RosBridge:
             request = message.get("args", {})
             with self._lock:
                 self.log.append(("switch", time.monotonic()))
-                self.robot.on = bool(request.get("activate_controllers") or request.get("start_controllers"))
+                self.robot.on = bool(
+                    request.get("activate_controllers") or request.get("start_controllers")
+                )
                 self.robot.stop()
             values = {"ok": True}
-        answer = {"op": "service_response", "service": message["service"], "values": values, "result": known}
+        answer = {
+            "op": "service_response",
+            "service": message["service"],
+            "values": values,
+            "result": known,
+        }
         self._say(client, answer | ({"id": message["id"]} if "id" in message else {}))
 
     def _cancel_goal(self, client: Client, message: dict[str, Any]) -> None:
@@ -196,7 +222,12 @@ class RosBridge:
             going = [{"goal_id": {"uuid": [0] * 16}}] if self._running else []
             self._cancel("")
         values = {"return_code": 0, "goals_canceling": going}
-        answer = {"op": "service_response", "service": message["service"], "values": values, "result": True}
+        answer = {
+            "op": "service_response",
+            "service": message["service"],
+            "values": values,
+            "result": True,
+        }
         self._say(client, answer | ({"id": message["id"]} if "id" in message else {}))
 
     def _send_action_goal(self, client: Client, message: dict[str, Any]) -> None:
@@ -218,7 +249,11 @@ class RosBridge:
             self._running.pop(told, None)
             how, code = task.ended or ("aborted", 0)
             values = {"error_code": code, "error_string": ""}
-            self._say(client, head | {"op": "action_result", "values": values, "status": ENDS2[how], "result": True})
+            self._say(
+                client,
+                head
+                | {"op": "action_result", "values": values, "status": ENDS2[how], "result": True},
+            )
 
         if self._one_thread:
             run()
@@ -261,10 +296,16 @@ class RosBridge:
 
     def _finished1(self, message: str, how: str, code: int) -> None:
         """A result of actionlib, and the final status that stays in the list."""
-        status = {"goal_id": {"id": message, "stamp": {"secs": 0, "nsecs": 0}}, "status": ENDS1[how]}
+        status = {
+            "goal_id": {"id": message, "stamp": {"secs": 0, "nsecs": 0}},
+            "status": ENDS1[how],
+        }
         self._statuses = [*self._statuses[-4:], status]
         action = f"{self.controller}/follow_joint_trajectory"
-        self._tell(f"{action}/result", {"status": status, "result": {"error_code": code, "error_string": ""}})
+        self._tell(
+            f"{action}/result",
+            {"status": status, "result": {"error_code": code, "error_string": ""}},
+        )
 
     def _say(self, client: Client, message: Any) -> None:
         if "silent" not in self._faults:
@@ -310,12 +351,23 @@ class RosBridge:
             positions[0] = None
         if "half a message" in self._faults:
             positions = positions[: len(positions) // 2]
-        said = {"name": names, "position": positions, "velocity": [*robot.rate.tolist(), *rest], "effort": []}
+        said = {
+            "name": names,
+            "position": positions,
+            "velocity": [*robot.rate.tolist(), *rest],
+            "effort": [],
+        }
         self._tell("/joint_states", said)
-        self._tell(f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}", self._feedback())
+        self._tell(
+            f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}",
+            self._feedback(),
+        )
         if self.ros == 1:
             going = [{"goal_id": {"id": message}, "status": 1} for message in self._running]
-            self._tell(f"{self.controller}/follow_joint_trajectory/status", {"status_list": [*going, *self._statuses]})
+            self._tell(
+                f"{self.controller}/follow_joint_trajectory/status",
+                {"status_list": [*going, *self._statuses]},
+            )
         if "e-stop" in self._faults:
             self._tell("/e_stop", {"data": True})
         if "not json" in self._faults:

@@ -56,7 +56,9 @@ FAULTS = {
     "wrong model": "a servo is another model",
 }
 """Faults by name, and what happens then. A number behind the name is the id of the servo, drawn where there is none."""
-FAULT = re.compile(r"(?P<kind>.+?)(?: (?P<servo>\d+))?(?: in (?P<at_s>\d*\.?\d+)(?: s)?)?")
+FAULT = re.compile(
+    rf"(?P<kind>{'|'.join(FAULTS)})(?: (?P<servo>\d+))?(?: in (?P<at_s>\d*\.?\d+)(?: s)?)?"
+)
 IDLE_S = 0.002
 SLOWEST_S = 0.006
 DELAY_S, FROZEN_S = 0.1, 1.0
@@ -143,23 +145,19 @@ class ServoBus(threading.Thread):
         in 2 s". Raises ValueError for an unknown one.
         """
         words = FAULT.fullmatch(fault)
-        kind, servo = (fault, None) if words is None else (words["kind"], words["servo"])
-        if fault in FAULTS:  # "status return 0" ends in no id
-            kind, servo = fault, None
-        if kind not in FAULTS:
+        if words is None:
             raise ValueError(f"expected one of {', '.join(FAULTS)}, got {fault!r}")
-        if servo is not None and int(servo) not in self.servos.ids:
-            raise ValueError(
-                f"{kind}: expected the id of a servo, {listed(self.servos.ids)}, got {servo}"
-            )
-        index = None if servo is None else self.servos.ids.index(int(servo))
-        later_s = (
-            float(words["at_s"])
-            if words is not None and words["at_s"] and fault not in FAULTS
-            else 0.0
-        )
+        servo, index = words["servo"], None
+        if servo is not None:
+            if int(servo) not in self.servos.ids:
+                raise ValueError(
+                    f"expected the id of a servo, {listed(self.servos.ids)}, got {servo}"
+                )
+            index = self.servos.ids.index(int(servo))
         with self._lock:
-            self._due.append((time.monotonic() + at_s + later_s, kind, index))
+            self._due.append(
+                (time.monotonic() + at_s + float(words["at_s"] or 0.0), words["kind"], index)
+            )
 
     def state(self) -> dict[str, Any]:
         """What the servos are at, JSON-ready.
