@@ -293,7 +293,7 @@ def test_a_run_whose_time_is_up_answers_with_the_best_so_far(gait):
         (("ripple", "--goal", "1,1", "--heading", "nan"), "--heading: expected finite numbers, got nan"),
         (("ripple", "--goal", "1,1", "--total-s", "0"), "--total-s: expected a number above 0, got 0"),
         (("ripple", "--goal", "1,1", "--heights-m", "1"), "--heights-m: expected 2 numbers with commas between them"),
-        (("ripple", "--goal", "1,1", "--robot", "table"), "--robot: expected anymal, hexapod or a robot's file, "),
+        (("ripple", "--goal", "1,1", "--robot", "table"), "--robot: expected anymal, hexapod, a1, "),
         (("ripple", "--goal", "1,1", "--adhesive", "LF,QQ"), "--adhesive: expected some of LF, RF, LH, RH, got "),
         (("ripple", "--goal", "1,1", "--seeds", "0"), "--seeds: expected 1 to 1000, got 0"),
         (("ripple", "--goal", "1,1", "--seed", "-1"), "--seed: expected 0 or more, got -1"),
