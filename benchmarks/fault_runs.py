@@ -175,9 +175,9 @@ def slipped(path: Path, rng: np.random.Generator) -> dict[str, Any]:
 
 def bridgeless(path: Path, ending: Any, rng: np.random.Generator) -> dict[str, Any]:
     """The rosbridge goes away."""
+    from stancekit.runner.emulators.rosbridge import RosBridge
     from stancekit.runner.worlds.ros.driver import RosWorld
     from stancekit.runner.worlds.ros.setup import same_names
-    from tests.emulators.rosbridge import RosBridge
 
     accepted, at_s = Accepted.from_file(path), float(rng.uniform(BEGIN_S, LATEST_S))
     robot = accepted.plan.course.robot

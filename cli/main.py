@@ -51,8 +51,8 @@ VERBS = {
     "proposers": "TrainProposers",
     "evaluate": "Evaluate", "picture": "Picture", "export": "Export", "plan": "PlanCourse", "play": "Play",
     "simulate": "Simulate",
-    "terrain": "ShowTerrain", "run": "Run", "replay": "Replay", "robot": "Robot", "warp": "Warp", "gait": "Gait",
-    "bench": "Bench", "demo": "Demo",
+    "terrain": "ShowTerrain", "run": "Run", "replay": "Replay", "emulate": "Emulate", "robot": "Robot",
+    "warp": "Warp", "gait": "Gait", "bench": "Bench", "demo": "Demo",
 }  # fmt: skip
 """The class of every verb, in the module of the verb's name, which is imported when it is asked for."""
 

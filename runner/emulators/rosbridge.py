@@ -7,15 +7,11 @@ and kept in ``errors``, as a rosbridge refuses messages that do not fit their ty
 
 from __future__ import annotations
 
-import argparse
 import json
 import logging
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -345,72 +341,3 @@ class RosBridge:
             self.robot.on = False
         else:
             self._faults.add(kind)
-
-
-class BridgeProcess:
-    """A ``RosBridge`` with the default hexapod in a child process of its own; ``port`` is where."""
-
-    def __init__(self, position_rad: Sequence[float], ros: Literal[1, 2] = 2) -> None:
-        position = ",".join(f"{value:.9g}" for value in position_rad)
-        command = [sys.executable, "-m", "tests.emulators.rosbridge", "--port", "0", "--ros", str(ros)]
-        self._child = subprocess.Popen(
-            [*command, f"--position={position}"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-            cwd=Path(__file__).parents[2],
-        )  # fmt: skip
-        assert self._child.stdout is not None
-        self.port = int(json.loads(self._child.stdout.readline())["port"])
-
-    def inject(self, kind: str) -> None:
-        """Let a fault happen now."""
-        self._ask(kind)
-
-    def state(self) -> dict[str, Any]:
-        """As of ``RosBridge``, and its log."""
-        return self._ask("")
-
-    def close(self) -> None:
-        """End the process."""
-        assert self._child.stdin is not None
-        assert self._child.stdout is not None
-        self._child.stdin.close()
-        self._child.wait(5.0)
-        self._child.stdout.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-    def _ask(self, line: str) -> dict[str, Any]:
-        assert self._child.stdin is not None
-        assert self._child.stdout is not None
-        self._child.stdin.write(line + "\n")
-        self._child.stdin.flush()
-        answer: dict[str, Any] = json.loads(self._child.stdout.readline())
-        return answer
-
-
-def main() -> None:
-    """Run a rosbridge with the default hexapod until standard input ends; a line there may be a fault to inject."""
-    parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("--port", type=int, default=9090)
-    parser.add_argument("--ros", type=int, choices=(1, 2), default=2)
-    parser.add_argument("--position", type=str, default="", help="24 angles [rad], with commas")
-    asked = parser.parse_args()
-    from stancekit.planners.robot import hexapod
-    from stancekit.planners.robot.urdf import joint_names
-
-    position = [float(value) for value in asked.position.split(",")] if asked.position else None
-    with RosBridge(joint_names(hexapod()), position, ros=asked.ros, port=asked.port) as bridge:
-        sys.stdout.write(json.dumps({"port": bridge.port}) + "\n")
-        sys.stdout.flush()
-        for line in sys.stdin:
-            if line.strip():
-                bridge.inject(line.strip())
-            sys.stdout.write(json.dumps(bridge.state() | {"log": bridge.log}) + "\n")
-            sys.stdout.flush()
-
-
-if __name__ == "__main__":
-    main()
