@@ -59,8 +59,8 @@ FAULTS = {
 FAULT = re.compile(
     rf"(?P<kind>{'|'.join(FAULTS)})(?: (?P<servo>\d+))?(?: in (?P<at_s>\d*\.?\d+)(?: s)?)?"
 )
-IDLE_S = 0.002
-SLOWEST_S = 0.006
+IDLE_S = 0.004
+SLOWEST_S = 0.012
 DELAY_S, FROZEN_S = 0.1, 1.0
 VOLTAGE, OVERHEATING = 0x01, 0x04
 OTHER_MODEL = 1020
@@ -205,7 +205,7 @@ class ServoBus(threading.Thread):
             answers = list[tuple[float, bytes]]()
             with self._lock:
                 self._happen()
-                began = self._clock.tick()
+                began = time.monotonic()
                 for request in self._reader.feed(heard if self._right_baud() else b""):
                     answers.append(self._served(request, began))
                 self._pass()
@@ -230,9 +230,10 @@ class ServoBus(threading.Thread):
     def _served(self, request: p2.Request, began: float) -> tuple[float, bytes]:
         """When the last byte of an answer is due, and the answer."""
         self.instructions += 1
+        heard = self._clock.tick()
         for index in range(len(self.servos.ids)):
             if self.servos.powered[index] and index not in self._answers.silent:
-                self.servos.hear(index, began)
+                self.servos.hear(index, heard)
         self._pass()
         goals, torques = self._answers.goal_rows, self._answers.torque_rows
         answer, pause_s = self._answers.answer(request)
@@ -324,17 +325,13 @@ class ServoBus(threading.Thread):
         return 10.0 * size / self._baud if self._wire and self._baud else 0.0
 
     def _send(self, due: float, answer: bytes) -> None:
-        """Send an answer when its last byte is due by the emulated clock."""
-        while (
-            answer
-            and not self._pulled
-            and not self._ending.is_set()
-            and (left := due - self._clock.tick()) > 0.0
-        ):
-            time.sleep(min(left, IDLE_S))
-            if left > IDLE_S:
-                with self._lock:
-                    self._pass()
+        """Send an answer when its last byte is due, and let the servos' time pass meanwhile."""
+        if not answer:
+            return
+        while (left := due - time.monotonic()) > 0.0 and not (self._pulled or self._ending.is_set()):
+            time.sleep(min(left, SLOWEST_S))
+            with self._lock:
+                self._pass()
         self._write(answer)
 
     def _write(self, data: bytes) -> None:

@@ -47,17 +47,9 @@ def mirrored(port: str) -> Calibration:
     return Calibration(port=port, watchdog_s=0.6, latency_ms=LATENCY_MS, joints=joints)
 
 
-def shafts(calibration: Calibration, angles: np.ndarray) -> np.ndarray:
-    """Where the servos' shafts are, from their tick 2048 [rad], for these joint angles."""
-    servos = [calibration.joints[name] for name in JOINTS]
-    return np.array(
-        [s.direction * angle + (s.zero_tick - 2048) * table.RAD for s, angle in zip(servos, angles, strict=True)]
-    )
-
-
 @pytest.fixture
 def bus() -> Iterator[ServoBus]:
-    with ServoBus(range(1, 25), shafts(mirrored("none"), START).tolist()) as made:
+    with ServoBus(range(1, 25), mirrored("none").shafts(JOINTS, START).tolist()) as made:
         yield made
 
 
@@ -105,7 +97,7 @@ def test_steps_keep_their_rate_say_what_was_sent_and_are_followed(bus: ServoBus,
         away = max(away, float(abs(state.angles_rad - state.sent_rad).max()))
     assert time.monotonic() - begin > 49 * 0.02
     np.testing.assert_allclose(state.sent_rad, wave(49), atol=0.51 * table.RAD)
-    np.testing.assert_allclose(bus.state()["goal_rad"], shafts(world.calibration, state.sent_rad), atol=1e-9)
+    np.testing.assert_allclose(bus.state()["goal_rad"], world.calibration.shafts(JOINTS, state.sent_rad), atol=1e-9)
     assert 0.0 < away < 0.1  # the lag of the servo's loop, at up to .63 rad/s
     assert bus.state()["goal_writes"] == 24 * 51
 

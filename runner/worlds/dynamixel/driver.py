@@ -40,7 +40,7 @@ AGAIN_S = 0.02
 """Two measurements before a robot is believed to be where it says are so far apart."""
 CALM_S = 0.12
 """After a measurement that may have come late the bus is quiet for so long before the next is asked for."""
-STANDS_RAD_S, STANDING_S = 0.1, 0.2
+STANDS_RAD_S, STANDING_S = 0.05, 0.2
 """Servos stand that turn no faster; a hold waits so long for them to."""
 SLACK_RAD = 0.05
 """A joint measured this far beyond its limits is at its stop; one that is farther beyond is calibrated wrong."""
@@ -213,21 +213,22 @@ class DynamixelWorld(HardwareWorld):
     def _stand(self) -> None:
         """Wait until no servo turns. Raises HardwareFault where that cannot be seen in time."""
         within = f"bus watchdogs stop the servos {self.calibration.watchdog_s:g} s after the last packet"
-        until, turning = time.monotonic() + STANDING_S, 0
-        while time.monotonic() < until:
+        until, seen = time.monotonic() + STANDING_S, ""
+        while not seen or time.monotonic() < until:
             try:
                 rows = self.bus.peek(table.INDIRECT_DATA.address, table.WATCHED_BYTES)
             except HardwareFault as fault:
                 raise HardwareFault(f"{fault}; {within}") from None
-            if rows is None:
-                raise HardwareFault(f"port {self.bus.port}: servos cannot be seen to stand; {within}")
-            rates = np.abs(signed(rows[:, 5:9])) * table.RAD_S
-            turning = int(np.argmax(rates))
-            if rates[turning] <= STANDS_RAD_S:
-                self._driven = False
-                return
+            seen = f"port {self.bus.port}: servos cannot be seen to stand"
+            if rows is not None:
+                rates = np.abs(signed(rows[:, 5:9])) * table.RAD_S
+                turning = int(np.argmax(rates))
+                seen = f"{self.bus.label(turning)}: still turns at {rates[turning]:.2f} rad/s"
+                if rates[turning] <= STANDS_RAD_S:
+                    self._driven = False
+                    return
             time.sleep(0.5 * AGAIN_S)
-        raise HardwareFault(f"{self.bus.label(turning)}: still turns at {rates[turning]:.2f} rad/s; {within}")
+        raise HardwareFault(f"{seen}; {within}")
 
     def _capable(self) -> WorldCapabilities:
         can = WorldCapabilities.of_servos(self.robot, self.servo, self.rate_hz, senses=False)
