@@ -167,7 +167,7 @@ def _connect(ray: Any, address: str) -> None:
     try:
         ray.init(**options)
     except Exception as error:  # of a node that does not start Ray raises a plain Exception
-        line = (str(error) or type(error).__name__).splitlines()[0]
+        line = (str(error) or type(error).__name__).splitlines()[0].strip()
         raise ClusterGone(f"address: expected a Ray cluster at {address!r}: {line}") from None
 
 

@@ -153,6 +153,23 @@ def test_a_cluster_that_goes_away_is_noticed(monkeypatch: pytest.MonkeyPatch) ->
         watch.processors()
 
 
+def test_a_node_that_does_not_start_is_one_line() -> None:
+    class Unstarted:
+        """Ray, whose node times out; it raises a plain Exception of many lines then."""
+
+        def is_initialized(self) -> bool:
+            return False
+
+        def init(self, **options: object) -> None:
+            raise Exception("The current node timed out during startup. \nAnd more\nlines.")
+
+    with pytest.raises(ClusterGone) as error:
+        module._connect(Unstarted(), "local")
+    assert str(error.value) == (
+        "address: expected a Ray cluster at 'local': The current node timed out during startup."
+    )
+
+
 def test_a_cluster_that_is_not_there_is_one_line() -> None:
     pytest.importorskip("ray")
     with socket.create_server(("127.0.0.1", 0)) as closed:
