@@ -65,7 +65,7 @@ def joined(address: str, pipe: Connection) -> Any:
             GcsClient(address=head)  # says at once what ray.init says after a while: that the token is another
         pipe.send(("joins",))
         ray.init(**options)
-    except (RuntimeError, ValueError, OSError, ray.exceptions.RayError) as error:
+    except Exception as error:  # of a node that does not start Ray raises a plain Exception
         raise Refused(reason(error)) from None
     return ray
 
