@@ -101,7 +101,7 @@ class Gait:
     convergence: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the violation at every iteration."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Film of the motion (extras mujoco and viz, and a GL library)."""
+    """Film of the motion (extra film, and a GL library)."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
     """Page with the motion in 3D, to be opened without a network."""
     json: bool = False

@@ -113,7 +113,7 @@ class PlanCourse:
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the plan: .png, .pdf or .svg."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Film of the plan's motion (extras mujoco and viz, and a GL library)."""
+    """Film of the plan's motion (extra film, and a GL library)."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
     """Page in three dimensions that a browser opens from disk, without a network (extra viz)."""
     json: bool = False
