@@ -42,6 +42,7 @@ STANCES = ("standing", "stand", "half_sitting", "home", "default")
 STRONGEST = 10.0
 """A joint that holds this many times the robot's weight at its leg's length is not believed."""
 GRAVITY_M_S2 = 9.81
+SLIDES, IDLE = "slides, which no world's joints do", "no torque limit or no velocity limit"
 IDENTITY_DIGITS = 12
 """Of a digest in a name."""
 
@@ -127,6 +128,14 @@ class RobotModel:
         """Of the centre of mass over the ground under its feet, as it stands [m]."""
         grounds = [float(leg.nominal_m[2]) - leg.radius_m for leg in self.legs]
         return float(self.body.com_m[2]) - float(np.mean(grounds))
+
+    @property
+    def unrunnable(self) -> tuple[str, ...]:
+        """Why plans and walks of the robot cannot be run as its file is, a line each: joints that slide, and passive
+        ones, which only a file of actuators gives something to hold with."""
+        idle = [(joint.name, IDLE) for leg in self.legs for joint in leg.joints
+                if not joint.slides and (joint.torque_nm <= 0.0 or joint.velocity_rad_s <= 0.0)]  # fmt: skip
+        return self.lines_of([*_sliding(self.legs), *idle])
 
     def check_known(self) -> None:
         """Raise InvalidInput, in one line, where a person has to say something of the robot before it is planned for:
@@ -228,7 +237,7 @@ def model_of(
         raise InvalidInput(f"{where}: {error}") from None
     doubts = [*found.doubts, *_torque_doubts(legs, body), *leg_doubts(legs)]
     doubts += [(f"mesh {each}", _not_there(each)) for each in missing]
-    doubts += [(f"joint {name}", text) for name, text in unrunnable(legs)]
+    doubts += [(f"joint {name}", text) for name, text in _sliding(legs)]
     mounts = _mounts(model, legs, rest)
     doubts += [*body_doubts(root, legs, shapes, mounts), *foot_doubts(root, legs)]
     return RobotModel(
@@ -336,12 +345,9 @@ def _joined(doubts: Sequence[tuple[str, str]]) -> list[str]:
     return lines
 
 
-def unrunnable(legs: Sequence[Leg]) -> list[tuple[str, str]]:
-    """Joints with which no plan is run, by name, and why."""
-    return [
-        (joint.name, "slides: plans for it can be made and are not run")
-        for leg in legs for joint in leg.joints if joint.slides
-    ]  # fmt: skip
+def _sliding(legs: Sequence[Leg]) -> list[tuple[str, str]]:
+    """Joints that slide, by name, and what that means."""
+    return [(joint.name, SLIDES) for leg in legs for joint in leg.joints if joint.slides]
 
 
 def _torque_doubts(legs: Sequence[Leg], body: Body) -> list[tuple[str, str]]:
