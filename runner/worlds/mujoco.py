@@ -100,6 +100,7 @@ class MujocoWorld(SimulatedWorld):
         spec.option.impratio = STIFF
         spec.body(self.body.base).add_freejoint()
         for geom in spec.geoms:
+            geom.density = 0.0  # or links without a mass in the file get one of their shapes
             geom.contype, geom.conaffinity = TERRAIN | ROBOT, ROBOT
         for first, second in apart:
             spec.add_exclude(bodyname1=first, bodyname2=second)
