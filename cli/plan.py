@@ -234,6 +234,8 @@ class PlanCourse:
 
     def _said(self, outcome: PlanOutcome, report: Report) -> Iterator[str]:
         """What people are told of a plan, below the table."""
+        from stancekit.planners.verify.report import LATE
+
         plan = outcome.plan
         assert plan is not None
         share = plan.provenance.get("friction_share", 1.0)
@@ -244,6 +246,8 @@ class PlanCourse:
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.goal_m:.0f} mm from the goal"
         yield from bent_lines(outcome.details)
         yield report.joints_message
+        if (at := outcome.message.find(LATE)) >= 0:
+            yield outcome.message[at:]
         if plan.modes is not None:
             terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"
             yield f"modes z: {row(plan.modes.tolist())}{terrain}"

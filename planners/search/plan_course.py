@@ -13,13 +13,14 @@ from dataclasses import replace
 
 from ..answer.outcome import Status
 from ..answer.plan import PlanOutcome
+from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..problem.course import Course
 from ..projection.support_margin import PRESSES
 from ..projection.whole_body_limits import WholeBodyLimits
 from ..robot.contact_robot import Sets, sets_of, with_sets
 from .answer import CoursePlanner
-from .friction_margin import SHARES, limited_to, plan_with_reserve, slippery
+from .friction_margin import SHARES, in_time, plan_with_reserve, slippery
 
 LayOut = Callable[[Sets], Course]
 """A function that lays a course out over the inner or the outer sets of the robot's legs."""
@@ -28,7 +29,7 @@ SEARCH = 0.75
 ALL_FRICTION = (1.0,)
 """Shares of the friction for a plan without a reserve."""
 UNPROVED = "no plan in the inner sets of the legs, and no proof in the outer ones that there is none"
-NO_TIME = "no plan in the inner sets of the legs, and the time limit ended before the outer ones were searched"
+NO_TIME = "no plan in the inner sets of the legs, and the time limit ended before the outer ones were search_end"
 
 
 def plan_course(
@@ -59,14 +60,18 @@ def plan_course(
         shares = SHARES if planner.name == "two-stage" else ALL_FRICTION
     if presses is None:
         presses = PRESSES if len(shares) > 1 else ()
-    searched = deadline
+    search_end = deadline
     if limits is not None and not math.isinf(deadline):
-        searched -= (1.0 - SEARCH) * max(deadline - time.perf_counter(), 0.0)
-    outcome = plan_with_reserve(planner, course, shares, presses, deadline=searched)
+        search_end -= (1.0 - SEARCH) * max(deadline - time.perf_counter(), 0.0)
+    outcome = plan_with_reserve(planner, course, shares, presses, deadline=search_end)
     if outcome.certificate is not None and course.robot.model is not None and sets_of(course.robot) != "outer":
-        outer = question("outer") if callable(question) else course
-        outer = replace(outer, robot=with_sets(outer.robot, "outer"))
-        outcome = _refuted(outcome, slippery(outer, shares[-1]), limited_to(planner, deadline))
+        try:
+            outer = question("outer") if callable(question) else course
+            outer = replace(outer, robot=with_sets(outer.robot, "outer"))
+        except InvalidInput as error:  # legs that nobody can measure
+            outcome = _undecided(outcome, f"{UNPROVED}: {error}")
+        else:
+            outcome = _refuted(outcome, slippery(outer, shares[-1]), in_time(planner, deadline))
     if limits is None or outcome.plan is None:
         return outcome
     from .whole_body_outcome import with_whole_body  # slow to import
@@ -79,5 +84,8 @@ def _refuted(inner: PlanOutcome, outer: Course, planner: CoursePlanner | None) -
     found = None if planner is None else planner.solve(outer)
     if found is not None and found.certificate is not None:
         return found
-    message = NO_TIME if found is None else UNPROVED
+    return _undecided(inner, NO_TIME if found is None else UNPROVED)
+
+
+def _undecided(inner: PlanOutcome, message: str) -> PlanOutcome:
     return replace(inner, status=Status.UNDECIDED, certificate=None, bound=math.nan, message=message, claim="")
