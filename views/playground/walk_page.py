@@ -11,7 +11,7 @@ import numpy as np
 
 from stancekit.planners.errors import InvalidInput, StancekitError
 from stancekit.planners.gait.trajectory_file import write_trajectory
-from stancekit.planners.verify.report import accepted_as_far
+from stancekit.planners.verify.report import acceptance_word
 
 from ..gaits import CELLS, GRID, GRID_M, GaitView
 from ..plans import GOAL
@@ -144,7 +144,7 @@ class WalkPage:
                 return
             title, text = "No walk", answer.message
             if answer.accepted and answer.report is not None:
-                word = accepted_as_far(answer.report.unchecked)
+                word = acceptance_word(answer.report.unchecked)
                 title, text = word.partition(":")[0].capitalize(), text.removeprefix(word).lstrip(":; ")
             self._say(GOOD if answer.accepted else ACCENT, title, text, took)
             if answer.trajectory is not None:
