@@ -67,7 +67,7 @@ class Demo:
         def at(name: str) -> str:
             return str(self.out / name)
 
-        terrain, robot = (_short(config_path(f"demo/{name}")) for name in ("stones.obj", "ant.yaml"))
+        terrain, robot = (_short(config_path(f"demo/{name}").resolve()) for name in ("stones.obj", "ant.yaml"))
         drawn = ("--count", "1", "--seed", str(SEED), "--out", at("posture.jsonl"))
         yield "draw three toes on two leaning walls", ("sample", "wall-3", *drawn)
         yield "decide, with a proof", ("solve", at("posture.jsonl"), "--certificate", "--out", at("answer.jsonl"))
