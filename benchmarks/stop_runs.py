@@ -30,12 +30,12 @@ from stancekit.cli.main import main as command
 from stancekit.planners.files.arrays import Array
 from stancekit.planners.robot import hexapod
 from stancekit.planners.robot.urdf import joint_names
+from stancekit.runner.emulators.bus_process import BusProcess
 from stancekit.runner.safety.latch import StopLatch
 from stancekit.runner.worlds.dynamixel.driver import DynamixelWorld
 from stancekit.runner.worlds.ros.driver import RosWorld
 from stancekit.runner.worlds.ros.setup import same_names
 from tests.emulators.bridge_process import BridgeProcess
-from tests.emulators.servo_bus import BusProcess
 
 SIGNALS = {name: getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1")}
 TERMINAL = ("key", "closed terminal", "lost line")

@@ -46,7 +46,14 @@ GENERATED = {
     "rosbridge_msgs": ("rosbridge/rosbridge_msgs", False),
 }
 """Message packages that Debian has not: their folder, and whether C++ wants them, too."""
-KNOWN = ("std_msgs", "sensor_msgs", "trajectory_msgs", "actionlib_msgs", "geometry_msgs", "diagnostic_msgs")
+KNOWN = (
+    "std_msgs",
+    "sensor_msgs",
+    "trajectory_msgs",
+    "actionlib_msgs",
+    "geometry_msgs",
+    "diagnostic_msgs",
+)
 PYTHON = "/usr/bin/python3"
 """Debian's, for which its packages are."""
 LIBRARIES = (
@@ -88,16 +95,32 @@ def fetched(into: Path, repository: str, branch: str, clones: Path | None) -> No
         return
     into.mkdir(parents=True)
     if clones is None:
-        _do("git", "clone", "-q", "--depth", "1", "-b", branch, f"https://github.com/{repository}", str(into))
+        _do(
+            "git",
+            "clone",
+            "-q",
+            "--depth",
+            "1",
+            "-b",
+            branch,
+            f"https://github.com/{repository}",
+            str(into),
+        )
         return
     clone = clones / repository.replace("/", "+") / "repo"
-    archive = subprocess.run(["git", "--git-dir", clone, "archive", branch], check=True, stdout=subprocess.PIPE).stdout
+    archive = subprocess.run(
+        ["git", "--git-dir", clone, "archive", branch], check=True, stdout=subprocess.PIPE
+    ).stdout
     subprocess.run(["tar", "x", "-C", into], check=True, input=archive)
 
 
 def generated(folder: Path, package: str, source: Path, cpp: bool) -> None:
     """Python modules, and headers, of a package's messages, services and actions."""
-    python, headers, actions = folder / "py" / package, folder / "include" / package, folder / "actions"
+    python, headers, actions = (
+        folder / "py" / package,
+        folder / "include" / package,
+        folder / "actions",
+    )
     include = [word for name in KNOWN for word in ("-I", f"{name}:/usr/share/{name}/msg")]
     include += ["-I", f"{package}:{source / 'msg'}", "-I", f"{package}:{actions / package}"]
     for each in sorted(source.glob("action/*.action")):
@@ -137,10 +160,19 @@ def compiled(folder: Path) -> None:
     text = states.read_text(encoding="utf-8")
     if "ros::Time::MIN" in text:  # Debian's rostime is older than the sources
         states.write_text(text.replace("ros::Time::MIN", "ros::Time()"), encoding="utf-8")
-    control = [sources / "ros_control" / each for each in ("hardware_interface", "controller_interface")]
+    control = [
+        sources / "ros_control" / each for each in ("hardware_interface", "controller_interface")
+    ]
     packages = [*control, sources / "ros_control/controller_manager", sources / "realtime_tools"]
-    packages += [controllers / each for each in ("joint_trajectory_controller", "joint_state_controller")]
-    folders = [HERE / "stub", Path("/usr/include/angles"), folder / "include", *(each / "include" for each in packages)]
+    packages += [
+        controllers / each for each in ("joint_trajectory_controller", "joint_state_controller")
+    ]
+    folders = [
+        HERE / "stub",
+        Path("/usr/include/angles"),
+        folder / "include",
+        *(each / "include" for each in packages),
+    ]
     manager = sources / "ros_control/controller_manager/src/controller_manager.cpp"
     include = [f"-I{each}" for each in folders]
     objects = []
@@ -149,7 +181,13 @@ def compiled(folder: Path) -> None:
         objects.append(str(made))
         if not made.exists() or made.stat().st_mtime < source.stat().st_mtime:
             _do("g++", "-std=c++17", "-O1", *include, "-c", str(source), "-o", str(made))
-    _do("g++", *objects, "-o", str(folder / "robot_hw"), *(f"-l{each}" for each in LIBRARIES.split()))
+    _do(
+        "g++",
+        *objects,
+        "-o",
+        str(folder / "robot_hw"),
+        *(f"-l{each}" for each in LIBRARIES.split()),
+    )
 
 
 def _do(*command: str) -> None:

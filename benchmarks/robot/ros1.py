@@ -196,7 +196,9 @@ def main(arguments: Arguments) -> None:
     """Run what is not there yet, and print the tables."""
     folder = arguments.folder.resolve()
     results = folder / "results.jsonl"
-    done = [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
+    done = (
+        [json.loads(line) for line in results.read_text().splitlines()] if results.exists() else []
+    )
     if not arguments.tell:
         plan = planned(folder)
         with ExitStack() as stack:
@@ -207,9 +209,14 @@ def main(arguments: Arguments) -> None:
             for index in range(arguments.count):
                 for case in [case for kind in arguments.kinds for case in CASES[kind]]:
                     wanted = not arguments.only or case.name in arguments.only
-                    if not wanted or any((row["case"], row["index"]) == (case.name, index) for row in done):
+                    if not wanted or any(
+                        (row["case"], row["index"]) == (case.name, index) for row in done
+                    ):
                         continue
-                    row = tried(robot, case, plan, arguments.rate_hz) | {"index": index, "load": os.getloadavg()[0]}
+                    row = tried(robot, case, plan, arguments.rate_hz) | {
+                        "index": index,
+                        "load": os.getloadavg()[0],
+                    }
                     done.append(row)
                     with results.open("a") as file:
                         file.write(json.dumps(row) + "\n")
@@ -225,27 +232,40 @@ def planned(folder: Path) -> Path:
         page = (ROOT / "docs" / "running-on-a-robot.md").read_text(encoding="utf-8")
         found = re.search(r"<!-- file: desk.yaml -->\n```yaml\n(.*?)```", page, re.DOTALL)
         assert found is not None
-        course = found[1].replace("frames: 6", "frames: 3").replace("goal_m: [0.10,", "goal_m: [0.04,")
+        course = (
+            found[1].replace("frames: 6", "frames: 3").replace("goal_m: [0.10,", "goal_m: [0.04,")
+        )
         (folder / "desk.yaml").write_text(course)
-        assert ended(forked(["plan", str(folder / "desk.yaml"), "--out", str(plan)], folder / "plan")) == 0
+        assert (
+            ended(forked(["plan", str(folder / "desk.yaml"), "--out", str(plan)], folder / "plan"))
+            == 0
+        )
     return plan
 
 
 def tried(robot: Robot, case: Case, plan: Path, rate_hz: float) -> dict[str, Any]:
     """One run, with a fresh robot and a fresh rosbridge."""
     names, start = start_of(plan)
-    order = np.random.default_rng(3).permutation(len(names)) if case.shuffled else np.arange(len(names))
+    order = (
+        np.random.default_rng(3).permutation(len(names)) if case.shuffled else np.arange(len(names))
+    )
     robot.end(*(robot.processes.keys() - {"master", "rosapi", "estop"}))
     motions = robot.folder / "motions.txt"
     motions.unlink(missing_ok=True)
     describe(case, [names[k] for k in order], start[order], motions, rate_hz)
     robot.start("robot", str(robot.folder / "robot_hw"), f"__ns:={case.namespace or '/'}")
-    robot.start("bridge", PYTHON, "rosbridge_websocket.py", "--address", "127.0.0.1", "--port", str(PORT))
+    robot.start(
+        "bridge", PYTHON, "rosbridge_websocket.py", "--address", "127.0.0.1", "--port", str(PORT)
+    )
     if case.rosapi and "rosapi" not in robot.processes:
         robot.start("rosapi", PYTHON, "rosapi_node")
     if not case.rosapi:
         robot.end("rosapi")
-    if "estop" not in robot.processes or case.estop != "regular" or robot.processes["estop"].poll() is not None:
+    if (
+        "estop" not in robot.processes
+        or case.estop != "regular"
+        or robot.processes["estop"].poll() is not None
+    ):
         robot.end("estop")
         robot.node("estop", "estop", case.estop)
     robot.tell("estop", "release") if case.estop == "regular" else None
@@ -324,7 +344,12 @@ def acted(robot: Robot, case: Case, host: int, motions: Path) -> float | None:
 
 
 def judged(
-    case: Case, code: int, times_s: tuple[float, float | None, float], motions: Path, order: Array, folder: Path
+    case: Case,
+    code: int,
+    times_s: tuple[float, float | None, float],
+    motions: Path,
+    order: Array,
+    folder: Path,
 ) -> dict[str, Any]:
     """What came of it, by the joints' own log."""
     began_s, acted_s, over_s = times_s
@@ -359,7 +384,9 @@ def why(errors: str, output: str) -> str:
 
 def table(cases: Sequence[Case], done: Sequence[dict[str, Any]]) -> str:
     """One line per case."""
-    lines = ["| case | runs | exit | fastest [rad/s] | at rest after [s] | moved after [rad] | off [rad] | says |"]
+    lines = [
+        "| case | runs | exit | fastest [rad/s] | at rest after [s] | moved after [rad] | off [rad] | says |"
+    ]
     lines.append("|---|---|---|---|---|---|---|---|")
     for case in cases:
         found = [row for row in done if row["case"] == case.name]
@@ -378,14 +405,24 @@ def table(cases: Sequence[Case], done: Sequence[dict[str, Any]]) -> str:
         lines.append(f"| {' | '.join(map(str, columns))} |")
     ours = [row for row in done if row["case"] in {case.name for case in cases}]
     limit = Servo().velocity_rad_s
-    quiet = [row for row in ours if not row["said"] and row["exit"] >= 0 and row["case"] not in FOREIGN]
+    quiet = [
+        row for row in ours if not row["said"] and row["exit"] >= 0 and row["case"] not in FOREIGN
+    ]
     bad = {
         f"faster than {limit:g} rad/s": sum(row["fastest"] > limit for row in ours),
         "moved after a report that does not say so": sum(row["after"] > LEAST_RAD for row in quiet),
-        f"exit 0 more than {GOAL_RAD:g} rad off": sum((row["off"] or 0.0) > GOAL_RAD for row in ours),
+        f"exit 0 more than {GOAL_RAD:g} rad off": sum(
+            (row["off"] or 0.0) > GOAL_RAD for row in ours
+        ),
         "another exit code than expected": sum(not row["right"] for row in ours),
     }
-    return "\n".join([*lines, "", f"{len(ours)} runs: " + "; ".join(f"{count} {what}" for what, count in bad.items())])
+    return "\n".join(
+        [
+            *lines,
+            "",
+            f"{len(ours)} runs: " + "; ".join(f"{count} {what}" for what, count in bad.items()),
+        ]
+    )
 
 
 FOREIGN = {"another client's goal", "another client's stream"}
@@ -438,7 +475,11 @@ def rows(motions: Path) -> Array:
     """The joints' log: time, fastest, angles, shape (N, 2 + J)."""
     text = motions.read_text().splitlines()[:-1] if motions.exists() else []
     found = [[float(word) for word in line.split()] for line in text]
-    return np.array([row for row in found if len(row) == len(found[-1])]) if found else np.zeros((0, 26))
+    return (
+        np.array([row for row in found if len(row) == len(found[-1])])
+        if found
+        else np.zeros((0, 26))
+    )
 
 
 def grown(motions: Path) -> None:

@@ -23,7 +23,14 @@ import numpy as np
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.server import ServerConnection, serve
 
-from .rosbridge_protocol import Client, cancel_wrong, fields_wrong, goal_wrong, operation_wrong, path_wrong
+from .rosbridge_protocol import (
+    Client,
+    cancel_wrong,
+    fields_wrong,
+    goal_wrong,
+    operation_wrong,
+    path_wrong,
+)
 from .trajectory_controller import INVALID_JOINTS, Controller, Task
 
 FAULTS = (
@@ -74,7 +81,12 @@ class RosBridge:
         self.errors: list[str] = []
         self.received: list[dict[str, Any]] = []
         self._other, self._period_s, self._one_thread = list(other), 1.0 / rate_hz, one_thread
-        self._estop, self._rosapi, self._stamps, self._epoch_s = estop, rosapi, stamps, EPOCH_S + clock_s
+        self._estop, self._rosapi, self._stamps, self._epoch_s = (
+            estop,
+            rosapi,
+            stamps,
+            EPOCH_S + clock_s,
+        )
         self._accepting = dict[str, float]()  # goals of ROS 1 that came, and when they are accepted
         self._thaw_s, self._second_s, self._regular_s, self._phase = 0.0, 0.0, 0.0, 0
         self._nanos = "nanosec" if ros == 2 else "nsecs"
@@ -84,7 +96,9 @@ class RosBridge:
         self._due: list[tuple[float, str]] = []
         self._faults: set[str] = set()
         self._statuses: list[dict[str, Any]] = []
-        self._server = serve(self._serve, "127.0.0.1", port, logger=logging.Logger("quiet", logging.CRITICAL))
+        self._server = serve(
+            self._serve, "127.0.0.1", port, logger=logging.Logger("quiet", logging.CRITICAL)
+        )
         self.port = int(self._server.socket.getsockname()[1])
         self.robot.now_s = self._ticked_s = time.monotonic()
         self.robot.stop()
@@ -161,12 +175,18 @@ class RosBridge:
     def _refuse(self, client: Client, message: Any, why: str) -> None:
         with self._lock:
             self.errors.append(why)
-        self._say(client, {"op": "status", "level": "error", "msg": why} | ({} if message is None else {"id": message}))
+        self._say(
+            client,
+            {"op": "status", "level": "error", "msg": why}
+            | ({} if message is None else {"id": message}),
+        )
 
     def _advertise(self, client: Client, message: dict[str, Any]) -> None:
         slashes = message["type"].count("/")
         if slashes != (2 if self.ros == 2 else 1):
-            self._refuse(client, message.get("id"), f"{message['topic']}: unknown type {message['type']}")
+            self._refuse(
+                client, message.get("id"), f"{message['topic']}: unknown type {message['type']}"
+            )
         client.advertised.setdefault(message["topic"], time.monotonic())
 
     def _unadvertise(self, client: Client, message: dict[str, Any]) -> None: ...
@@ -180,7 +200,10 @@ class RosBridge:
         with self._lock:
             client.topics.add(topic)
             if topic == "/e_stop" and self._estop == "latched":
-                self._say(client, {"op": "publish", "topic": topic, "msg": {"data": "e-stop" in self._faults}})
+                self._say(
+                    client,
+                    {"op": "publish", "topic": topic, "msg": {"data": "e-stop" in self._faults}},
+                )
 
     def _unsubscribe(self, client: Client, message: dict[str, Any]) -> None:
         with self._lock:
@@ -188,7 +211,9 @@ class RosBridge:
 
     def _publish(self, client: Client, message: dict[str, Any]) -> None:
         """What comes before the topic has its subscribers waits for them."""
-        since_s = time.monotonic() - client.advertised.setdefault(message["topic"], time.monotonic())
+        since_s = time.monotonic() - client.advertised.setdefault(
+            message["topic"], time.monotonic()
+        )
         if since_s < CONNECT_S:
             threading.Timer(CONNECT_S - since_s, self._published, (client, message)).start()
         else:
@@ -225,7 +250,11 @@ class RosBridge:
                 self._finished1(told, status, INVALID_JOINTS if status == "rejected" else 0)
 
     def _call_service(self, client: Client, message: dict[str, Any]) -> None:
-        if self.ros == 2 and message["service"] == f"{self.controller}/follow_joint_trajectory/_action/cancel_goal":
+        if (
+            self.ros == 2
+            and message["service"]
+            == f"{self.controller}/follow_joint_trajectory/_action/cancel_goal"
+        ):
             self._cancel_goal(client, message)
             return
         values = self._service(message["service"], message.get("args", {}))
@@ -241,7 +270,9 @@ class RosBridge:
         if service == "/controller_manager/switch_controller":
             with self._lock:
                 self.log.append(("switch", time.monotonic()))
-                self.robot.on = bool(request.get("activate_controllers") or request.get("start_controllers"))
+                self.robot.on = bool(
+                    request.get("activate_controllers") or request.get("start_controllers")
+                )
                 self.robot.stop()
             return {"ok": True}
         if service == "/controller_manager/list_controllers":
@@ -269,8 +300,17 @@ class RosBridge:
         """The controller, as its manager lists it."""
         name, on = self.controller.rsplit("/", 1)[-1], self.robot.on
         if self.ros == 1:
-            resources = [{"hardware_interface": "PositionJointInterface", "resources": list(self.robot.names)}]
-            return {"name": name, "state": "running" if on else "stopped", "claimed_resources": resources}
+            resources = [
+                {
+                    "hardware_interface": "PositionJointInterface",
+                    "resources": list(self.robot.names),
+                }
+            ]
+            return {
+                "name": name,
+                "state": "running" if on else "stopped",
+                "claimed_resources": resources,
+            }
         interfaces = [f"{joint}/position" for joint in self.robot.names]
         claimed = interfaces if on else []
         return {
@@ -289,7 +329,12 @@ class RosBridge:
             going = [{"goal_id": {"uuid": [0] * 16}}] if self._running else []
             self._cancel("")
         values = {"return_code": 0, "goals_canceling": going}
-        answer = {"op": "service_response", "service": message["service"], "values": values, "result": True}
+        answer = {
+            "op": "service_response",
+            "service": message["service"],
+            "values": values,
+            "result": True,
+        }
         self._say(client, answer | ({"id": message["id"]} if "id" in message else {}))
 
     def _send_action_goal(self, client: Client, message: dict[str, Any]) -> None:
@@ -311,7 +356,11 @@ class RosBridge:
             self._running.pop(told, None)
             how, code = task.ended or ("aborted", 0)
             values = {"error_code": code, "error_string": ""}
-            self._say(client, head | {"op": "action_result", "values": values, "status": ENDS2[how], "result": True})
+            self._say(
+                client,
+                head
+                | {"op": "action_result", "values": values, "status": ENDS2[how], "result": True},
+            )
 
         if self._one_thread:
             run()
@@ -356,14 +405,23 @@ class RosBridge:
 
     def _finished1(self, message: str, how: str, code: int) -> None:
         """A result of actionlib, and the final status that stays in the list."""
-        status = {"goal_id": {"id": message, "stamp": {"secs": 0, "nsecs": 0}}, "status": ENDS1[how]}
+        status = {
+            "goal_id": {"id": message, "stamp": {"secs": 0, "nsecs": 0}},
+            "status": ENDS1[how],
+        }
         self._statuses = [*self._statuses[-4:], status]
         action = f"{self.controller}/follow_joint_trajectory"
-        self._tell(f"{action}/result", {"status": status, "result": {"error_code": code, "error_string": ""}})
+        self._tell(
+            f"{action}/result",
+            {"status": status, "result": {"error_code": code, "error_string": ""}},
+        )
 
     def _say(self, client: Client, message: Any) -> None:
         if "silent" not in self._faults:
-            client.say(message, max(time.monotonic() + (0.5 if "delay" in self._faults else 0.0), self._thaw_s))
+            client.say(
+                message,
+                max(time.monotonic() + (0.5 if "delay" in self._faults else 0.0), self._thaw_s),
+            )
 
     def _header(self) -> dict[str, Any]:
         """With the robot's time, or 0."""
@@ -415,9 +473,16 @@ class RosBridge:
             point = (self.robot.position + 0.3 * np.sin(0.5 * self._phase)).tolist()
             whole = "sec" if self.ros == 2 else "secs"
             after = {whole: 0, self._nanos: 60_000_000}
-            path = {"joint_names": names, "points": [{"positions": point, "time_from_start": after}]}
+            path = {
+                "joint_names": names,
+                "points": [{"positions": point, "time_from_start": after}],
+            }
             self.robot.load(path, self._nanos, self._epoch_s)
-        if self._estop == "regular" and now > self._regular_s + 0.5 and "e-stop gone" not in self._faults:
+        if (
+            self._estop == "regular"
+            and now > self._regular_s + 0.5
+            and "e-stop gone" not in self._faults
+        ):
             self._regular_s = now
             self._tell("/e_stop", {"data": "e-stop" in self._faults})
 
@@ -441,15 +506,25 @@ class RosBridge:
             positions[0] = None
         if "half a message" in self._faults:
             positions = positions[: len(positions) // 2]
-        said = {"name": names, "position": positions, "velocity": [*robot.rate.tolist(), *rest], "effort": []}
+        said = {
+            "name": names,
+            "position": positions,
+            "velocity": [*robot.rate.tolist(), *rest],
+            "effort": [],
+        }
         self._tell("/joint_states", self._header() | said)
         if robot.on:
             state = self._header() | self._feedback()
-            self._tell(f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}", state)
+            self._tell(
+                f"{self.controller}/{'controller_state' if self.ros == 2 else 'state'}", state
+            )
         if self.ros == 1:
             going = [{"goal_id": {"id": each}, "status": 0} for each in self._accepting]
             going += [{"goal_id": {"id": each}, "status": 1} for each in self._running]
-            self._tell(f"{self.controller}/follow_joint_trajectory/status", {"status_list": [*going, *self._statuses]})
+            self._tell(
+                f"{self.controller}/follow_joint_trajectory/status",
+                {"status_list": [*going, *self._statuses]},
+            )
         if "e-stop" in self._faults:
             self._tell("/e_stop", {"data": True})
         if "not json" in self._faults:

@@ -24,7 +24,9 @@ MANAGED: dict[str, Any] = {"controller_manager": "/controller_manager"}
 
 
 def world_of(bridge: RosBridge, **settings: Any) -> RosWorld:
-    return RosWorld(ROBOT, same_names(JOINTS, port=bridge.port, **(QUICK | {"ros": bridge.ros} | settings)))
+    return RosWorld(
+        ROBOT, same_names(JOINTS, port=bridge.port, **(QUICK | {"ros": bridge.ros} | settings))
+    )
 
 
 def stream(world: RosWorld, steps: int = 400, speed_rad_s: float = 0.5) -> None:
@@ -41,12 +43,16 @@ def moved_rad(bridge: RosBridge, since: list[float]) -> float:
 def test_zeros_of_a_second_publisher_arm_nothing_and_stop_what_moves(ros: Ros, kind: str) -> None:
     with RosBridge(JOINTS, START, ros=ros) as bridge, world_of(bridge) as world:
         bridge.inject("zeros")
-        with pytest.raises(InvalidInput, match=r"/joint_states: \w+: measured .* faster than .* two publishers\?"):
+        with pytest.raises(
+            InvalidInput, match=r"/joint_states: \w+: measured .* faster than .* two publishers\?"
+        ):
             reset(world)
         assert commands(bridge) == []
     with armed(ros) as (bridge, world):
         bridge.inject(kind, 0.3)
-        with pytest.raises(HardwareFault, match=r"/joint_states: \w+: measured .* two publishers\?"):
+        with pytest.raises(
+            HardwareFault, match=r"/joint_states: \w+: measured .* two publishers\?"
+        ):
             stream(world)
         assert not world.armed
 
@@ -78,7 +84,9 @@ def test_a_rosbridge_that_freezes_delivers_nothing_late_that_moves_the_robot(
             assert "stream" not in since
 
 
-def test_without_stamps_the_report_says_that_commands_may_still_come(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_stamps_the_report_says_that_commands_may_still_come(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(rosbridge, "FROZEN_S", 2.5)
     with (
         RosBridge(JOINTS, START, ros=2, stamps=False) as bridge,
@@ -115,7 +123,10 @@ def test_after_a_stop_of_a_robot_that_is_heard_nothing_is_pending() -> None:
 def test_an_e_stop_that_is_heard_or_published_lets_a_robot_be_armed(
     estop: Any, rosapi: bool, how: Any, why: str
 ) -> None:
-    with RosBridge(JOINTS, START, ros=1, estop=estop, rosapi=rosapi) as bridge, world_of(bridge) as world:
+    with (
+        RosBridge(JOINTS, START, ros=1, estop=estop, rosapi=rosapi) as bridge,
+        world_of(bridge) as world,
+    ):
         world.estop = how
         reset(world)
         world.torque(True)
@@ -125,14 +136,25 @@ def test_an_e_stop_that_is_heard_or_published_lets_a_robot_be_armed(
 @pytest.mark.parametrize(
     ("estop", "rosapi", "why"),
     [
-        ("none", True, "nobody publishes it; press and release it with --try-estop, or do without: --without-estop"),
-        ("none", False, "nothing heard, and no rosapi to ask who publishes it; press and release it with --try-estop"),
+        (
+            "none",
+            True,
+            "nobody publishes it; press and release it with --try-estop, or do without: --without-estop",
+        ),
+        (
+            "none",
+            False,
+            "nothing heard, and no rosapi to ask who publishes it; press and release it with --try-estop",
+        ),
         ("quiet", False, "nothing heard, and no rosapi to ask"),
         ("other type", True, "expected std_msgs/Bool, it is std_msgs/Int8"),
     ],
 )
 def test_an_e_stop_that_nobody_hears_arms_nothing(estop: Any, rosapi: bool, why: str) -> None:
-    with RosBridge(JOINTS, START, ros=1, estop=estop, rosapi=rosapi) as bridge, world_of(bridge) as world:
+    with (
+        RosBridge(JOINTS, START, ros=1, estop=estop, rosapi=rosapi) as bridge,
+        world_of(bridge) as world,
+    ):
         reset(world)
         with pytest.raises(InvalidInput, match=f"e-stop /e_stop: {why}"):
             world.torque(True)
@@ -148,7 +170,10 @@ def test_an_e_stop_that_loses_its_publisher_stops_the_robot() -> None:
 
 
 def test_an_e_stop_is_tried_by_pressing_and_releasing_it() -> None:
-    with RosBridge(JOINTS, START, ros=1, estop="regular", rosapi=False) as bridge, world_of(bridge) as world:
+    with (
+        RosBridge(JOINTS, START, ros=1, estop="regular", rosapi=False) as bridge,
+        world_of(bridge) as world,
+    ):
         world.estop = "try"
         reset(world)
         bridge.inject("e-stop", 0.2)
@@ -185,7 +210,9 @@ def test_after_torque_off_a_run_starts_again(ros: Ros) -> None:
             assert bridge.robot.on
         with world_of(bridge) as other:
             world.relax()
-            with pytest.raises(InvalidInput, match=r"says that it is (stopped|inactive); start it, or name"):
+            with pytest.raises(
+                InvalidInput, match=r"says that it is (stopped|inactive); start it, or name"
+            ):
                 reset(other)
 
 
@@ -196,7 +223,9 @@ def test_after_torque_off_a_run_starts_again(ros: Ros) -> None:
         (2, 1, "its stamps are those of ROS 2: ros: 2 in the setup"),
     ],
 )
-def test_ros_1_where_2_is_set_up_and_the_reverse_are_one_line(there: Ros, said: Ros, why: str) -> None:
+def test_ros_1_where_2_is_set_up_and_the_reverse_are_one_line(
+    there: Ros, said: Ros, why: str
+) -> None:
     with RosBridge(JOINTS, START, ros=there) as bridge, world_of(bridge, ros=said) as world:
         with pytest.raises(InvalidInput, match=why):
             reset(world)
@@ -206,13 +235,21 @@ def test_ros_1_where_2_is_set_up_and_the_reverse_are_one_line(there: Ros, said: 
 def test_another_client_is_named_before_and_after_arming() -> None:
     with armed(1) as (bridge, world):
         bridge.inject("other client", 0.3)
-        with pytest.raises(HardwareFault, match=r"the controller wants .* which was not sent: another client\?"):
+        with pytest.raises(
+            HardwareFault, match=r"the controller wants .* which was not sent: another client\?"
+        ):
             stream(world)
 
 
 @pytest.mark.parametrize(
     "settings",
-    [{"rate_hz": 10.0}, {"stamps": False}, {"clock_s": -2.0}, {"rosapi": False}, {"other": ("wheel",)}],
+    [
+        {"rate_hz": 10.0},
+        {"stamps": False},
+        {"clock_s": -2.0},
+        {"rosapi": False},
+        {"other": ("wheel",)},
+    ],
 )
 def test_odd_robots_are_armed_and_move(settings: dict[str, Any]) -> None:
     with RosBridge(JOINTS, START, ros=1, **settings) as bridge, world_of(bridge) as world:

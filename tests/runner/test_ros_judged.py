@@ -42,11 +42,19 @@ def states(clock: Clock) -> JointStates:
 
 def message(hip: float, knee: float, at_s: float = 0.0) -> dict[str, Any]:
     stamp = {"sec": int(at_s), "nanosec": round(1e9 * (at_s - int(at_s)))}
-    return {"header": {"stamp": stamp}, "name": list(JOINTS), "position": [hip, knee], "velocity": [0.0, 0.0]}
+    return {
+        "header": {"stamp": stamp},
+        "name": list(JOINTS),
+        "position": [hip, knee],
+        "velocity": [0.0, 0.0],
+    }
 
 
 def state(actual: list[float], desired: list[float], at_s: float) -> dict[str, Any]:
-    points = {"actual": {"positions": actual, "velocities": [0.0, 0.0]}, "desired": {"positions": desired}}
+    points = {
+        "actual": {"positions": actual, "velocities": [0.0, 0.0]},
+        "desired": {"positions": desired},
+    }
     return {"header": message(0.0, 0.0, at_s)["header"], "joint_names": list(JOINTS)} | points
 
 
@@ -58,7 +66,9 @@ def test_a_joint_that_jumps_is_refused_by_name_and_what_was_measured_stays(
         clock.now += 0.02
         states.take(message(0.1, 1.6, clock.now if stamped else 0.0))
     clock.now += 0.01
-    with pytest.raises(InvalidInput, match=r"knee: measured 0.000 rad 10 ms after 1.600, .*two publishers\?"):
+    with pytest.raises(
+        InvalidInput, match=r"knee: measured 0.000 rad 10 ms after 1.600, .*two publishers\?"
+    ):
         states.take(message(0.0, 0.0, clock.now if stamped else 0.0))
     np.testing.assert_allclose(states.read()[0], [0.1, 1.6])
 
@@ -69,12 +79,16 @@ def test_a_joint_at_its_greatest_speed_is_believed_also_when_messages_come_in_bu
 ) -> None:
     for k in range(100):
         sent_s = 100.0 + 0.01 * k
-        clock.now = 100.0 + 0.05 * np.ceil(0.2 * k) + 1e-4 * (k % 5)  # five at once, as a busy machine gives them
+        clock.now = (
+            100.0 + 0.05 * np.ceil(0.2 * k) + 1e-4 * (k % 5)
+        )  # five at once, as a busy machine gives them
         states.take(message(4.0 * 0.01 * k, -4.0 * 0.01 * k, sent_s if stamped else 0.0))
     assert states.read()[0][0] == pytest.approx(3.96)
 
 
-def test_joints_that_are_not_the_robots_may_have_no_positions_and_are_left_alone(states: JointStates) -> None:
+def test_joints_that_are_not_the_robots_may_have_no_positions_and_are_left_alone(
+    states: JointStates,
+) -> None:
     states.take({"name": ["left_wheel", "right_wheel"], "velocity": [1.0, 1.0]})
     states.take({"name": ["finger"], "position": [None]})
     assert states.others == {"left_wheel", "right_wheel", "finger"}
@@ -110,7 +124,9 @@ def test_measurements_of_moving_joints_may_differ_by_what_they_turn_in_between(
         assert known.trouble() is None
 
 
-def test_a_controller_that_wants_what_nobody_sent_follows_somebody_else(states: JointStates, clock: Clock) -> None:
+def test_a_controller_that_wants_what_nobody_sent_follows_somebody_else(
+    states: JointStates, clock: Clock
+) -> None:
     known = ControllerState(Mapping(same_names(JOINTS), JOINTS), JOINTS, states)
     known.take(state([0.0, 0.0], [0.0, 0.0], clock.now))
     for k in range(100):
@@ -121,7 +137,10 @@ def test_a_controller_that_wants_what_nobody_sent_follows_somebody_else(states: 
     for _ in range(FOREIGN):
         clock.now += 0.02
         known.take(state([1.0, 0.0], [1.0, 0.2], clock.now))
-    assert known.trouble() == "knee: the controller wants 0.200 rad, which was not sent: another client?"
+    assert (
+        known.trouble()
+        == "knee: the controller wants 0.200 rad, which was not sent: another client?"
+    )
     known.forget()
     assert known.trouble() is None
 
@@ -137,9 +156,14 @@ def test_a_controller_that_moves_joints_is_busy(states: JointStates) -> None:
 
 
 @pytest.mark.parametrize("names", [("reference", "feedback"), ("desired", "actual")])
-def test_states_of_every_version_are_understood(states: JointStates, names: tuple[str, str]) -> None:
+def test_states_of_every_version_are_understood(
+    states: JointStates, names: tuple[str, str]
+) -> None:
     known = ControllerState(Mapping(same_names(JOINTS), JOINTS), JOINTS, states)
-    points = {names[0]: {"positions": [0.0, 0.0], "velocities": [0.0, 1.0]}, names[1]: {"positions": []}}
+    points = {
+        names[0]: {"positions": [0.0, 0.0], "velocities": [0.0, 1.0]},
+        names[1]: {"positions": []},
+    }
     known.take({"joint_names": list(JOINTS)} | points)
     assert known.names == JOINTS
     assert known.busy() is not None
