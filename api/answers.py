@@ -8,6 +8,7 @@ from stancekit.envs.data.dataset import Dataset
 from stancekit.learners.data.labelling import RecheckReport, recheck
 from stancekit.planners.answer.outcome import Certificate, Posture
 from stancekit.planners.answer.plan import Plan
+from stancekit.planners.arguments import checked
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.gait.trajectory import Trajectory
 from stancekit.planners.problem import PostureProblem
@@ -15,8 +16,6 @@ from stancekit.planners.problem.course import Course
 from stancekit.planners.verify import CertificateReport, Report, check_certificate, check_plan, check_posture
 from stancekit.planners.verify import explain as _explain
 from stancekit.planners.verify.trajectories import GaitReport, check_trajectory
-
-from .arguments import checked
 
 explain = checked(_explain)
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
 from stancekit.planners.answer.plan import PlanOutcome
+from stancekit.planners.arguments import checked
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.problem import PostureProblem
@@ -19,8 +21,6 @@ from stancekit.planners.search.answer import CoursePlanner
 from stancekit.planners.search.friction_margin import plan_with_reserve
 from stancekit.planners.search.methods import PlannerOptions, Relaxation, make_course_planner
 
-from .arguments import checked
-
 
 @checked
 def plan(
@@ -32,7 +32,7 @@ def plan(
     reserve: bool = True,
     relaxation: Relaxation | None = None,
     envelopes: EnvelopeSet | Modes | None = None,
-    projection: Projection = "scp",
+    projection: Projection | None = None,
     torque_nm: float | None = None,
     torque_share: float = 0.9,
     clearance_m: float = 0.005,
@@ -52,8 +52,8 @@ def plan(
             YAML file only.
         reserve: plan with 80 % of the friction where that has a plan, else 90 %, else all of it; two-stage only.
         relaxation, envelopes: first stage of two-stage: the lift, or learned boxes, or modes that it switches between.
-        projection: second stage of two-stage and micp: "scp", "fix-p", "fix-toes", "fix-f", "nlp", the name of one that
-            a package registered under ``stancekit.projections``, or "FILE.py:NAME".
+        projection: second stage of two-stage and micp: "scp" (where None), "fix-p", "fix-toes", "fix-f", "nlp", the
+            name of one that a package registered under ``stancekit.projections``, or "FILE.py:NAME".
         torque_nm: no joint is to take more, whatever it has [Nm]; None: what the robot's own file says, if it has one.
         torque_share: a plan that asks for more torque than there is is bent until this share of it is enough.
         clearance_m: where links go through each other or the terrain, at key frames or between them, a plan is bent
@@ -85,12 +85,12 @@ def plan(
         raise InvalidInput(f"frames: expected none with a course that is laid out, of {course.frames}, got {frames}")
     limits = WholeBodyLimits(torque_nm=torque_nm, share=torque_share, clearance_m=clearance_m)
     chosen = planner
+    options = PlannerOptions(relaxation=relaxation, envelopes=envelopes, projection=projection)
     if isinstance(chosen, str):
-        options = PlannerOptions(
-            relaxation=relaxation, envelopes=envelopes, projection=projection, time_limit_s=time_limit_s,
-            programs=Programs(engine=engine),
-        )  # fmt: skip
-        chosen = make_course_planner(chosen, options)
+        programs = Programs(engine=engine)
+        chosen = make_course_planner(chosen, replace(options, time_limit_s=time_limit_s, programs=programs))
+    else:
+        options.check_used("a planner that was made before", ())
     outcome = plan_with_reserve(chosen, course) if reserve and planner == "two-stage" else chosen.solve(course)
     if outcome.plan is None:
         return outcome

@@ -26,6 +26,7 @@ from stancekit.envs.data.ledger import Header, LabelPlan, Shard
 from stancekit.envs.data.summary import Summary, finite
 from stancekit.envs.distributions.postures import Distribution
 from stancekit.planners.answer.outcome import Status
+from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.equilibrium.scaled import Scaled
 from stancekit.planners.errors import InvalidInput
 from stancekit.planners.files.writing import write_bytes
@@ -126,7 +127,10 @@ def label(
             progress(Progress(shards_done=len(done), shards=plan.shards, rows=rows, drawn=drawn, rate=rate))
 
     report()
-    tasks = [partial(label_shard, header, source, shard, draws_per_row, proposers) for shard in there.missing]
+    programs = Programs()  # one for all shards of this call; a worker process writes its own
+    tasks = [
+        partial(label_shard, header, source, shard, draws_per_row, proposers, programs) for shard in there.missing
+    ]
     for shard in (run or processes(workers))(tasks):
         ledger.write_shard(folder, shard.table, shard.tally, shard.timing)
         done[shard.tally.shard] = shard.tally

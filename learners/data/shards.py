@@ -5,7 +5,6 @@ A block is decided together because that is cheaper, and for no other reason: wh
 
 from __future__ import annotations
 
-import functools
 import logging
 import math
 import time
@@ -61,12 +60,20 @@ def _stream(plan: LabelPlan, shard: int) -> np.random.Generator:
 
 
 def label_shard(
-    header: Header, source: Distribution, shard: int, draws_per_row: int, proposers: Proposer | None = None
+    header: Header,
+    source: Distribution,
+    shard: int,
+    draws_per_row: int,
+    proposers: Proposer | None = None,
+    programs: Programs | None = None,
 ) -> Shard:
-    """Draw one shard until its quotas are full, block by block; no row depends on where a block begins."""
+    """Draw one shard until its quotas are full, block by block; no row depends on where a block begins.
+
+    programs: those of the shards before, in this process; no row depends on them.
+    """
     begin, plan = time.process_time(), header.plan
     np.empty(KEPT_BYTES, dtype=np.uint8)  # or the arrays of a block would come anew from the system, step by step
-    labeller = _Labeller(plan, shard, proposers)
+    labeller = _Labeller(plan, shard, proposers, programs or Programs())
     limit, rng = draws_per_row * labeller.wanted, _stream(plan, shard)
     while labeller.missing:
         most = min(limit, BARREN) if labeller.barren else limit
@@ -98,7 +105,7 @@ class _Labeller:
     kept: rows so far; drawn: the kind of every sample so far; solve_ms: what each took, of a block its share.
     """
 
-    def __init__(self, plan: LabelPlan, shard: int, proposers: Proposer | None) -> None:
+    def __init__(self, plan: LabelPlan, shard: int, proposers: Proposer | None, programs: Programs) -> None:
         self._plan, self._shard = plan, shard
         self._room = Counter(dict(zip(("feasible", "infeasible"), plan.quota(shard), strict=True)))
         self.wanted = self._room.total()
@@ -107,7 +114,7 @@ class _Labeller:
         self.solve_ms: list[float] = []
         acceptance = Acceptance(tolerance=plan.tolerance, gap=plan.gap)
         self._exact = ExactPlanner(
-            acceptance=acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, programs=_programs(),
+            acceptance=acceptance, max_nodes=plan.max_nodes, time_limit_s=math.inf, programs=programs,
             proposers=proposers,
         )  # fmt: skip
 
@@ -183,9 +190,3 @@ def _kind(outcome: Outcome) -> str:
     """The label, "trivial" set apart."""
     trivial = outcome.status is Status.INFEASIBLE and outcome.details["trivial"] > 0.0
     return "trivial" if trivial else str(outcome.status)
-
-
-@functools.cache
-def _programs() -> Programs:
-    """The programs of this process, for all of its shards: no answer depends on what was solved before."""
-    return Programs()
