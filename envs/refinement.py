@@ -20,8 +20,6 @@ from stancekit.planners.files.arrays import Array, checked_int
 from stancekit.planners.projection.project import PROJECTIONS, Projection
 from stancekit.planners.search.answer import Acceptance
 from stancekit.planners.search.spatial_branch_and_bound import BoxSearch
-from stancekit.views.postures import draw_posture
-from stancekit.views.sheet import to_rgb
 
 from .episodes import check_options, checked_render_mode, checked_seed
 from .sampling import MAX_DRAWS
@@ -190,6 +188,9 @@ class EnvelopeRefinementEnv(gym.Env[Observation, np.int64]):
         """Draw the scene with the current box, or with the posture where one was found."""
         if self._search is None or self._scene is None:
             raise gym.error.ResetNeeded("reset the environment before rendering")
+        from stancekit.views.postures import draw_posture
+        from stancekit.views.sheet import to_rgb
+
         search = self._search
         words = {Status.FEASIBLE: "a posture was found", Status.INFEASIBLE: "there is proved to be none"}
         state = words.get(search.verdict, f"{search.open} boxes are open")

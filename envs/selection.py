@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from stancekit.planners.answer.outcome import Posture
 from stancekit.planners.arguments import settings_from
 from stancekit.planners.relaxation.envelope import Envelope
-from stancekit.views.postures import draw_posture
-from stancekit.views.sheet import to_rgb
 
 from .episodes import check_options, checked_render_mode, checked_seed
 from .scene_sources import Problem
@@ -164,6 +162,9 @@ class EnvelopeSelectionEnv(gym.Env[dict[str, NDArray[np.float32]], NDArray[np.fl
 
 def picture(scene: Scene, posture: Posture | None = None, envelope: Envelope | None = None) -> NDArray[np.uint8]:
     """The pixels of a scene, with the envelope chosen for it and the posture that P2 found in that."""
+    from stancekit.views.postures import draw_posture
+    from stancekit.views.sheet import to_rgb
+
     label = "feasible" if scene.feasible else "infeasible"
     why = "no posture chosen yet" if envelope is None else "P2 found no posture from this envelope"
     return to_rgb(draw_posture(scene.problem, posture, envelope=envelope, caption=f"expert: {label}", why=why))

@@ -31,6 +31,7 @@ from stancekit.planners.files.validation import shown
 from .episodes import check_options, checked_mask, checked_render_mode, checked_seed
 from .scene_sources import Problem
 from .scenes import Scene, all_seen
+from .selection import picture
 from .selection_task import SelectionOptions, SelectionSettings, SelectionTask
 
 Observation = dict[str, NDArray[np.float32]]
@@ -227,8 +228,6 @@ class _Batch:
 
     def render(self, _: None) -> list[NDArray[np.uint8]]:
         """Draw every scene that there is."""
-        from .selection import picture  # matplotlib takes a while to load
-
         return [picture(scene) for scene in self._at]
 
     def state(self, _: None) -> bytes:

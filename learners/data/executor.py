@@ -147,8 +147,9 @@ def _pooled(workers: int, tasks: Sequence[Task[Answer]]) -> Iterator[Answer]:
 
 
 def _ray() -> Any:
-    """Ray, which else prints what it has to say of its nodes on standard output, where the results belong."""
+    """Ray, kept from printing on standard output, where the results belong, and from logging what its errors say."""
     os.environ.setdefault("RAY_DEDUP_LOGS_SKIP_REGEX", ".*")
+    os.environ.setdefault("RAY_BACKEND_LOG_LEVEL", "fatal")
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     try:
         import ray
@@ -168,7 +169,7 @@ def _connect(ray: Any, address: str) -> None:
         options |= {"include_dashboard": False, "_node_ip_address": "127.0.0.2"}  # Ray replaces 127.0.0.1
     try:
         ray.init(**options)
-    except (RuntimeError, ValueError, OSError, ray.exceptions.RayError) as error:
+    except Exception as error:  # of a node that does not start Ray raises a plain Exception
         line = (str(error) or type(error).__name__).splitlines()[0]
         raise ClusterGone(f"address: expected a Ray cluster at {address!r}: {line}") from None
 

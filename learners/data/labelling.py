@@ -111,6 +111,7 @@ def label(
     if source is not None and source.name != plan.distribution:
         raise InvalidInput(f"distribution: expected the planned {plan.distribution!r}, got {source.name!r}")
     folder, source = Path(path), source or planned(plan)
+    ledger.check_arrow()
     if plan.proposers != (None if proposers is None else proposers.digest):
         raise InvalidInput("proposers: expected those whose digest is planned")
     if proposers is not None:

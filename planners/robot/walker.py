@@ -17,10 +17,9 @@ import numpy as np
 from ..errors import InvalidInput
 from ..files.arrays import Array
 from ..files.documents import read_yaml
-from ..files.validation import shown
 from .contact_robot import contact_robot, standing_toes
 from .polytope import Polytope
-from .robot_file import YAML, model_of_keys, named_robot, read_keys
+from .robot_file import YAML, model_of_keys, named_robot, read_keys, robot_path, unknown
 from .robot_model import RobotModel
 from .single_body import DEEPEST, Foot, GaitRobot, anymal, half_sides, hexapod_walker
 from .solids import shape_points, solid_shapes
@@ -37,11 +36,11 @@ UP.setflags(write=False)
 
 
 def named_walker(name: str | Path) -> GaitRobot:
-    """The walker of a built-in name, a ``.urdf`` file, or a ``.yaml`` file that names one or has a walker's numbers.
+    """The walker of a name, a ``.urdf`` file, or a ``.yaml`` file that names one or has a walker's numbers.
 
     Raises InvalidInput, in one line, for anything else.
     """
-    path = Path(name)
+    path = robot_path(name)
     if path.suffix in YAML:
         data = read_yaml(path)
         if isinstance(data, dict) and "urdf" not in data:
@@ -54,7 +53,7 @@ def named_walker(name: str | Path) -> GaitRobot:
         return walker_of(named_robot(path))
     if str(name) in BUILT_IN:
         return BUILT_IN[str(name)]()
-    raise InvalidInput(f"robot: expected {', '.join(BUILT_IN)} or a robot's file, got {shown(str(name))}")
+    raise unknown(name, tuple(BUILT_IN))
 
 
 def walker_of(

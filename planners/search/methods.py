@@ -61,11 +61,15 @@ class PlannerOptions:
     def __post_init__(self) -> None:
         checked_choice(self.solver, "solver", get_args(Solver))
         checked_choice(self.envelope_use, "envelope_use", get_args(EnvelopeUse))
-        check_numbers(self, above=("time_limit_s",), least=("gap",))
+        check_numbers(self, least=("time_limit_s", "gap"))
         if self.relaxation is not None:
             checked_choice(self.relaxation, "relaxation", RELAXATIONS)
         if self.projection is not None:
             PROJECTIONS.get(self.projection)
+
+    def limit(self, default_s: float) -> float:
+        """The time limit, or this one where none was given [s]."""
+        return default_s if self.time_limit_s is None else self.time_limit_s
 
     def check_used(self, by: str, taken: tuple[str, ...]) -> None:
         """Raise InvalidInput for an option that was given and that a method does not take.
@@ -92,7 +96,7 @@ def _exact(options: PlannerOptions) -> Planner:
     from .exact import ExactPlanner
 
     return ExactPlanner(
-        acceptance=options.acceptance, time_limit_s=options.time_limit_s or POSTURE_LIMIT_S, programs=options.programs
+        acceptance=options.acceptance, time_limit_s=options.limit(POSTURE_LIMIT_S), programs=options.programs
     )
 
 
@@ -121,7 +125,7 @@ def _staged(options: PlannerOptions, envelopes: EnvelopeSet | None, projection: 
 def _nlp(options: PlannerOptions) -> Planner:
     from .nlp import NlpPlanner
 
-    limit_s = options.time_limit_s or POSTURE_LIMIT_S
+    limit_s = options.limit(POSTURE_LIMIT_S)
     return NlpPlanner(acceptance=options.acceptance, time_limit_s=limit_s, programs=options.programs)
 
 
@@ -134,7 +138,7 @@ def _micp(options: PlannerOptions) -> Planner:
         raise InvalidInput(f"envelope: expected one envelope for micp, got {len(boxes.envelopes)}")
     return MicpPlanner(
         solver=options.solver, grid=Grid(intervals=options.intervals), envelope=boxes,
-        time_limit_s=options.time_limit_s or POSTURE_LIMIT_S, acceptance=options.acceptance, programs=options.programs,
+        time_limit_s=options.limit(POSTURE_LIMIT_S), acceptance=options.acceptance, programs=options.programs,
     )  # fmt: skip
 
 
@@ -144,13 +148,13 @@ def _course_two_stage(options: PlannerOptions) -> CoursePlanner:
         from .enveloped import EnvelopeCoursePlanner
 
         return EnvelopeCoursePlanner(
-            options.envelopes, projection=projection, time_limit_s=options.time_limit_s or COURSE_LIMIT_S,
+            options.envelopes, projection=projection, time_limit_s=options.limit(COURSE_LIMIT_S),
             acceptance=options.acceptance, programs=options.programs,
         )  # fmt: skip
     from .two_stage import TwoStageCoursePlanner
 
     return TwoStageCoursePlanner(
-        projection=projection, time_limit_s=options.time_limit_s or COURSE_LIMIT_S, acceptance=options.acceptance,
+        projection=projection, time_limit_s=options.limit(COURSE_LIMIT_S), acceptance=options.acceptance,
         programs=options.programs,
     )  # fmt: skip
 
@@ -165,14 +169,14 @@ def _course_micp(options: PlannerOptions) -> CoursePlanner:
     return MicpPlanner(
         solver=options.solver, grid=Grid(intervals=options.intervals, envelope_use=options.envelope_use),
         envelope=options.envelopes, gap=options.gap, projection=options.projection or "scp",
-        time_limit_s=options.time_limit_s or COURSE_LIMIT_S, acceptance=options.acceptance, programs=options.programs,
+        time_limit_s=options.limit(COURSE_LIMIT_S), acceptance=options.acceptance, programs=options.programs,
     )  # fmt: skip
 
 
 def _course_nlp(options: PlannerOptions) -> CoursePlanner:
     from .nlp import NlpPlanner
 
-    limit_s = options.time_limit_s or COURSE_LIMIT_S
+    limit_s = options.limit(COURSE_LIMIT_S)
     return NlpPlanner(time_limit_s=limit_s, acceptance=options.acceptance, programs=options.programs)
 
 
@@ -186,7 +190,7 @@ def _course_exact(options: PlannerOptions) -> CoursePlanner:
     from .exact import ExactCoursePlanner
 
     return ExactCoursePlanner(
-        gap=1e-3 if options.gap is None else options.gap, time_limit_s=options.time_limit_s or COURSE_LIMIT_S,
+        gap=1e-3 if options.gap is None else options.gap, time_limit_s=options.limit(COURSE_LIMIT_S),
         acceptance=options.acceptance, programs=options.programs,
     )  # fmt: skip
 
@@ -265,16 +269,28 @@ def make_course_planner(name: str, options: PlannerOptions = PlannerOptions()) -
         return make(options)
     from .verified import VerifiedCoursePlanner
 
+    whole_s = options.limit(COURSE_LIMIT_S)
+
+    def remake(limit_s: float) -> CoursePlanner:
+        return make(_copied(replace(options, time_limit_s=min(limit_s, whole_s)), whole_s))
+
     with foreign(f"planner {name}"):
-        planner = make(_copied(options, COURSE_LIMIT_S))
-    return VerifiedCoursePlanner(planner, name, options.acceptance)
+        planner = remake(whole_s)
+    return VerifiedCoursePlanner(planner, name, options.acceptance, remake)
+
+
+def verified(planner: CoursePlanner) -> CoursePlanner:
+    """The planner, which answers through the verifier unless it is the package's own."""
+    if type(planner).__module__.startswith("stancekit."):
+        return planner
+    from .verified import VerifiedCoursePlanner
+
+    return VerifiedCoursePlanner(planner, str(getattr(planner, "name", type(planner).__name__)), Acceptance())
 
 
 def _copied(options: PlannerOptions, limit_s: float) -> PlannerOptions:
     """Options for a planner from elsewhere, which may write to what it is given; with a time limit always."""
-    return replace(
-        options, acceptance=replace(options.acceptance), time_limit_s=options.time_limit_s or limit_s
-    )
+    return replace(options, acceptance=replace(options.acceptance), time_limit_s=options.limit(limit_s))
 
 
 def _is_own(make: Callable[[PlannerOptions], object]) -> bool:

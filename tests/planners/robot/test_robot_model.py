@@ -319,5 +319,6 @@ def test_names_that_are_no_robots_are_refused() -> None:
     with pytest.raises(InvalidInput) as caught:
         named_robot("centipede")
     assert str(caught.value) == (
-        "robot: expected hexapod, a .urdf file, or a .yaml file that names one, got 'centipede'"
+        "robot: expected hexapod, a1, aliengo, anymal_b, anymal_c, b1, go1, go2, hyq, laikago, solo12, spirit40, "
+        "vision60, a .urdf file, or a .yaml file that names one, got 'centipede'"
     )
