@@ -50,7 +50,7 @@ class RewardWeights:
     tightness: float = 0.1
 
     def __post_init__(self) -> None:
-        check_numbers(self, "weights.", finite=self.__dataclass_fields__)
+        check_numbers(self, finite=self.__dataclass_fields__)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

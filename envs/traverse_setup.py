@@ -75,7 +75,7 @@ class TraverseWeights:
     second: float = 0.1
 
     def __post_init__(self) -> None:
-        check_numbers(self, "weights.", finite=self.__dataclass_fields__)
+        check_numbers(self, finite=self.__dataclass_fields__)
 
 
 def path_length_m(course: Course) -> float:

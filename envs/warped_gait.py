@@ -51,7 +51,7 @@ class GaitRewardWeights:
     seconds: float = 0.0
 
     def __post_init__(self) -> None:
-        check_numbers(self, "weights.", finite=self.__dataclass_fields__)
+        check_numbers(self, finite=self.__dataclass_fields__)
 
 
 class GaitOptions(TypedDict, total=False):

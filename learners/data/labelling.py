@@ -108,6 +108,7 @@ def label(
     draws_per_row: a shard gives up after this many draws a row. proposers: those whose digest is planned.
     Raises InvalidInput where the folder holds another data set, LabellingFailed where a shard gives up.
     """
+    execute = run or processes(workers)
     if source is not None and source.name != plan.distribution:
         raise InvalidInput(f"distribution: expected the planned {plan.distribution!r}, got {source.name!r}")
     folder, source = Path(path), source or planned(plan)
@@ -132,7 +133,7 @@ def label(
     tasks = [
         partial(label_shard, header, source, shard, draws_per_row, proposers, programs) for shard in there.missing
     ]
-    for shard in (run or processes(workers))(tasks):
+    for shard in execute(tasks):
         ledger.write_shard(folder, shard.table, shard.tally, shard.timing)
         done[shard.tally.shard] = shard.tally
         report()
