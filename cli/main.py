@@ -46,7 +46,7 @@ VERBS = {
     "evaluate": "Evaluate", "picture": "Picture", "export": "Export", "plan": "PlanCourse", "play": "Play",
     "simulate": "Simulate",
     "terrain": "ShowTerrain", "run": "Run", "replay": "Replay", "emulate": "Emulate", "robot": "Robot",
-    "warp": "Warp", "gait": "Gait", "bench": "Bench", "demo": "Demo",
+    "warp": "Warp", "gait": "Gait", "bench": "Bench", "demo": "Demo", "about": "About",
 }  # fmt: skip
 """The class of every verb, in the module of the verb's name, which is imported when it is asked for."""
 

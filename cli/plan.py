@@ -113,7 +113,7 @@ class PlanCourse:
     picture: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE")] = None
     """Picture of the plan: .png, .pdf or .svg."""
     video: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.mp4")] = None
-    """Film of the plan's motion (extras mujoco and viz, and a GL library)."""
+    """Film of the plan's motion (extra film, and a GL library)."""
     html: Annotated[OptionalPath, tyro.conf.arg(metavar="FILE.html")] = None
     """Page in three dimensions that a browser opens from disk, without a network (extra viz)."""
     json: bool = False
@@ -244,6 +244,8 @@ class PlanCourse:
         yield f"verifier: {report.message}; the last key frame is {1e3 * report.goal_m:.0f} mm from the goal"
         yield from bent_lines(outcome.details)
         yield report.joints_message
+        if (model := plan.course.robot.model) is not None:
+            yield from (f"cannot be run: {line}" for line in model.unrunnable)
         if plan.modes is not None:
             terrain = "" if plan.course.modes is None else f"; of the terrain: {row(plan.course.modes)}"
             yield f"modes z: {row(plan.modes.tolist())}{terrain}"
@@ -271,5 +273,7 @@ class PlanCourse:
             arrays = plan_arrays(outcome.plan).items()
             record["verdict"] = report.to_json()
             record["plan"] = {name: None if array is None else array.tolist() for name, array in arrays}
+            model = outcome.plan.course.robot.model
+            record["cannot_run"] = [] if model is None else list(model.unrunnable)
             record["files"] = [str(path) for path in self._outputs()]
         return record

@@ -88,23 +88,20 @@ def questions() -> Iterator[Question]:
             yield Question(name=f"flat-{frames}-{friction:g}", expected="feasible", keys=_flat(frames, friction))
     for gait in ("all", "wave"):
         yield Question(name=f"gait-{gait}", expected="feasible", keys=_flat(3, 0.6) | {"gait": gait})
-    for height_m in (0.50, 0.55, 0.62, 0.7):
-        yield Question(name=f"high-{height_m:g}", expected="infeasible", keys=_flat(2, 0.6, height_m))
-    for stride_m in (0.02, 0.04):
-        keys = _flat(3, 0.6) | {"steps": {"com_m": 0.3, "progress_m": 0.06 + stride_m}, "body": NARROW}
-        goal_m = [0.12 + stride_m, 0.0, 0.2]
-        yield Question(name=f"far-{stride_m:g}", expected="infeasible", keys=keys | {"goal_m": goal_m})
-    for height_m, expected in ((0.48, "feasible"), (0.5, "feasible"), (0.52, "feasible")):
-        yield Question(name=f"dog-{height_m:g}", expected=expected, keys=_dog(height_m))
-    for height_m in (0.56, 0.57, 0.58, 0.59):
-        yield Question(name=f"dog-{height_m:g}", expected="undecided", keys=_dog(height_m))
-    for height_m in (0.64, 0.66, 0.7):
-        yield Question(name=f"dog-{height_m:g}", expected="infeasible", keys=_dog(height_m))
+    for frames in (2, 3):
+        for friction in (0.05, 0.1, 0.15):
+            yield Question(name=f"slick-{frames}-{friction:g}", expected="infeasible", keys=_walls(frames, friction))
+    yield Question(name="walls", expected="feasible", keys=_walls(3, 1.0))
+    for expected, heights_m in (
+        ("feasible", (0.48, 0.5)), ("undecided", (0.52, 0.56, 0.57, 0.58)), ("infeasible", (0.6, 0.62, 0.64, 0.66)),
+    ):  # fmt: skip
+        for height_m in heights_m:
+            yield Question(name=f"dog-{height_m:g}", expected=expected, keys=_dog(height_m))
     for torque_nm in (0.5, 1.0):
         yield Question(
             name=f"weak-{torque_nm:g}", expected="undecided", keys=_flat(2, 0.6), torque_nm=torque_nm
         )  # fmt: skip
-    for number, problem in enumerate(stancekit.sample("wall-3", 9, rng=7)):
+    for number, problem in enumerate(stancekit.sample("wall-3", 8, rng=7)):
         yield Question(name=f"wall-{number}", expected="", posture=problem)
     for number, problem in enumerate(stancekit.sample("ground-3", 9, rng=7)):
         yield Question(name=f"ground-{number}", expected="", posture=problem)
@@ -114,6 +111,14 @@ def _flat(frames: int, friction: float, height_m: float = 0.2) -> dict[str, Any]
     return {
         "frames": frames, "gait": "tripod", "start_m": [0.0, 0.0, height_m], "goal_m": [0.06, 0.0, height_m],
         "terrain": {"kind": "flat", "friction": friction},
+    }  # fmt: skip
+
+
+def _walls(frames: int, friction: float) -> dict[str, Any]:
+    return {
+        "frames": frames, "gait": "tripod", "start_m": [0.0, 0.0, 0.2], "goal_m": [0.0, 0.0, 0.55], "stride_m": 0.05,
+        "stance": {"outward_m": 0.08, "down_m": 0.0}, "candidates": {"count": 1, "window_m": 0.26, "margin_m": 0.02},
+        "terrain": {"kind": "walls", "friction": friction, "apart_m": 0.38},
     }  # fmt: skip
 
 

@@ -1,7 +1,7 @@
 """Draws the pictures of docs/images with the commands that README and its pages give for them.
 
-They are in the repository, since README shows them where nothing is built; every build draws them anew, so that they
-show what the code draws today. By hand: python docs/extensions/pictures.py
+They are in the repository, since README shows them where nothing is built. A build draws those anew that are older
+than the code. By hand: python docs/extensions/pictures.py [NAME ...]
 """
 
 from __future__ import annotations
@@ -30,6 +30,13 @@ BROWSER = {"playground.png"}
 """Those for which a browser is needed; without one they stay as they are."""
 
 
+def stale(name: str, folder: Path = IMAGES) -> bool:
+    """Whether a picture is older than some file of the code that draws it."""
+    code = (path for part in ("planners", "views", "cli", "configs") for path in (ROOT / part).rglob("*.*"))
+    newest = max(path.stat().st_mtime for path in code if path.suffix in (".py", ".yaml"))
+    return not (folder / name).exists() or (folder / name).stat().st_mtime < newest
+
+
 def draw(name: str, folder: Path = IMAGES) -> str:
     """Draw one picture into a folder, whole or not at all; the command's complaint where it fails, else empty."""
     with tempfile.TemporaryDirectory() as work:
@@ -48,13 +55,13 @@ def draw(name: str, folder: Path = IMAGES) -> str:
 
 
 def write(_: Sphinx) -> None:
-    """Draw all of them; a command that fails is a warning, which fails the build."""
+    """Draw those that are older than the code; a command that fails is a warning, which fails the build."""
     from sphinx.util import logging
 
     from tests.emulators.chromium import CHROMIUM
 
     logger = logging.getLogger(__name__)
-    for name in PICTURES:
+    for name in filter(stale, PICTURES):
         if name in BROWSER and not CHROMIUM:
             logger.info("%s: no browser to draw it with: left as it is", name)
         elif failed := draw(name):

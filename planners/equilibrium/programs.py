@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
 from types import MappingProxyType
@@ -66,3 +67,18 @@ class Programs:
             if len(self._kept) > self._most:
                 self._kept.popitem(last=False)
         return cast(T, made)
+
+
+class _Thread(threading.local):
+    """What each thread has for itself."""
+
+    def __init__(self) -> None:
+        self.programs = Programs()
+
+
+_THREAD = _Thread()
+
+
+def programs_of_this_thread() -> Programs:
+    """The programs of the thread that asks: for tasks in a worker process, which come one by one and are alike."""
+    return _THREAD.programs

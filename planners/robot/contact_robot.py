@@ -31,8 +31,10 @@ SAME_M = 1e-12
 def contact_robot(robot: RobotModel, workspaces: Sequence[Workspace], sets: Sets = "inner") -> Robot:
     """The robot with its body's origin at its centre of mass, which is taken to stay where it is as it stands.
 
-    Raises InvalidInput for a leg whose foot is larger than its inner set.
+    Raises InvalidInput for a leg whose foot is larger than its inner set, and where a person has to say first
+    what a leg touches with, or which way is up.
     """
+    robot.check_known()
     limbs = tuple(_limb(*each, robot.body.com_m, sets) for each in zip(robot.legs, workspaces, strict=True))
     return Robot(name=robot.name, mass_kg=robot.body.mass_kg, limbs=limbs, model=robot)
 

@@ -13,6 +13,7 @@ from ..errors import InvalidInput
 from ..files.documents import read_text, read_yaml
 from ..files.validation import shown, validated
 from .catalogue import catalogue, provided
+from .contacts import Contact
 from .legged import legged_model
 from .model import hexapod
 from .robot_model import RobotModel, model_of
@@ -22,14 +23,27 @@ BUILT_IN = ("hexapod",)
 YAML = (".yaml", ".yml")
 
 
+class ContactKeys(BaseModel):
+    """What a foot touches with, in its link's frame: a point, or a ball about it."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    point_m: tuple[Number, Number, Number] = (0.0, 0.0, 0.0)
+    radius_m: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0
+
+    def contact(self) -> Contact:
+        """The same as the planners have it."""
+        return Contact(point_m=np.array(self.point_m), radius_m=self.radius_m)
+
+
 class RobotKeys(BaseModel):
     """The keys of a robot's YAML file; paths are from its folder, or from the provider's folder of robots.
 
     provider: an installed package that has the URDF, example-robot-data or pybullet. urdf: the robot. srdf: pairs
     of links that may touch, and a posture to stand in. packages: folders where ``package://`` names lead. name: in
-    place of the URDF's. feet: the links that are feet, by the names that their legs shall have, or a list. joints:
-    corrections by name or pattern. posture_rad: to stand in, by name or pattern. root_rpy_rad: how the URDF's root
-    lies in a frame whose z points up, where its own does not.
+    place of the URDF's. feet: the links that are feet, by the names that their legs shall have, or a list. contacts:
+    what a foot touches with where it is no ball: point_m in its link, and radius_m of a ball about that, by foot, leg
+    or pattern. joints: corrections by name or pattern. posture_rad: to stand in, by name or pattern. root_rpy_rad: how
+    the URDF's root lies in a frame whose z points up, where its own does not.
 
     For walks: trunk_half_m, half sides of the trunk's box in place of its shapes'; ceiling_m, how high above the centre
     of mass a foot may be; inner_m, how far a foot stays from the planes half way to the others [m].
@@ -46,6 +60,7 @@ class RobotKeys(BaseModel):
     packages: list[str] = []
     name: str = ""
     feet: Annotated[dict[str, str] | list[str], Field(union_mode="left_to_right")] = {}
+    contacts: dict[str, ContactKeys] = {}
     joints: dict[str, JointCorrection] = {}
     posture_rad: Annotated[dict[str, Number] | list[Number], Field(union_mode="left_to_right")] = {}
     root_rpy_rad: tuple[Number, Number, Number] | None = None
@@ -111,7 +126,8 @@ def model_of_keys(keys: RobotKeys, path: Path, srdf: str | Path | None = None) -
             return model_of(
                 text, where=str(urdf), folder=urdf.parent.resolve(),
                 packages=[(folder / each).resolve() for each in keys.packages],
-                srdf=stands, feet=keys.feet, joints=keys.joints, name=keys.name, root_rpy_rad=keys.root_rpy_rad or (),
+                srdf=stands, feet=keys.feet, contacts={name: each.contact() for name, each in keys.contacts.items()},
+                joints=keys.joints, name=keys.name, root_rpy_rad=keys.root_rpy_rad or (),
                 posture_rad=keys.posture_rad if isinstance(keys.posture_rad, dict) else None,
             )  # fmt: skip
 

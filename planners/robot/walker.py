@@ -27,6 +27,8 @@ from .workspace import Workspace
 from .workspace_cache import workspaces_of
 
 BUILT_IN = {"anymal": anymal, "hexapod": hexapod_walker}
+LEGS = (4, 6)
+"""Numbers of legs that there are gaits for (``gait.variables.phases.GAITS``)."""
 ROOM = 0.05
 """Of the leg's length: a foot stands so far inside what it reaches, or farther."""
 CROUCHES = 101
@@ -70,9 +72,14 @@ def walker_of(
     box, shape (3,) [m]; of the shapes that no leg carries where not given. ceiling_m: how high above the centre of mass
     a foot may be; inner_m: how far a foot stays from the planes half way to the others [m]. Where a foot has no room
     about it as the model stands, the walker stands a little lower, and its feet where they are.
-    Raises InvalidInput for a leg without a workspace, or whose foot has no room about it at any height, and for a robot
-    of less than three feet, or without a trunk.
+    Raises InvalidInput for a leg without a workspace, or whose foot has no room about it at any height, for a robot
+    without a trunk, and for one that no gait is for.
     """
+    if len(model.legs) not in LEGS:
+        raise InvalidInput(
+            f"robot {model.name}: expected four or six legs for a walk, got {len(model.legs)}: walks of bipeds and of "
+            "eight legs are not planned yet, key frames are (stancekit plan)"
+        )
     measured = workspaces_of(model) if workspaces is None else workspaces
     toes = standing_toes(model)
     inner = list[Polytope]()

@@ -197,7 +197,7 @@ def _measured(measured: TrajectoryMeasurements, limits: Limits, *, body: bool) -
 def _unasked(trajectory: Trajectory) -> dict[str, str]:
     """Groups of which a trajectory does not say what is asked for, and what it does not say."""
     found = dict[str, str]()
-    if trajectory.heading_rad is None:
+    if trajectory.heading_rad is None and trajectory.heading_end_rad is None:
         found["heading"] = "no heading is asked for"
     if not all(trajectory.still):
         found |= dict.fromkeys(("rest", "rest_acceleration"), "it is not asked to be at rest at both ends")

@@ -232,7 +232,7 @@ class Servos:
 
     def _watchdogs(self) -> None:
         late = self._torque & (self.now - self.heard_s > self._watch_s) & self.powered
-        for index in np.flatnonzero(late):
+        for index in np.flatnonzero(late).tolist():
             self.profile[index] = self.goal[index] = self.position[index]
             self.tripped_s[index] = self.now
             self._put(index, 98, TRIPPED)
@@ -257,9 +257,9 @@ class Servos:
             drives & (np.abs(self.current) >= 0.98 * self._most_a) & (np.abs(self.rate) < 0.05)
         )
         self.at_limit_s = np.where(pressing, self.at_limit_s + PHYSICS_S, 0.0)
-        for index in np.flatnonzero(self.at_limit_s > OVERLOAD_S):
+        for index in np.flatnonzero(self.at_limit_s > OVERLOAD_S).tolist():
             if self.get(index, 63) & OVERLOAD:
-                self.fail(int(index), OVERLOAD)
+                self.fail(index, OVERLOAD)
                 self.overloaded_s[index], self.at_limit_s[index], self._torque[index] = (
                     self.now,
                     0.0,

@@ -14,6 +14,8 @@ BLAMED = 3
 """So many silent servos are named before the search for more ends: each takes 34 ms."""
 LATE_MS = 125.0
 """Latency for which an answer is waited, twice over, when it is asked whether answers are late."""
+CALM_S = 0.15
+"""So long nothing may come before a servo is asked how long it takes to answer."""
 BABBLE = "bytes come without end, though nobody was asked: is another program, or a faulty servo, on the bus?"
 
 
@@ -35,11 +37,11 @@ def blame(bus: ServoBus, address: int, size: int) -> NoReturn:
         if result != SOUND:
             silent.append(index)
         if len(silent) == BLAMED:
-            _late(bus, silent[0])
+            late(bus, silent[0])
             names = ", ".join(bus.label(i) for i in silent)
             raise HardwareFault(f"{names}: no answer, maybe more of them; has the bus power?")
     if silent:
-        _late(bus, silent[0])
+        late(bus, silent[0])
         names = ", ".join(bus.label(i) for i in silent)
         raise HardwareFault(f"{names}: no answer; is it connected and powered?")
     _one_by_one(bus, address, size)
@@ -59,7 +61,6 @@ def unanswered(bus: ServoBus, silent: Sequence[int]) -> NoReturn:
     Where nobody answers, other baud rates are tried. Raises InvalidInput where the calibration file is to be changed,
     HardwareFault else.
     """
-    _late(bus, silent[0])
     damaged = next((index for index in silent[:BLAMED] if _pinged(bus, index) == CORRUPT), None)
     if damaged is not None:
         raise HardwareFault(
@@ -99,8 +100,12 @@ def _pinged(bus: ServoBus, index: int) -> int:
     return result
 
 
-def _late(bus: ServoBus, index: int) -> None:
-    """Raise HardwareFault where a silent servo does answer, but later than the port waits."""
+def late(bus: ServoBus, index: int) -> None:
+    """Raise HardwareFault where a silent servo does answer, but later than the port waits.
+
+    To be asked before many more pings wait for their answers.
+    """
+    bus.calm(CALM_S)
     _, result, took_s = bus.reach(index, LATE_MS)
     took_ms, allowed_ms = 1e3 * took_s, 2.0 * bus.latency_ms
     if result == SOUND and took_ms > allowed_ms:

@@ -312,8 +312,10 @@ class DynamixelWorld(HardwareWorld):
 
         A measurement that cannot be true is asked for once more, after a pause. Raises HardwareFault.
         """
+        before = self.bus.retried
         rows = self.bus.read_all(table.INDIRECT_DATA.address, table.WATCHED_BYTES)
-        if (doubt := self._doubt(rows)).why:
+        once = self.bus.retried == before  # no question is open whose answer may have been taken for this one
+        if (doubt := self._doubt(rows, calm=once)).why:
             self.bus.retried += 1
             self.bus.calm(CALM_S if doubt.late else 1e-3 * self.bus.latency_ms)
             rows = self.bus.read_all(table.INDIRECT_DATA.address, table.WATCHED_BYTES)

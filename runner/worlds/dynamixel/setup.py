@@ -9,7 +9,7 @@ from stancekit.planners.errors import HardwareFault, InvalidInput
 
 from . import control_table as table
 from .bus import ServoBus, listed, unsigned
-from .diagnosis import BABBLE, unanswered
+from .diagnosis import BABBLE, late, unanswered
 
 ROUNDS = 3
 """How often a setting that did not arrive is written."""
@@ -24,7 +24,11 @@ def check_servos(bus: ServoBus, model: table.Model) -> None:
     if not bus.listen():
         raise HardwareFault(f"port {bus.port}: {BABBLE}")
     count = len(bus.ids)
-    numbers = [bus.ping(i) for i in range(count)]
+    numbers = list[int | None]()
+    for index in range(count):
+        numbers.append(bus.ping(index))
+        if numbers.count(None) == 1 and numbers[-1] is None:
+            late(bus, index)
     silent = [i for i, number in enumerate(numbers) if number is None]
     if silent:
         unanswered(bus, silent)
