@@ -173,14 +173,13 @@ class OwnDistribution:
         except InvalidInput as error:
             raise InvalidInput(f"distribution {self.name}: {error}") from None
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        if of_file(self._thing):
-            return _unpacked, (packed(self._thing), self.name)
-        return OwnDistribution, (self._thing, self.name)
+    def __getstate__(self) -> dict[str, Any]:
+        packs = of_file(self._thing)
+        return {**self.__dict__, "_thing": packed(self._thing)} if packs else self.__dict__
 
-
-def _unpacked(thing: bytes, name: str) -> OwnDistribution:
-    return OwnDistribution(pickle.loads(thing), name)
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        thing = state["_thing"]
+        self.__dict__.update(state, _thing=pickle.loads(thing) if isinstance(thing, bytes) else thing)
 
 
 class _Yaml(BaseModel):
