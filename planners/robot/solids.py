@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from ..files.arrays import Array
+from .meshes import read_mesh
 from .shapes import Shape
 
 if TYPE_CHECKING:
@@ -92,11 +93,8 @@ def surface_points(points: Array, apart_m: float) -> Array:
 def _mesh_points(shape: Shape) -> Array | None:
     if shape.mesh is None or shape.mesh.stat().st_size > HEAVIEST_MESH:
         return None
-    try:
-        import coal
-
-        loaded = coal.MeshLoader().load(str(shape.mesh), np.array(shape.size_m))
-        points = np.array(loaded.vertices(), dtype=np.float64)
-    except Exception:  # what assimp meets
+    mesh = read_mesh(shape.mesh, shape.size_m)
+    if mesh is None:
         return None
+    points = mesh.vertices_m
     return points[:: 1 + len(points) // MOST_POINTS] if len(points) > 3 else None
