@@ -163,7 +163,7 @@ def parse_xml(content: str | bytes, root: str, *, deepest: int = DEEPEST) -> Ele
     try:
         parser.Parse(content.encode() if isinstance(content, str) else content, True)
         return ElementTree.fromstring(content)
-    except (ExpatError, ElementTree.ParseError, ValueError, LookupError) as error:  # unknown encodings, halves of letters
+    except (ExpatError, ElementTree.ParseError, ValueError, LookupError) as error:  # encodings, halves of letters
         raise InvalidInput(str(error)) from None
 
 

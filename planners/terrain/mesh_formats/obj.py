@@ -8,13 +8,17 @@ from .numbers import Surface, blocks, broken, fans, reals, wholes
 
 
 def read_obj(content: bytes, most: int) -> Surface:
-    """Vertices and faces, counted from 1 or, below 0, back from the last vertex before the face. Raises InvalidInput."""
+    """Vertices and faces, counted from 1 or, below 0, back from the last vertex. Raises InvalidInput."""
     if b"\\" in content:
         content = content.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
     corners, triangles = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int_)]
     before, left = 0, most
     for block in blocks(content, rb"[\r\n]"):
-        lines = [parts for parts in map(bytes.split, block.splitlines()) if parts and parts[0] in (b"v", b"f")]
+        lines = [
+            parts
+            for parts in map(bytes.split, block.splitlines())
+            if parts and parts[0] in (b"v", b"f")
+        ]
         points = [parts[1:4] for parts in lines if parts[0] == b"v"]
         if any(len(point) < 3 for point in points):
             raise broken("expected three coordinates per vertex")

@@ -49,7 +49,9 @@ class _Element:
     def xyz(self) -> list[int]:
         """The numbers of the columns x, y and z. Raises InvalidInput unless each is there, and none is a list."""
         names = [each.name for each in self.properties]
-        if any(each.length for each in self.properties) or not all(names.count(axis) == 1 for axis in (b"x", b"y", b"z")):
+        if any(each.length for each in self.properties) or not all(
+            names.count(axis) == 1 for axis in (b"x", b"y", b"z")
+        ):
             raise broken("expected vertices of numbers, x, y and z among them")
         return [names.index(axis) for axis in (b"x", b"y", b"z")]
 
@@ -65,15 +67,25 @@ class _Element:
 def read_ply(content: bytes, most: int = MOST_TRIANGLES) -> Surface:
     """Vertices and faces, none where the file has none. Raises InvalidInput."""
     order, elements, start = _header(content)
+    check_count(sum(element.count for element in elements if element.name == b"face"), most)
     lines = [line for line in content[start:].splitlines() if line.strip()] if not order else []
     corners, triangles, at = None, np.zeros((0, 3), dtype=np.int_), 0 if not order else start
     for element in elements:
-        if element.count > (len(content) - at) // max(element.least, 1) if order else element.count > len(lines) - at:
-            raise broken(f"its header declares {element.count} of {element.name.decode()}, more than it has bytes for")
+        if (
+            element.count > (len(content) - at) // max(element.least, 1)
+            if order
+            else element.count > len(lines) - at
+        ):
+            raise broken(
+                f"its header declares {element.count} of {element.name.decode()}, more than it has bytes for"
+            )
         if element.name == b"vertex":
-            corners = _rows(content, at, element, order) if order else _text_rows(lines[at : at + element.count], element)
+            corners = (
+                _rows(content, at, element, order)
+                if order
+                else _text_rows(lines[at : at + element.count], element)
+            )
         if element.name == b"face" and element.count:
-            check_count(element.count, most)
             wanted = element.polygons
             if order:
                 counts, numbers, at = _lists(content, at, element, order, wanted)
@@ -103,12 +115,18 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
             order = ORDERS[parts[1]]
         elif parts[0] == b"element" and len(parts) == 3 and re.fullmatch(rb"\d{1,18}", parts[2]):
             elements.append(_Element(name=parts[1], count=int(parts[2])))
-        elif parts[0] == b"property" and elements and len(elements[-1].properties) < MOST_PROPERTIES:
+        elif (
+            parts[0] == b"property" and elements and len(elements[-1].properties) < MOST_PROPERTIES
+        ):
             elements[-1].properties.append(_property(parts[1:]))
         else:
-            raise broken(f"its header has a line that is none of PLY's: {line[:40].decode(errors='replace')!r}")
+            raise broken(
+                f"its header has a line that is none of PLY's: {line[:40].decode(errors='replace')!r}"
+            )
     if order is None:
-        raise broken("expected a format of ascii, binary_little_endian or binary_big_endian in its header")
+        raise broken(
+            "expected a format of ascii, binary_little_endian or binary_big_endian in its header"
+        )
     if len({element.name for element in elements}) < len(elements):
         raise broken("its header declares an element twice")
     return order, elements, end.end()
@@ -120,7 +138,9 @@ def _property(parts: list[bytes]) -> _Property:
     if len(parts) == 4 and parts[0] == b"list" and parts[1] in KINDS and parts[2] in KINDS:
         if KINDS[parts[1]][0] != "f":
             return _Property(name=parts[3], kind=KINDS[parts[2]], length=KINDS[parts[1]])
-    raise broken(f"its header has a property that is none of PLY's: {b' '.join(parts)[:40].decode(errors='replace')!r}")
+    raise broken(
+        f"its header has a property that is none of PLY's: {b' '.join(parts)[:40].decode(errors='replace')!r}"
+    )
 
 
 def _rows(content: bytes, at: int, element: _Element, order: str) -> Array:
@@ -150,14 +170,19 @@ def _lists(
     even = _even_lists(content, at, element, order, wanted)
     if even is not None:
         return even
-    kinds = [(each.length and np.dtype(order + each.length), np.dtype(order + each.kind)) for each in element.properties]
+    kinds = [
+        (each.length and np.dtype(order + each.length), np.dtype(order + each.kind))
+        for each in element.properties
+    ]
     counts, parts = list[int](), list[bytes]()
     for _ in range(element.count):
         for k, (length, kind) in enumerate(kinds):
             n = 1
             if length:
                 n = int.from_bytes(
-                    content[at : at + length.itemsize], "big" if order == ">" else "little", signed=length.kind == "i"
+                    content[at : at + length.itemsize],
+                    "big" if order == ">" else "little",
+                    signed=length.kind == "i",
                 )
                 at += length.itemsize
             stop = at + n * kind.itemsize
@@ -208,7 +233,9 @@ def _text_rows(lines: list[bytes], element: _Element) -> Array:
     return np.concatenate(parts)
 
 
-def _text_lists(lines: list[bytes], element: _Element, wanted: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _text_lists(
+    lines: list[bytes], element: _Element, wanted: int
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     counts, values = list[int](), [np.zeros(0, dtype=np.int64)]
     for k in range(0, len(lines), ROWS):
         found = list[bytes]()
