@@ -126,7 +126,7 @@ def save(
 
 
 def _read(path: Path) -> Any:
-    if path.is_dir():
+    if _is_folder(path):
         return Dataset.open(path)
     if path.suffix == ".safetensors":
         return load_selector(path)
@@ -163,3 +163,11 @@ def _only(problems: list[PostureProblem], path: Path) -> PostureProblem:
     if len(problems) != 1:
         raise InvalidInput(f"{path}: expected one problem, got {len(problems)}")
     return problems[0]
+
+
+def _is_folder(path: Path) -> bool:
+    """Whether a folder has this name; no name that no file can have does."""
+    try:
+        return path.is_dir()
+    except (OSError, ValueError):
+        return False

@@ -10,6 +10,7 @@ import numpy as np
 from stancekit.planners.answer.outcome import Outcome
 from stancekit.planners.equilibrium.programs import Programs
 from stancekit.planners.errors import InvalidInput
+from stancekit.planners.files.arrays import checked_int
 from stancekit.planners.problem import PostureProblem
 from stancekit.planners.projection.project import Projection
 from stancekit.planners.relaxation.envelope import EnvelopeSet
@@ -17,6 +18,9 @@ from stancekit.planners.search.answer import Planner
 from stancekit.planners.search.methods import PlannerOptions, make_planner
 
 from .arguments import Sampler, checked
+
+MOST_PROBLEMS = 1_000_000
+"""Problems drawn into memory at once."""
 
 
 @checked
@@ -42,7 +46,7 @@ def sample(
     Returns:
         ``count`` independent problems.
     Raises:
-        InvalidInput: for a name that there is not, or a count below 1.
+        InvalidInput: for a name that there is not, or a count below 1 or above a million.
     Source:
         Paper E §IV-A, G(θ).
     Example:
@@ -51,8 +55,7 @@ def sample(
         >>> first.legs
         ('RF', 'RR', 'LM')
     """
-    if count < 1:
-        raise InvalidInput(f"count: expected 1 or more, got {count}")
+    checked_int(count, "count", least=1, most=MOST_PROBLEMS)
     if isinstance(problems, str):
         from stancekit.envs.distributions.postures import distribution  # loads Gymnasium
 

@@ -6,6 +6,7 @@ import io
 import os
 import sys
 import textwrap
+import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext, redirect_stderr
@@ -168,7 +169,7 @@ def _verb(name: str) -> type[Verb]:
 def run(verb: Verb) -> int:
     """Run a verb; what goes wrong on purpose becomes one line and an exit code."""
     try:
-        with results_alone() if getattr(verb, "json", False) else nullcontext():
+        with _without_warnings(), results_alone() if getattr(verb, "json", False) else nullcontext():
             return verb.run()
     except InvalidInput as error:
         complain(f"stancekit: error: {error}")
@@ -181,6 +182,15 @@ def run(verb: Verb) -> int:
         return 130
     except BaseException as error:
         return _ended_by(error)
+
+
+@contextmanager
+def _without_warnings() -> Iterator[None]:
+    """Keep what libraries warn of away from standard error, which is for one line, unless the trace is wanted."""
+    with warnings.catch_warnings():
+        if not os.environ.get(TRACE):
+            warnings.simplefilter("ignore")
+        yield
 
 
 def _ended_by(error: BaseException) -> int:

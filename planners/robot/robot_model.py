@@ -16,7 +16,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from ..errors import InvalidInput
-from ..files.arrays import Array, checked_name
+from ..files.arrays import Array, checked, checked_name
 from ..files.validation import shown
 from .leg import Leg
 from .leg_search import legs_of
@@ -208,14 +208,14 @@ def _stand(
 ) -> tuple[tuple[Leg, ...], list[str]]:
     """The legs with the posture that a person or the SRDF says, or a guessed one; and what was guessed."""
     guesses = list[str]()
-    said = dict[str, float]()
+    said, names = dict[str, float](), {name: None for leg in legs for name in leg.joint_names}
     states = {} if srdf is None else {state.get("name", ""): state for state in srdf.findall("group_state")}
     state = next((states[name] for name in STANCES if name in states), None)
     if state is not None:
         for joint in state.findall("joint"):
-            if len(joint.get("value", "").split()) == 1:
-                said[joint.get("name", "")] = float(joint.get("value", ""))
-    names = {name: None for leg in legs for name in leg.joint_names}
+            name, value = joint.get("name", ""), joint.get("value", "")
+            if name in names and len(value.split()) <= 1:  # several: of a joint that is no leg's
+                said[name] = _angle(value, f"srdf: group_state {shown(state.get('name'))}: joint {shown(name)}")
     for pattern, angle in (posture_rad or {}).items():
         said.update(dict.fromkeys(matching(pattern, names, "posture_rad"), float(angle)))
     stood, unsaid = [], []
@@ -231,6 +231,14 @@ def _stand(
     elif state is not None and not posture_rad:
         guesses.append(f"posture to stand in, from the SRDF: {state.get('name')}")
     return tuple(stood), guesses
+
+
+def _angle(text: str, where: str) -> float:
+    """A joint's value in an SRDF. Raises InvalidInput for anything but one finite number."""
+    try:
+        return checked(float(text), where)
+    except ValueError:  # InvalidInput is one
+        raise InvalidInput(f"{where}: expected a number, got {shown(text)}") from None
 
 
 def _weighed(model: Any, legs: Sequence[Leg]) -> tuple[Body, Array]:

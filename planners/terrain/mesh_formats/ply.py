@@ -20,6 +20,7 @@ KINDS = {
     b"uint16": "u2", b"int": "i4", b"int32": "i4", b"uint": "u4", b"uint32": "u4", b"float": "f4", b"float32": "f4",
     b"double": "f8", b"float64": "f8",
 }  # fmt: skip
+REALS = (b"float", b"float32", b"double", b"float64")
 FACES = (b"vertex_indices", b"vertex_index")
 ROWS = 50_000
 """Lines of text that become objects of Python at once."""
@@ -135,9 +136,8 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
 def _property(parts: list[bytes]) -> _Property:
     if len(parts) == 2 and parts[0] in KINDS:
         return _Property(name=parts[1], kind=KINDS[parts[0]])
-    if len(parts) == 4 and parts[0] == b"list" and parts[1] in KINDS and parts[2] in KINDS:
-        if KINDS[parts[1]][0] != "f":
-            return _Property(name=parts[3], kind=KINDS[parts[2]], length=KINDS[parts[1]])
+    if len(parts) == 4 and parts[0] == b"list" and parts[1] in KINDS and parts[2] in KINDS and parts[1] not in REALS:
+        return _Property(name=parts[3], kind=KINDS[parts[2]], length=KINDS[parts[1]])
     raise broken(
         f"its header has a property that is none of PLY's: {b' '.join(parts)[:40].decode(errors='replace')!r}"
     )
